@@ -1,0 +1,60 @@
+# `make` runs the whole study, `make help` lists the targets.
+.DEFAULT_GOAL := study
+.NOTPARALLEL:
+ifneq ($(words $(CURDIR)),1)
+$(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
+endif
+.PHONY: study quick test lock clean help git FORCE
+
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export PYTHONHASHSEED := 0
+export MPLBACKEND := Agg
+
+snakemake := snakemake -j2 --workflow-profile workflow/profiles/default
+
+study: .venv/ready  ## the whole study: results/, figures/, README.md (default)
+	$(snakemake)
+
+quick: .venv/ready  ## the small scene `quick` only
+	$(snakemake) quick
+
+test: git study  ## the study, linters, types, tests; then: are the committed results reproduced?
+	ruff check
+	ruff format --check
+	mypy
+	snakefmt --check Snakefile workflow/rules
+	pytest
+	@changes=$$(git status --porcelain -- figures README.md) || exit 1; \
+	if [ -n "$$changes" ]; then \
+	    echo "The study changed files in figures or README.md that git does not hold; look at them, then commit:" >&2; \
+	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md >&2; exit 1; \
+	fi
+	@echo "figures and README.md are as committed."
+
+lock:  ## rewrite requirements.txt with the newest versions (needs uv)
+	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }
+	uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
+	    --all-extras pyproject.toml --output-file requirements.txt.tmp
+	mv requirements.txt.tmp requirements.txt
+
+clean:  ## remove results/
+	rm -rf results
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' Makefile
+
+git:
+	@command -v git >/dev/null || { echo "make test needs git, and there is no git in PATH." >&2; exit 1; }
+	@git rev-parse HEAD >/dev/null 2>&1 || { echo "make test needs a git clone with a commit, to compare the figures with." >&2; exit 1; }
+
+# A .venv only works where it was made: the stamp holds that folder.
+ifneq ($(shell cat .venv/installed 2>/dev/null),$(CURDIR))
+.venv/installed: FORCE
+endif
+.venv/installed: requirements.txt pyproject.toml
+	@sh setup.sh packages
+
+.venv/ready: .venv/installed
+	@sh setup.sh gmsh
