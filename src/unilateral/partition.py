@@ -1,0 +1,139 @@
+"""T_H: partitions of the boundary into the cells of the multiplier, free of the mesh (section 2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unilateral.errors import InputError
+from unilateral.polygon import Array, Polygon
+
+VERTEX_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """The paper's T_H: cell i is the part of the boundary between points[i] and points[i + 1].
+
+    `points` (m + 1,) are arc lengths, strictly increasing from 0 to the perimeter; the polygon's
+    vertices (`polygon.starts`) are among them, exactly.
+
+    Raises InputError if they are not.
+    """
+
+    polygon: Polygon
+    points: Array
+
+    def __post_init__(self) -> None:
+        points = _as_points(self.points)
+        points.setflags(write=False)
+        object.__setattr__(self, "points", points)
+        _check(self.polygon, points)
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.points) - 1
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(m,) the cells' lengths H_i."""
+        return np.diff(self.points)
+
+    @cached_property
+    def side(self) -> NDArray[np.intp]:
+        """(m,) the side of the polygon each cell lies on."""
+        return np.searchsorted(self.polygon.starts, self.points[:-1], side="right") - 1
+
+    @property
+    def H(self) -> float:
+        """The longest cell."""
+        return float(self.lengths.max())
+
+    @property
+    def H_over_Hi_max(self) -> float:
+        """The largest H / H_i, which the paper bounds by alpha_0."""
+        return self.H / float(self.lengths.min())
+
+
+def uniform(polygon: Polygon, H: float) -> Partition:
+    """Every side cut into equal cells, as few as keep them no longer than H."""
+    return Partition(polygon, polygon.divided(polygon.counts(H)))
+
+
+def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
+    """The partition with the given arc lengths (m + 1,); those that are a vertex's up to round-off become it.
+
+    Raises InputError if the points miss a vertex, do not increase strictly, or leave [0, perimeter].
+    """
+    snapped = _as_points(points)
+    if snapped.size:
+        distance = np.abs(snapped[None] - polygon.starts[:, None])
+        vertex = np.flatnonzero(distance.min(axis=1) <= VERTEX_TOLERANCE * polygon.perimeter)
+        snapped[distance.argmin(axis=1)[vertex]] = polygon.starts[vertex]
+    return Partition(polygon, snapped)
+
+
+def shifted(polygon: Polygon, H: float, fraction: float) -> Partition:
+    """The uniform partition with the points inside each side moved forward by `fraction` of a cell.
+
+    The polygon's vertices stay, so a fraction in (0, 1) gives every side one cell more, the first.
+    """
+    if not 0 <= fraction < 1:
+        raise InputError(
+            f"partition: the shift {fraction} is not in [0, 1), the fraction of a cell it has to be"
+        )
+    cells = uniform(polygon, H)
+    if fraction == 0:
+        return cells
+    moved = cells.points[:-1] + fraction * cells.lengths
+    return Partition(polygon, np.sort(np.concatenate([polygon.starts, moved])))
+
+
+def refine(partition: Partition) -> Partition:
+    """Every cell halved."""
+    points = partition.points
+    middles = points[:-1] + 0.5 * partition.lengths
+    return Partition(partition.polygon, np.sort(np.concatenate([points, middles])))
+
+
+def _as_points(points: ArrayLike) -> Array:
+    try:
+        array = np.array(points, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError("partition: the points are not a list of numbers; give arc lengths") from error
+    if array.ndim != 1:
+        raise InputError(
+            f"partition: the points have the shape {array.shape}; give a plain list of arc lengths"
+        )
+    return array
+
+
+def _check(polygon: Polygon, points: Array) -> None:
+    if not np.all(np.isfinite(points)):
+        first = np.flatnonzero(~np.isfinite(points))[0]
+        raise InputError(f"partition: point {first} is {points[first]}; arc lengths have to be finite")
+    outside = np.flatnonzero((points < 0) | (points > polygon.perimeter))
+    if outside.size:
+        first = outside[0]
+        raise InputError(
+            f"partition: point {first} ({points[first]:.17g}) lies outside the boundary, "
+            f"whose arc length runs from 0 to {polygon.perimeter:.17g}"
+        )
+    descending = np.flatnonzero(np.diff(points) <= 0)
+    if descending.size:
+        first = descending[0] + 1
+        raise InputError(
+            f"partition: point {first} ({points[first]:.17g}) is not greater than the one before it "
+            f"({points[first - 1]:.17g}); the points have to increase strictly"
+        )
+    missed = np.flatnonzero(~np.isin(polygon.starts, points))
+    if missed.size:
+        first = missed[0]
+        raise InputError(
+            f"partition: vertex {first % polygon.n_sides} of polygon '{polygon.name}', "
+            f"at arc length {polygon.starts[first]:.17g}, is missing from the points; "
+            "every vertex has to be one"
+        )

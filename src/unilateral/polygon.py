@@ -1,0 +1,181 @@
+"""Polygonal domains and their sides; the boundary is measured by arc length from vertex 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unilateral.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon:
+    """A simple polygon, not necessarily convex: the paper's Omega.
+
+    `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
+    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`.
+
+    Raises InputError if the vertices are fewer than three, not finite, clockwise, or if two sides
+    touch elsewhere than in their common vertex.
+    """
+
+    vertices: Array
+    name: str = field(default="polygon")
+
+    def __post_init__(self) -> None:
+        vertices = _as_vertices(self.vertices, self.name)
+        vertices.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        _check(vertices, self.name)
+
+    @property
+    def n_sides(self) -> int:
+        return len(self.vertices)
+
+    @cached_property
+    def edges(self) -> Array:
+        """(n, 2) vectors along the sides."""
+        return np.roll(self.vertices, -1, axis=0) - self.vertices
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(n,) lengths of the sides."""
+        return np.hypot(*self.edges.T)
+
+    @cached_property
+    def starts(self) -> Array:
+        """(n + 1,) arc lengths of the vertices, the perimeter last."""
+        return np.concatenate([[0.0], np.cumsum(self.lengths)])
+
+    @property
+    def perimeter(self) -> float:
+        return float(self.starts[-1])
+
+    @cached_property
+    def tangents(self) -> Array:
+        """(n, 2) unit vectors along the sides."""
+        return self.edges / self.lengths[:, None]
+
+    @cached_property
+    def normals(self) -> Array:
+        """(n, 2) outward unit normals of the sides."""
+        return np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]])
+
+    @cached_property
+    def angles(self) -> Array:
+        """(n,) interior angles at the vertices, in radians."""
+        before = np.roll(self.tangents, 1, axis=0)
+        turn = np.arctan2(_cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
+        return np.pi - turn
+
+    @cached_property
+    def area(self) -> float:
+        moved = self.vertices - self.vertices[0]
+        return 0.5 * float(np.sum(_cross(moved, np.roll(moved, -1, axis=0))))
+
+    @cached_property
+    def diameter(self) -> float:
+        differences = self.vertices[:, None] - self.vertices[None]
+        return float(np.max(np.hypot(differences[..., 0], differences[..., 1])))
+
+    def at(self, side: NDArray[np.intp], t: Array) -> Array:
+        """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
+        return self.vertices[side] + t[:, None] * self.tangents[side]
+
+    def counts(self, size: float) -> NDArray[np.intp]:
+        """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
+
+        A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
+        """
+        if not (np.isfinite(size) and size > 0):
+            raise InputError(
+                f"polygon '{self.name}' cannot be divided by the size {size}; give a positive number"
+            )
+        return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
+
+    def divided(self, counts: NDArray[np.intp]) -> Array:
+        """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
+        side = np.repeat(np.arange(self.n_sides), counts)
+        index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
+        return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
+
+
+def square() -> Polygon:
+    """The unit square; sides bottom, right, top, left."""
+    return Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), "square")
+
+
+def lshape() -> Polygon:
+    """Three unit squares around the re-entrant vertex (0, 0), which is vertex 2."""
+    return Polygon(np.array([[-1, -1], [0, -1], [0, 0], [1, 0], [1, 1], [-1, 1]]), "lshape")
+
+
+NAMED = {"square": square, "lshape": lshape}
+
+
+def named(name: str) -> Polygon:
+    """The polygon of that name; InputError lists the names there are."""
+    if name not in NAMED:
+        raise InputError(f"polygon '{name}' is unknown; the named ones are {', '.join(NAMED)}")
+    return NAMED[name]()
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _as_vertices(vertices: ArrayLike, name: str) -> Array:
+    try:
+        return np.array(vertices, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"polygon '{name}' needs vertices that are pairs x, y of numbers") from error
+
+
+def _check(v: Array, name: str) -> None:
+    if v.ndim != 2 or v.shape[1] != 2 or len(v) < 3:
+        raise InputError(f"polygon '{name}' needs at least three vertices, each a pair x, y")
+    if not np.all(np.isfinite(v)):
+        raise InputError(f"polygon '{name}' has a vertex that is not finite")
+    after = np.roll(v, -1, axis=0)
+    repeated = np.flatnonzero(np.all(v == after, axis=1))
+    if repeated.size:
+        raise InputError(
+            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}"
+        )
+    crossing = _first_crossing(v, after)
+    if crossing is not None:
+        raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
+    moved = v - v[0]
+    if np.sum(_cross(moved, np.roll(moved, -1, axis=0))) <= 0:
+        raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")
+
+
+def _first_crossing(v: Array, after: Array) -> tuple[int, int] | None:
+    """The first pair of sides that meet elsewhere than in a vertex they share, or None."""
+    n = len(v)
+    i, j = np.triu_indices(n, 1)
+    a, b, c, d = v[i], after[i], v[j], after[j]
+    abc, abd, cda, cdb = (
+        _cross(b - a, c - a),
+        _cross(b - a, d - a),
+        _cross(d - c, a - c),
+        _cross(d - c, b - c),
+    )
+    proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
+    touching = np.zeros(len(i), dtype=bool)
+    for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
+        touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
+    adjacent = (j == i + 1) | ((i == 0) & (j == n - 1))
+    shared = np.where((j == i + 1)[:, None], b, a)
+    other_i, other_j = np.where((j == i + 1)[:, None], a, b), np.where((j == i + 1)[:, None], d, c)
+    folded = (_cross(other_i - shared, other_j - shared) == 0) & (
+        np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
+    )
+    bad = np.where(adjacent, folded, proper | touching)
+    first = np.flatnonzero(bad)
+    return (int(i[first[0]]), int(j[first[0]])) if first.size else None

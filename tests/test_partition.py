@@ -1,0 +1,129 @@
+"""Partitions T_H of the boundary: cells by hand, properties for any polygon, every refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from unilateral.errors import InputError
+from unilateral.partition import Partition, from_points, refine, shifted, uniform
+from unilateral.polygon import Polygon, lshape, square
+
+
+@st.composite
+def star_polygons(draw):
+    """Polygons that are star-shaped about a point, of any size and place: simple by construction."""
+    n = draw(st.integers(3, 8))
+    radii = np.array(draw(st.lists(st.floats(0.3, 1), min_size=n, max_size=n)))
+    turn = draw(st.floats(0, 2 * np.pi)) + 2 * np.pi * np.arange(n) / n
+    size = 10.0 ** draw(st.integers(-6, 6))
+    return Polygon(
+        size * (radii[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]) + draw(st.floats(-9, 9)))
+    )
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(star_polygons(), st.floats(0.02, 3), st.integers(0, 99), st.booleans())
+def test_cells_tile_the_boundary(polygon, relative_H, percent, halved):
+    H = relative_H * polygon.diameter
+    partition = shifted(polygon, H, percent / 100)
+    if halved:
+        partition = refine(partition)
+    assert_allclose(partition.lengths.sum(), polygon.perimeter, rtol=1e-13)
+    assert np.isin(polygon.starts, partition.points).all()
+    assert_allclose(np.bincount(partition.side, partition.lengths), polygon.lengths, rtol=1e-9)
+    assert partition.H <= H * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("k", range(10))
+def test_dyadic_points_are_exact(k):
+    """Every number involved has a short binary expansion, so equality is exact."""
+    assert_array_equal(uniform(square(), 2.0**-k).points, np.arange(4 * 2**k + 1) / 2**k)
+
+
+def test_uniform_by_hand():
+    partition = uniform(Polygon(np.array([[0, 0], [3, 0], [3, 4]])), 2)
+    assert_allclose(partition.lengths, [1.5, 1.5, 2, 2, 5 / 3, 5 / 3, 5 / 3], rtol=1e-14)
+    assert_array_equal(partition.side, [0, 0, 1, 1, 2, 2, 2])
+    assert partition.n_cells == 7
+    assert_allclose((partition.H, partition.H_over_Hi_max), (2, 4 / 3), rtol=1e-14)
+
+
+def test_thirds_are_not_split_by_round_off():
+    assert uniform(square(), 1 / 3).n_cells == 12
+    assert uniform(square(), 1 / 49).n_cells == 196
+
+
+def test_shifted_by_hand():
+    partition = shifted(square(), 0.5, 0.25)
+    one_side = np.array([0, 0.125, 0.625])
+    assert_array_equal(partition.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4))
+    assert partition.H_over_Hi_max == 4
+
+
+def test_a_shift_by_nothing_is_uniform():
+    assert_array_equal(shifted(lshape(), 0.5, 0).points, uniform(lshape(), 0.5).points)
+
+
+def test_refining_halves_every_cell():
+    coarse = from_points(square(), [0, 0.125, 1, 2, 3, 3.5, 4])
+    fine = refine(coarse)
+    assert_array_equal(fine.lengths, np.repeat(coarse.lengths / 2, 2))
+    assert_array_equal(refine(uniform(lshape(), 0.25)).points, uniform(lshape(), 0.125).points)
+
+
+def test_graded_cells_report_their_ratio():
+    """Cells halved towards s = 0: the longest has length 1, the shortest 2^-9."""
+    partition = from_points(square(), [0, *2.0 ** np.arange(-9, 1), 2, 3, 4])
+    assert (partition.H, partition.H_over_Hi_max) == (1, 2**9)
+
+
+def test_vertices_known_up_to_round_off_are_snapped():
+    polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
+    off = 1e-13 * polygon.perimeter
+    partition = from_points(polygon, [off, 0.5, 1 + off, 1 + np.sqrt(2) - off, polygon.perimeter + off])
+    assert_array_equal(np.delete(partition.points, 1), polygon.starts)
+    with pytest.raises(InputError, match="vertex 1"):
+        from_points(polygon, [0, 1 + 100 * off, *polygon.starts[2:]])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([0, 1, 2, 4], "vertex 3 of polygon 'square', at arc length 3, is missing"),
+        ([1, 2, 3, 4], "vertex 0 of polygon 'square', at arc length 0, is missing"),
+        ([], "vertex 0"),
+        ([0, 1, 1, 2, 3, 4], "point 2 .* is not greater"),
+        ([0, 1, 2, 1.5, 3, 4], "point 3 .* is not greater"),
+        ([-0.5, 0, 1, 2, 3, 4], "point 0 .* outside"),
+        ([0, 1, 2, 3, 4, 4.5], "point 5 .* outside"),
+        ([0, 1, np.nan, 2, 3, 4], "point 2 is nan"),
+        ([0, 1, 2, 3, np.inf], "point 4 is inf"),
+        ([[0, 1], [2, 3]], "shape"),
+        ([0, "one"], "not a list of numbers"),
+    ],
+)
+def test_refusals(points, message):
+    with pytest.raises(InputError, match=message):
+        from_points(square(), points)
+
+
+def test_the_class_checks_by_itself():
+    """No snapping there: the vertices have to be exact."""
+    with pytest.raises(InputError, match="vertex 1"):
+        Partition(square(), np.array([0, 1 + 1e-13, 2, 3, 4]))
+
+
+@pytest.mark.parametrize("H", [0.0, -1.0, np.nan, np.inf])
+def test_sizes_have_to_be_positive(H):
+    with pytest.raises(InputError, match="positive"):
+        uniform(square(), H)
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.0, np.nan])
+def test_shifts_are_fractions(fraction):
+    with pytest.raises(InputError, match=r"not in \[0, 1\)"):
+        shifted(square(), 0.5, fraction)
