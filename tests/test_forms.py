@@ -1,0 +1,111 @@
+"""P1 matrices against scikit-fem's, loads against polynomials integrated by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import skfem
+from skfem.models.poisson import laplace, mass
+
+from unilateral import mesh as meshes
+from unilateral.forms import gradients, h1_load, load, stiffness_and_mass
+from unilateral.polygon import lshape, square
+
+
+def perturbed(mesh: meshes.Mesh) -> meshes.Mesh:
+    """The mesh with its interior nodes moved by up to a fifth of h."""
+    points = mesh.points.copy()
+    interior = np.delete(np.arange(len(points)), mesh.boundary)
+    points[interior] += np.random.default_rng(1).uniform(-0.2, 0.2, (len(interior), 2)) * mesh.h
+    return meshes.Mesh(mesh.polygon, points, mesh.triangles, mesh.boundary, mesh.s)
+
+
+MESHES = {
+    "structured": lambda: meshes.structured(square(), 1 / 8),
+    "perturbed": lambda: perturbed(meshes.structured(square(), 1 / 8)),
+    "gmsh": lambda: meshes.unstructured(lshape(), 1 / 4),
+    "refined": lambda: meshes.refine(perturbed(meshes.structured(lshape(), 1 / 4))),
+}
+
+
+@pytest.fixture(params=MESHES)
+def mesh(request: pytest.FixtureRequest) -> meshes.Mesh:
+    return MESHES[request.param]()
+
+
+def difference(ours: sp.csr_array, theirs: sp.csr_array) -> float:
+    """The largest entry of the difference, relative to the largest entry."""
+    return float(abs(ours - theirs).max() / abs(theirs).max())
+
+
+def test_matrices_equal_those_of_scikit_fem(mesh: meshes.Mesh) -> None:
+    basis = skfem.Basis(skfem.MeshTri(mesh.points.T, mesh.triangles.T), skfem.ElementTriP1())
+    K, M = stiffness_and_mass(mesh)
+    assert difference(K, laplace.assemble(basis)) < 1e-12
+    assert difference(M, mass.assemble(basis)) < 1e-12
+
+
+def test_comparison_with_scikit_fem_notices_a_moved_node(mesh: meshes.Mesh) -> None:
+    points = mesh.points.copy()
+    points[np.delete(np.arange(len(points)), mesh.boundary)[0]] += 1e-9 * mesh.h
+    basis = skfem.Basis(skfem.MeshTri(points.T, mesh.triangles.T), skfem.ElementTriP1())
+    assert difference(stiffness_and_mass(mesh)[0], laplace.assemble(basis)) > 1e-12
+
+
+def test_matrices_are_symmetric_to_the_last_bit(mesh: meshes.Mesh) -> None:
+    for matrix in stiffness_and_mass(mesh):
+        assert abs(matrix - matrix.T).max() == 0
+
+
+def test_energies_of_polynomials_are_exact() -> None:
+    """u = 1 + 2x - 3y on the unit square: |grad u|^2 = 13 and, by hand, the integral of u^2 is 4/3."""
+    mesh = perturbed(meshes.structured(square(), 1 / 8))
+    K, M = stiffness_and_mass(mesh)
+    u = mesh.points @ [2, -3] + 1
+    assert u @ (K @ u) == pytest.approx(13, rel=1e-13)
+    assert u @ (M @ u) == pytest.approx(1 / 4 + 4 / 12 + 9 / 12, rel=1e-13)
+
+
+def test_gradients_reproduce_linear_functions(mesh: meshes.Mesh) -> None:
+    slopes, areas = gradients(mesh)
+    values = mesh.points @ [0.7, -0.2] + 3
+    found = np.einsum("mi,mid->md", values[mesh.triangles], slopes)
+    np.testing.assert_allclose(found, np.tile([0.7, -0.2], (len(areas), 1)), atol=1e-11)
+    assert areas.sum() == pytest.approx(mesh.polygon.area, rel=1e-13)
+
+
+def edge_midpoints(mesh: meshes.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The quadrature rule exact for quadratic functions: triangles, barycentric, weights, places."""
+    _, areas = gradients(mesh)
+    barycentric = np.tile([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], (len(areas), 1))
+    triangle = np.repeat(np.arange(len(areas)), 3)
+    places = np.einsum("qi,qid->qd", barycentric, mesh.points[mesh.triangles[triangle]])
+    return triangle, barycentric, np.repeat(areas / 3, 3), places
+
+
+def test_loads_of_linear_functions_are_matrix_products(mesh: meshes.Mesh) -> None:
+    """For u in V_h the loads are M u and (K + M) u, and the midpoint rule is exact."""
+    triangle, barycentric, weights, places = edge_midpoints(mesh)
+    slope = np.array([1.5, -2.0])
+    u, at_points = mesh.points @ slope + 1, places @ slope + 1
+    K, M = stiffness_and_mass(mesh)
+    size = abs(M @ u).max()
+    assert abs(load(mesh, triangle, barycentric, weights * at_points) - M @ u).max() < 1e-13 * size
+    found = h1_load(mesh, triangle, barycentric, weights * at_points, weights[:, None] * slope)
+    assert abs(found - (K + M) @ u).max() < 1e-12 * abs(K @ u).max()
+
+
+def test_load_comparison_notices_a_wrong_barycentric_order() -> None:
+    mesh = MESHES["perturbed"]()
+    triangle, barycentric, weights, places = edge_midpoints(mesh)
+    _, M = stiffness_and_mass(mesh)
+    u = mesh.points @ [1.5, -2.0] + 1
+    wrong = load(mesh, triangle, np.roll(barycentric, 1, axis=1), weights * (places @ [1.5, -2.0] + 1))
+    assert abs(wrong - M @ u).max() > 1e-6 * abs(M @ u).max()
+
+
+def test_load_of_no_points_is_zero() -> None:
+    mesh = meshes.structured(square(), 1 / 2)
+    empty = np.empty(0, dtype=np.intp)
+    assert not load(mesh, empty, np.empty((0, 3)), np.empty(0)).any()
