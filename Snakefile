@@ -1,0 +1,41 @@
+# The study: `snakemake -j2` builds everything, `snakemake -j2 figures` the figures, `snakemake -j2 quick` a trial.
+import os
+
+from snakemake.utils import min_version, validate
+
+min_version("9.0")
+
+
+configfile: "workflow/config/study.yaml"
+configfile: "workflow/config/rates.yaml"
+
+
+validate(config, "workflow/schemas/study.schema.yaml")
+
+# One thread a job: jobs run side by side, and sums keep their order, so results are byte-identical.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/scenes.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/documents.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        expand("results/{scene}/rates.nc", scene=JUDGED),
+        FIGURES,
+        "README.md",
+
+
+rule figures:
+    input:
+        FIGURES,
+
+
+rule quick:
+    input:
+        "results/quick/rates.nc",

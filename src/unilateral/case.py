@@ -1,0 +1,216 @@
+"""Cases: manufactured solutions, declared in YAML files and derived here.
+
+A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + u, lambda = du/dn
+and g = u - gap follow. `certificate.certify` proves or refuses what the paper asks of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from importlib.resources.abc import Traversable
+from math import lcm
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import sympy
+import yaml
+from numpy.typing import NDArray
+
+from unilateral.atoms import Atom, Kink, Singular, Smooth, T, Tensor, X, Y, harmonic
+from unilateral.errors import InputError
+from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, kinks, number, parse, pos
+from unilateral.polygon import Polygon
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A manufactured problem on a polygon; lengths along a side are measured from its start.
+
+    `gaps` holds one expression in t (the arc length in side lengths) per side.
+    """
+
+    name: str
+    declaration: Mapping[str, Any]
+    polygon: Polygon
+    atoms: tuple[Atom, ...]
+    gaps: tuple[sympy.Expr, ...]
+
+    def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
+        """u (k,) and grad u (k, 2) at the points (k, 2) of Omega."""
+        values, gradients = zip(*(atom.value_and_gradient(points) for atom in self.atoms), strict=True)
+        return np.sum(values, axis=0), np.sum(gradients, axis=0)
+
+    def source(self, points: Array) -> Array:
+        """f = -Delta u + u (k,) at the points (k, 2) of Omega, (1.1)."""
+        return np.sum([atom.source(points) for atom in self.atoms], axis=0)
+
+    def boundary(self, side: NDArray[np.intp], s: Array) -> tuple[Array, Array, Array]:
+        """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides."""
+        u, flux, gap = (np.zeros(len(s)) for _ in range(3))
+        for i in np.unique(side):
+            here = np.flatnonzero(side == i)
+            u[here], flux[here], gap[here] = self._on_side(int(i), s[here])
+        return u, flux, gap
+
+    def _on_side(self, side: int, s: Array) -> tuple[Array, Array, Array]:
+        t = s / self.polygon.lengths[side]
+        points = self.polygon.at(np.full(len(s), side), s)
+        u, flux = np.zeros(len(s)), np.zeros(len(s))
+        for atom in self.atoms:
+            if isinstance(atom, Smooth) or atom.side != side:
+                value, gradient = atom.value_and_gradient(points)
+                normal = gradient @ self.polygon.normals[side]
+            else:
+                value, normal = atom.trace_and_flux(t)
+            u, flux = u + value, flux + normal
+        return u, flux, self._gap_functions[side](t)[0]
+
+    @cached_property
+    def _gap_functions(self) -> list[Compiled]:
+        return [compile_numpy([gap], (T,)) for gap in self.gaps]
+
+    @cached_property
+    def gap_kinks(self) -> list[list[tuple[float, sympy.Expr]]]:
+        """Per side, where the gap has a power of a positive part, t with the exponent."""
+        return [kinks(gap, T) for gap in self.gaps]
+
+    def kinks(self) -> list[Kink]:
+        """The curves in Omega across which u is only finitely smooth."""
+        return [kink for atom in self.atoms for kink in atom.kinks()]
+
+    def flux_singular(self) -> list[Singular]:
+        """The points inside sides at which lambda, and u in Omega, behave like a fractional power."""
+        return [point for atom in self.atoms for point in atom.singular() if point.grading > 1]
+
+    def singular(self) -> list[Singular]:
+        """The points inside sides at which u, lambda or the gap are not smooth, without repetition."""
+        found = [point for atom in self.atoms for point in atom.singular()]
+        for side, points in enumerate(self.gap_kinks):
+            found += [Singular(side, t, int(exponent.q)) for t, exponent in points]
+        merged: dict[tuple[int, float], Singular] = {}
+        for point in found:
+            if 0 < point.t < 1:
+                key = (point.side, round(point.t, 12))
+                known = merged.get(key, point)
+                merged[key] = Singular(known.side, known.t, lcm(known.grading, point.grading))
+        return [merged[key] for key in sorted(merged)]
+
+
+def names() -> list[str]:
+    """The names of the catalogue's cases."""
+    return sorted(entry.name[:-5] for entry in _catalogue().iterdir() if entry.name.endswith(".yaml"))
+
+
+def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
+    """The case of that name, or declared in that file, put on a side of a polygon.
+
+    Raises InputError for an unknown name, a declaration against the schema, or a polygon it is not for.
+    """
+    declaration, name = declared(case)
+    where = f"case '{name}'"
+    if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
+        raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
+    if not 0 <= side < polygon.n_sides:
+        raise InputError(f"{where}: '{polygon.name}' has the sides 0 to {polygon.n_sides - 1}, not {side}")
+    constants = _constants(declaration, polygon, where)
+    build = _Builder(where, polygon, side, constants)
+    atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
+    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]))
+
+
+def declared(case: str | Path) -> tuple[dict[str, Any], str]:
+    """The declaration of a case as the schema allows it, and the case's name."""
+    name = str(case)
+    file = Path(name) if name.endswith((".yaml", ".yml")) else _catalogue() / f"{name}.yaml"
+    if not file.is_file():
+        raise InputError(f"case '{name}' is unknown; the catalogue has {', '.join(names())}")
+    try:
+        declaration = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{name} is not a YAML file: {' '.join(str(error).split())}") from None
+    schema = yaml.safe_load((resources.files("unilateral") / "case.schema.yaml").read_text(encoding="utf-8"))
+    fault = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(schema).iter_errors(declaration))
+    if fault is not None:
+        place = ", field " + fault.json_path.removeprefix("$.") if fault.path else ""
+        raise InputError(f"{name}{place}: {fault.message}")
+    return declaration, Path(name).stem
+
+
+def _catalogue() -> Traversable:
+    return resources.files("unilateral.manufactured")
+
+
+Constants = dict[sympy.Symbol, sympy.Expr]
+
+
+def _constants(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> Constants:
+    constants = {}
+    for name, value in declaration.get("constants", {}).items():
+        if isinstance(value, Mapping):
+            if polygon.name not in value:
+                raise InputError(f"{where}: the constant '{name}' has no value for '{polygon.name}'")
+            value = value[polygon.name]
+        constants[sympy.Symbol(name, real=True)] = number(value, f"{where}, constant {name}")
+    return constants
+
+
+@dataclass(frozen=True)
+class _Builder:
+    where: str
+    polygon: Polygon
+    base: int
+    constants: Constants
+
+    def formula(self, text: object, variables: tuple[sympy.Symbol, ...], where: str) -> sympy.Expr:
+        allowed = [symbol.name for symbol in (*variables, *self.constants)]
+        return parse(text, allowed, where).subs(self.constants)
+
+    def along_side(self, text: object, where: str) -> sympy.Expr:
+        """A formula in t whose kinks can be found."""
+        formula = self.formula(text, (T,), where)
+        try:
+            kinks(formula, T)
+        except ValueError as error:
+            raise InputError(f"{where}: {error}") from None
+        return formula
+
+    def side(self, offset: int) -> int:
+        return (self.base + offset) % self.polygon.n_sides
+
+    def atom(self, entry: Mapping[str, Any], where: str) -> Atom:
+        if entry["atom"] == "smooth":
+            u = self.formula(entry["formula"], (X, Y), where)
+            if u.has(pos, sympy.log) or any(not power.exp.is_integer for power in u.atoms(sympy.Pow)):
+                raise InputError(f"{where}: a smooth atom has no pos, log or fractional power")
+            return Smooth(u)
+        side = self.side(entry["side"])
+        cutoff = number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
+        if cutoff is not None and cutoff <= 0:
+            raise InputError(f"{where}, cutoff: {cutoff} must be positive")
+        if entry["atom"] == "tensor":
+            profile = self.along_side(entry["profile"], f"{where}, profile")
+            if any(k <= sympy.Rational(3, 2) for _, k in kinks(profile, T)):
+                raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
+            return Tensor(self.polygon, side, 0.0, profile, cutoff)
+        at, alpha = (number(entry[key], f"{where}, {key}") for key in ("at", "alpha"))
+        if not 0 < at < 1:
+            raise InputError(f"{where}, at: {at} must lie between 0 and 1")
+        if not (alpha.is_Rational and alpha.q <= MAX_DENOMINATOR):
+            limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
+            raise InputError(f"{where}, alpha: {alpha} must be {limit}")
+        times = number(entry.get("times", 1), f"{where}, times")
+        return harmonic(self.polygon, side, at, alpha, cutoff, times)
+
+    def gaps(self, entry: Mapping[str, Any]) -> tuple[sympy.Expr, ...]:
+        result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides
+        for i, item in enumerate(entry.get("sides", [])):
+            place = f"{self.where}, gap.sides[{i}]"
+            result[self.side(item["side"])] = self.along_side(item["formula"], place)
+        return tuple(result)

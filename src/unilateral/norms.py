@@ -1,0 +1,170 @@
+"""What is measured: errors of u in H1 and of lambda in L2 and in the discrete dual norm, by exact identities.
+
+Everything that needs the interior is computed once per case and mesh, with one pass of quadrature; each
+further partition then costs operations on the boundary only. With z_h the Ritz projection of u,
+
+    ||u - u_h||_1^2 = ||u - z_h||_1^2 + 2 (u - z_h, z_h - u_h)_1 + ||z_h - u_h||_1^2,
+
+the last term is ||lambda - lambda_H||_{-1/2,h}^2 and the middle one, 0 in exact arithmetic, is what
+quadrature contributes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from unilateral.case import Case
+from unilateral.condense import Condensed
+from unilateral.coupling import boundary_mass
+from unilateral.forms import gradients, h1_load, load
+from unilateral.mesh import Mesh
+from unilateral.partition import Partition
+from unilateral.quadrature import DEGREE, boundary_rule, triangle_rules
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OnMesh:
+    """A case on a condensed mesh.
+
+    `load` (n,) is (f, phi_i); `flux_load` (nb,) is <lambda, phi_j>; `trace` (nb,) is A^{-1} f on the
+    boundary; `ritz_error` is ||u - z_h||_1 and `ritz_defect` (nb,) is A^{-1} (u - z_h, phi_i)_1 on the
+    boundary, which is only quadrature's error; `interpolation_error` is ||u - r_h u||_1 of (4.14).
+    """
+
+    case: Case
+    condensed: Condensed
+    load: Array
+    flux_load: Array
+    trace: Array
+    u_norm: float
+    interpolation_error: float
+    ritz_error: float
+    ritz_defect: Array
+
+    def discrete_dual(self, boundary_load: Array) -> float:
+        """||mu||_{-1/2,h} = sup over V_h of <mu, v>/||v||_1, from the values <mu, phi_j> (nb,)."""
+        return math.sqrt(max(float(boundary_load @ self.condensed.solve_boundary(boundary_load)), 0.0))
+
+    def h1_error(self, boundary_load: Array) -> tuple[float, float]:
+        """||u - u_h||_1, and quadrature's share of its square, from <lambda - lambda_H, phi_j> (nb,)."""
+        share = 2 * float(self.ritz_defect @ boundary_load)
+        square = self.ritz_error**2 + share + self.discrete_dual(boundary_load) ** 2
+        return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0
+
+
+def on_mesh(case: Case, condensed: Condensed, degree: int = DEGREE) -> OnMesh:
+    """Loads, Ritz projection and its error, with quadrature of that degree in Omega."""
+    mesh, A = condensed.mesh, condensed.A
+    interpolant, _ = case.value_and_gradient(mesh.points)
+    f, residual, square, u_square = _moments(case, mesh, interpolant, degree)
+    flux = flux_load(case, mesh)
+    total = f.copy()
+    total[mesh.boundary] += flux
+    solutions = condensed.solve(np.column_stack([f, total]))
+    difference = solutions[:, 1] - interpolant
+    A_difference = A @ difference
+    ritz_square = square - 2 * residual @ difference + difference @ A_difference
+    defect = condensed.solve(residual - A_difference)
+    return OnMesh(
+        case,
+        condensed,
+        load=f,
+        flux_load=flux,
+        trace=solutions[mesh.boundary, 0],
+        u_norm=math.sqrt(u_square),
+        interpolation_error=math.sqrt(square),
+        ritz_error=math.sqrt(max(ritz_square, 0.0)),
+        ritz_defect=defect[mesh.boundary],
+    )
+
+
+def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int = DEGREE) -> float:
+    """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature."""
+    return math.sqrt(_moments(case, mesh, v_h, degree)[2])
+
+
+def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int) -> tuple[Array, Array, float, float]:
+    """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass."""
+    slopes, _ = gradients(mesh)
+    nodal = v_h[mesh.triangles]
+    slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
+    f, residual = np.zeros(mesh.n_nodes), np.zeros(mesh.n_nodes)
+    square = u_square = 0.0
+    for rule in triangle_rules(mesh, case, degree):
+        u, grad_u = case.value_and_gradient(rule.points)
+        f += load(mesh, rule.triangle, rule.barycentric, rule.weight * case.source(rule.points))
+        u_square += float(rule.weight @ (u**2 + np.sum(grad_u**2, axis=1)))
+        value = u - np.sum(nodal[rule.triangle] * rule.barycentric, axis=1)
+        slope = grad_u - slope_of_v[rule.triangle]
+        square += float(rule.weight @ (value**2 + np.sum(slope**2, axis=1)))
+        weight = rule.weight
+        residual += h1_load(mesh, rule.triangle, rule.barycentric, weight * value, weight[:, None] * slope)
+    return f, residual, square, u_square
+
+
+def flux_load(case: Case, mesh: Mesh) -> Array:
+    """<lambda, phi_j> (nb,) of the boundary hats."""
+    rule = boundary_rule(case, mesh.s)
+    _, flux, _ = case.boundary(rule.side, rule.s)
+    edge, nb = rule.interval, len(mesh.boundary)
+    position = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
+    weighted = rule.weight * flux
+    start = np.bincount(edge, weighted * (1 - position), nb)
+    return np.asarray(start + np.roll(np.bincount(edge, weighted * position, nb), 1), dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class OnCells:
+    """A case on a partition: cell means (m,) of lambda and g, ||lambda||_0 and ||lambda - Pi_H lambda||_0."""
+
+    partition: Partition
+    lambda_means: Array
+    g_means: Array
+    lambda_norm: float
+    projection_error: float
+
+    def l2_error(self, lambda_H: Array) -> float:
+        """||lambda - lambda_H||_0, exact: the projection's error and that of the means are orthogonal."""
+        of_means = self.partition.lengths @ (self.lambda_means - lambda_H) ** 2
+        return math.sqrt(self.projection_error**2 + of_means)
+
+    @cached_property
+    def lambda_is_zero(self) -> bool:
+        return self.lambda_norm <= 1e-12 * max(1.0, float(np.max(np.abs(self.g_means))))
+
+
+def on_cells(case: Case, partition: Partition) -> OnCells:
+    """Means and norms by quadrature split at the case's singular points, to round-off."""
+    rule, m = boundary_rule(case, partition.points), partition.n_cells
+    u, flux, gap = case.boundary(rule.side, rule.s)
+    lambda_means, g_means = (rule.integrate(values, m) / partition.lengths for values in (flux, u - gap))
+    deviation = flux - lambda_means[rule.interval]
+    return OnCells(
+        partition,
+        lambda_means,
+        g_means,
+        lambda_norm=math.sqrt(rule.weight @ flux**2),
+        projection_error=math.sqrt(rule.weight @ deviation**2),
+    )
+
+
+def first_steklov(condensed: Condensed) -> float:
+    """The smallest sigma with (v, w)_1 = sigma <v, w> for all w in V_h: sigma_1 from above, by O(h^2)."""
+    mass, size = boundary_mass(condensed.mesh), len(condensed.mesh.boundary)
+    R = condensed.cholesky
+    operator = LinearOperator((size, size), matvec=lambda v: _similar(R, mass, v), dtype=float)
+    return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
+
+
+def _similar(R: Array, mass: sp.csr_array, v: Array) -> Array:
+    return solve_triangular(R, mass @ solve_triangular(R, v), trans="T")

@@ -1,0 +1,141 @@
+"""Quadrature that sees a case's singular points and kinks.
+
+On the boundary: Gauss points on the common refinement of given cuts and the singular points, in the
+variable tau = |s - p|^(1/k) about the nearest singular point p, so that powers of s - p with exponents
+in multiples of 1/k are polynomials. In Omega: a symmetric rule on every triangle; triangles that a kink
+crosses are subdivided, triangles near a singular point are subdivided towards it, and those that contain
+it are split there and mapped (Duffy) with r = tau^k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.case import Case
+from unilateral.mesh import Mesh
+from unilateral.splitting import split_triangles
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+GAUSS = 16
+DEGREE = 8
+BLOCK = 1 << 15
+
+
+@dataclass(frozen=True)
+class BoundaryRule:
+    """Points by side (Q,) and arc length from the side's start s (Q,); weight (Q,); the cut interval (Q,)."""
+
+    side: Index
+    s: Array
+    weight: Array
+    interval: Index
+
+    def integrate(self, values: Array, n_intervals: int) -> Array:
+        """(n_intervals,) integrals of the values (Q,) over the intervals."""
+        return np.bincount(self.interval, self.weight * values, n_intervals).astype(float, copy=False)
+
+
+def boundary_rule(case: Case, cuts: Array) -> BoundaryRule:
+    """A rule on every interval between the arc lengths `cuts` (k + 1,), which contain the vertices.
+
+    Exact to round-off for the piecewise powers that a case's lambda and gap are made of.
+    """
+    polygon = case.polygon
+    anchors, grading = _anchors(case)
+    between = 0.5 * (anchors[1:] + anchors[:-1])
+    edges = np.union1d(cuts, np.concatenate([anchors, between]))
+    edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
+    a, b = edges[:-1], edges[1:]
+    middle = 0.5 * (a + b)
+    nearest = np.abs(middle[:, None] - anchors[None]).argmin(axis=1)
+    p, k = anchors[nearest], grading[nearest][:, None]
+    sign = np.where(middle >= p, 1.0, -1.0)[:, None]
+    ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
+    x, w = np.polynomial.legendre.leggauss(GAUSS)
+    low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
+    tau = low + 0.5 * (high - low) * (x + 1)
+    s = p[:, None] + sign * tau**k
+    weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
+    side = np.searchsorted(polygon.starts, middle, side="right") - 1
+    interval = np.searchsorted(cuts, middle, side="right") - 1
+    return BoundaryRule(
+        np.repeat(side, GAUSS),
+        (s - polygon.starts[side][:, None]).ravel(),
+        weight.ravel(),
+        np.repeat(interval, GAUSS),
+    )
+
+
+def _anchors(case: Case) -> tuple[Array, Array]:
+    """Arc lengths of the vertices and singular points, increasing, and their gradings."""
+    polygon = case.polygon
+    points = [(start, 1) for start in polygon.starts]
+    points += [(polygon.starts[p.side] + p.t * polygon.lengths[p.side], p.grading) for p in case.singular()]
+    s, grading = zip(*sorted(points), strict=True)
+    return np.array(s, dtype=float), np.array(grading, dtype=float)
+
+
+@dataclass(frozen=True)
+class TriangleRule:
+    """Points (Q, 2) with weight (Q,), the triangle (Q,) they lie in, barycentric coordinates (Q, 3)."""
+
+    triangle: Index
+    barycentric: Array
+    points: Array
+    weight: Array
+
+
+def triangle_rules(mesh: Mesh, case: Case, degree: int = DEGREE) -> Iterator[TriangleRule]:
+    """Rules of that degree which together cover the mesh, in blocks that keep memory bounded."""
+    split = split_triangles(mesh, case)
+    special = np.zeros(len(mesh.triangles), dtype=bool)
+    special[split.parent] = True
+    for _, index, _ in split.singular:
+        special[index] = True
+    regular = np.flatnonzero(~special)
+    whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
+    for corners, index in ((whole, regular), (split.corners, split.parent)):
+        for start in range(0, len(index), BLOCK):
+            block = slice(start, start + BLOCK)
+            yield _place(mesh, corners[block], index[block], *_symmetric(degree))
+    for corners, index, grading in split.singular:
+        yield _place(mesh, corners, index, *_duffy(degree, grading))
+
+
+@cache
+def _symmetric(degree: int) -> tuple[Array, Array]:
+    """Barycentric points (q, 3) and weights (q,) with sum 1."""
+    points, weights = get_quadrature_tri(degree)
+    return np.column_stack([1 - points.sum(axis=0), *points]), 2 * weights
+
+
+@cache
+def _duffy(degree: int, grading: int) -> tuple[Array, Array]:
+    """Graded to the first corner: a fraction tau^grading away from it, Gauss points in tau and across."""
+    x, w = np.polynomial.legendre.leggauss(degree * min(grading, 4))
+    y, v = np.polynomial.legendre.leggauss(degree)
+    tau, across = 0.5 * (x[:, None] + 1), 0.5 * (y + 1)
+    rho = tau**grading
+    weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
+    points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
+    return points.reshape(-1, 3), weight.ravel()
+
+
+def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:
+    """The rule on the pieces with barycentric corners (k, 3, 3) of the triangles `index` (k,)."""
+    barycentric = points @ corners
+    share = np.abs(np.linalg.det(corners)) * mesh.areas[index]
+    xy = barycentric @ mesh.points[mesh.triangles[index]]
+    return TriangleRule(
+        np.repeat(index, len(weights)),
+        barycentric.reshape(-1, 3),
+        xy.reshape(-1, 2),
+        np.outer(share, weights).ravel(),
+    )

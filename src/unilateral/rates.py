@@ -1,0 +1,240 @@
+"""Rates and their judgement: one-sided, on every asymptotic pair, with a bound on the finest level.
+
+A rate holds if every pair of asymptotic levels reaches the expected rate less a tolerance, the finest
+error lies under a stated bound, and every run that counts converged with a guaranteed algebraic error of
+at most a given share of its error in the norm that is judged. An error whose exact value is 0 has no
+rate and must be 0 to round-off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.solve import STEKLOV_GUARD
+
+Array = NDArray[np.float64]
+NORMS = {"h1": "h1_error", "hm12": "hm12_error_lower", "l2": "l2_error"}
+FEWEST_PAIRS = 3
+ZERO = 1e-12
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What is expected of a case in a norm, and how it is judged.
+
+    `rate` is None where the exact error is 0; `start` is the first asymptotic h; rates compare levels a
+    factor `factor` (2 or 4) apart; the finest error may be `bound` times (H ** `power`) times the
+    table's variable `reference`.
+    """
+
+    proved: float
+    rate: float | None
+    tolerance: float
+    start: float
+    factor: int
+    reference: str
+    power: float
+    bound: float
+    algebraic_share: float
+
+    @classmethod
+    def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
+        """From the study's table of expected rates and the case's own declaration of its levels."""
+        general, special = study["norms"][norm], study["cases"][case][norm]
+        bound = general["bound"]
+        return cls(
+            proved=fraction(general["proved"]),
+            rate=None if special["rate"] == "exact" else fraction(special["rate"]),
+            tolerance=fraction(general["tolerance"]),
+            start=fraction(asymptotic[norm]["from"]),
+            factor=int(asymptotic[norm].get("factor", 2)),
+            reference=bound["reference"],
+            power=fraction(bound.get("power_of_H", 0)),
+            bound=fraction(bound["factor"]),
+            algebraic_share=fraction(study["algebraic_share"]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Levels h (k,), their errors (k,), the pairs' rates (p,) with their h's, and the verdict with its reasons."""
+
+    h: Array
+    H: Array
+    error: Array
+    h_coarse: Array
+    h_fine: Array
+    rate: Array
+    asymptotic: NDArray[np.bool_]
+    fitted: float
+    bound: float
+    expected: Expectation
+    why: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        if self.why:
+            return "fails"
+        return "exact" if self.expected.rate is None else "holds"
+
+    def __str__(self) -> str:
+        lines = [f"{'h':>12} {'H':>12} {'error':>12}"]
+        lines += [f"{h:12.6g} {H:12.6g} {e:12.4e}" for h, H, e in zip(self.h, self.H, self.error, strict=True)]
+        lines += [f"{'h':>12} {'to':>12} {'rate':>12}"]
+        for a, b, rate, counts in zip(self.h_coarse, self.h_fine, self.rate, self.asymptotic, strict=True):
+            lines.append(f"{a:12.6g} {b:12.6g} {rate:12.3f}{'' if counts else '  not asymptotic'}")
+        return "\n".join([*lines, f"bound on the finest level {self.bound:.4e}", *self.why, self.verdict])
+
+
+def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> Judgement:
+    """The judgement of a case's errors in a norm along a fixed h/H, from the table of a scene."""
+    runs = _along(table.sel(case=case), h_over_H)
+    h, H, error = runs["h"].values, runs["H"].values, runs[NORMS[norm]].values
+    coarse, fine = _pairs(h, expected.factor)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
+    asymptotic = h[coarse] <= expected.start * (1 + 1e-9)
+    levels = h <= expected.start * (1 + 1e-9)
+    bound = _bound(runs, expected)
+    if expected.rate is None:
+        why = _why_not_zero(error, runs["u_norm"].values)
+    else:
+        why = [*_why_unfit(runs, norm, error, levels, expected), *_why_slow(rate, asymptotic, h, coarse, expected)]
+        if len(error) and not error[-1] <= bound:
+            why.append(f"the finest error {error[-1]:.4g} is above its bound {bound:.4g}")
+    fitted = _fit(h[levels], error[levels])
+    return Judgement(h, H, error, h[coarse], h[fine], rate, asymptotic, fitted, bound, expected, tuple(why))
+
+
+def _along(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
+    """The runs (k,) with that ratio, coarse to fine."""
+    mesh, partition = np.nonzero(np.isclose(table["h_over_H"].values, h_over_H, rtol=1e-9))
+    order = np.argsort(-table["h"].values[mesh], kind="stable")
+    index = {d: xr.DataArray(i[order], dims="run") for d, i in (("mesh", mesh), ("partition", partition))}
+    return table.isel(index)
+
+
+def _pairs(h: Array, factor: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    coarse, fine = np.nonzero(np.isclose(h[:, None], factor * h[None], rtol=1e-9))
+    return coarse, fine
+
+
+def _fit(h: Array, error: Array) -> float:
+    if len(h) < 2 or not np.all(error > 0):
+        return math.nan
+    return float(np.polyfit(np.log(h), np.log(error), 1)[0])
+
+
+def _bound(runs: xr.Dataset, expected: Expectation) -> float:
+    if expected.rate is None or runs.sizes["run"] == 0:
+        return math.nan
+    finest = runs.isel(run=-1)
+    return expected.bound * float(finest["H"]) ** expected.power * float(finest[expected.reference])
+
+
+def _why_not_zero(error: Array, u_norm: Array) -> list[str]:
+    if len(error) and np.all(np.abs(error) <= ZERO * u_norm):
+        return []
+    return [f"the error should be 0 to {ZERO:g} of ||u||_1"]
+
+
+def _why_unfit(runs: xr.Dataset, norm: str, error: Array, levels: Array, expected: Expectation) -> list[str]:
+    """Unconverged or not accurate enough: reasons for which the asymptotic levels cannot be judged."""
+    lambda_min = np.maximum(runs["lambda_min"].values, 0.0)
+    guard = STEKLOV_GUARD * runs["sigma_1"].values
+    factor = {"h1": np.ones_like(lambda_min), "hm12": np.sqrt(guard * lambda_min), "l2": np.sqrt(lambda_min)}[norm]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        algebraic = runs["algebraic_bound"].values / factor
+    why = []
+    if not np.all(runs["converged"].values[levels] == 1):
+        why.append("a run did not converge")
+    if not np.all(algebraic[levels] <= expected.algebraic_share * error[levels] * (1 + 1e-9)):
+        why.append(f"a guaranteed algebraic error is above {expected.algebraic_share:g} of the error")
+    return why
+
+
+def _why_slow(rate: Array, asymptotic: Array, h: Array, coarse: Array, expected: Expectation) -> list[str]:
+    assert expected.rate is not None
+    least = expected.rate - expected.tolerance
+    why = []
+    if np.count_nonzero(asymptotic) < FEWEST_PAIRS:
+        why.append(f"there are fewer than {FEWEST_PAIRS} pairs of asymptotic levels")
+    slow = np.flatnonzero(asymptotic & ~(rate >= least))
+    why += [f"the rate {rate[i]:.3f} from h = {h[coarse[i]]:.4g} is below {least:.3f}" for i in slow]
+    return why
+
+
+def fraction(value: object) -> float:
+    """A number that may be written as a fraction, such as "1/64"."""
+    return float(Fraction(str(value)))
+
+
+def judge_all(
+    table: xr.Dataset, study: Mapping[str, Any], asymptotic: Mapping[str, Mapping[str, Any]]
+) -> dict[tuple[str, str, float], Judgement]:
+    """The judgements of all cases of a table, in all norms and along all ratios h/H of the study.
+
+    `study` is the table of expected rates; `asymptotic` the declaration of each case.
+    """
+    return {
+        (case, norm, ratio): judge(table, case, norm, ratio, Expectation.of(study, case, norm, asymptotic[case]))
+        for case in map(str, table["case"].values)
+        for norm in NORMS
+        for ratio in map(fraction, study["ratios"])
+    }
+
+
+def collect(judgements: Mapping[tuple[str, str, float], Judgement]) -> xr.Dataset:
+    """The table of rates from judgements by (case, norm, h/H)."""
+    cases, norms, ratios = (sorted({key[i] for key in judgements}) for i in range(3))
+    longest = max(len(j.rate) for j in judgements.values())
+    index, pairs = ("case", "norm", "h_over_H"), ("case", "norm", "h_over_H", "pair")
+    shape = (len(cases), len(norms), len(ratios))
+    table = xr.Dataset(
+        {name: (pairs, np.full((*shape, longest), np.nan)) for name in ("h_coarse", "h_fine", "rate", "asymptotic")}
+        | {name: (index, np.full(shape, np.nan)) for name in ("fitted", "proved", "expected", "finest_error", "bound")}
+        | {name: (index, np.full(shape, "", dtype=object)) for name in ("verdict", "why")},
+        coords={"case": cases, "norm": norms, "h_over_H": ratios},
+    )
+    for (case, norm, ratio), found in judgements.items():
+        at = (cases.index(case), norms.index(norm), ratios.index(ratio))
+        for name in ("h_coarse", "h_fine", "rate", "asymptotic"):
+            table[name][(*at, slice(len(found.rate)))] = getattr(found, name)
+        values = {
+            "fitted": found.fitted,
+            "proved": found.expected.proved,
+            "expected": math.nan if found.expected.rate is None else found.expected.rate,
+            "finest_error": found.error[-1] if len(found.error) else math.nan,
+            "bound": found.bound,
+            "verdict": found.verdict,
+            "why": "; ".join(found.why),
+        }
+        for name, value in values.items():
+            table[name][at] = value
+    return table
+
+
+def summary(found: xr.Dataset, ratio: float) -> str:
+    """Observed against expected rates at one h/H, a line per case and norm."""
+    lines = [f"{'case':14} {'norm':5} {'proved':>7} {'expected':>9} {'smallest':>9} {'fitted':>7}  verdict"]
+    for case in found["case"].values:
+        for norm in found["norm"].values:
+            of = found.sel(case=case, norm=norm, h_over_H=ratio)
+            smallest = smallest_rate(of)
+            numbers = f"{float(of.proved):7.3g} {float(of.expected):9.3g} {smallest:9.3f} {float(of.fitted):7.3f}"
+            lines.append(f"{case:14} {norm:5} {numbers}  {of.verdict.item()} {of.why.item()}".rstrip())
+    return "\n".join(lines)
+
+
+def smallest_rate(of: xr.Dataset) -> float:
+    """The smallest rate of the asymptotic pairs in one row of the table of rates; NaN if there is none."""
+    rates = of["rate"].values[of["asymptotic"].values == 1]
+    return float(np.min(rates)) if len(rates) else math.nan

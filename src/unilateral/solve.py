@@ -1,0 +1,169 @@
+"""One discrete problem solved and measured: the choice of the algorithm, the stop, the errors.
+
+The stop is absolute, in ||.||_{-1/2,h}: a fraction of the smallest discretisation error, both of whose
+parts are known before iterating; and the iteration goes on where the H^{-1/2} error then still misses it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from unilateral.active_set import active_set
+from unilateral.condense import Condensed, DualOperator, dual_operator
+from unilateral.coupling import coupling
+from unilateral.errors import InputError
+from unilateral.norms import OnCells, OnMesh
+from unilateral.partition import Partition
+from unilateral.uzawa import DualResult, predicted_steps, residual_bound, uzawa
+
+Array = NDArray[np.float64]
+ALGORITHMS = ("auto", "uzawa", "nesterov", "active_set")
+STEKLOV_GUARD = 0.5
+"""sigma_1 is known from above, by its Ritz value; half of it is a safe lower bound on any mesh here."""
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When and how the iteration ends.
+
+    `fraction` of the discretisation error that the algebraic error may have, or an absolute
+    `tolerance` in its place; `max_steps`; `algorithm`, of which "auto" takes plain Uzawa unless S is
+    singular (active set) or more than `max_steps` steps are predicted (Nesterov); `rho`, None for
+    1.9 / lambda_max(S). Raises InputError for an unknown algorithm.
+    """
+
+    fraction: float = 0.01
+    tolerance: float | None = None
+    max_steps: int = 200_000
+    algorithm: str = "auto"
+    rho: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.algorithm not in ALGORITHMS:
+            known = ", ".join(ALGORITHMS)
+            raise InputError(f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}")
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """What one mesh and one partition share for every case: B (m, nb) and the dual operator."""
+
+    partition: Partition
+    B: sp.csr_array
+    operator: DualOperator
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """lambda_H (m,) with its algebraic certificate, and the errors; NaN where lambda_H is not judged.
+
+    `hm12_discrete` is ||lambda - lambda_H||_{-1/2,h}; `quadrature_share` is the share of h1_error^2
+    that an exact quadrature would not have; `balance` is |int u_h - int f - int lambda_H|.
+    """
+
+    result: DualResult
+    tolerance: float
+    u_h: Array
+    h1_error: float
+    hm12_discrete: float
+    l2_error: float
+    quadrature_share: float
+    balance: float
+
+    @property
+    def lambda_H(self) -> Array:
+        return self.result.lambda_H
+
+
+def pair(condensed: Condensed, partition: Partition) -> Pair:
+    """The coupling and the dual operator of a mesh and a partition."""
+    B = coupling(condensed.mesh, partition)
+    return Pair(partition, B, dual_operator(condensed, partition, B))
+
+
+def solve(problem: OnMesh, cells: OnCells, both: Pair, sigma_1: float, stop: Stop = Stop()) -> Solution:
+    """The solution (u_h, lambda_H) of (P_h*) for a case, and its errors."""
+    offset = both.B @ problem.trace / cells.partition.lengths - cells.g_means
+    tolerance = _tolerance(problem, cells, both.operator, stop)
+    result = _iterate(both.operator, offset, tolerance, stop, None)
+    singular = both.operator.singular
+    if stop.tolerance is None and result.converged and not singular and not cells.lambda_is_zero:
+        error = problem.discrete_dual(problem.flux_load - both.B.T @ result.lambda_H)
+        needed = stop.fraction * error * math.sqrt(STEKLOV_GUARD * sigma_1 * both.operator.lambda_min)
+        if result.bound > needed:
+            result = _joined(result, _iterate(both.operator, offset, needed, stop, result.lambda_H))
+            tolerance = needed
+    return _measured(problem, cells, both, result, tolerance)
+
+
+def _tolerance(problem: OnMesh, cells: OnCells, operator: DualOperator, stop: Stop) -> float:
+    if stop.tolerance is not None:
+        return stop.tolerance
+    if operator.singular or cells.lambda_is_zero:
+        return stop.fraction * problem.ritz_error
+    of_lambda = math.sqrt(operator.lambda_min) * cells.projection_error
+    return stop.fraction * min(x for x in (problem.ritz_error, of_lambda) if x > 0)
+
+
+def _iterate(
+    operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
+) -> DualResult:
+    algorithm = stop.algorithm
+    if algorithm == "auto" and operator.singular:
+        algorithm = "active_set"
+    elif algorithm == "auto":
+        algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
+    if algorithm == "active_set":
+        return active_set(operator, offset, tolerance)
+    accelerated = algorithm == "nesterov"
+    return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, accelerated)
+
+
+def _plain_or_faster(
+    operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
+) -> str:
+    rho = stop.rho or 1.9 / operator.lambda_max
+    first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
+    return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
+
+
+def _joined(first: DualResult, second: DualResult) -> DualResult:
+    """The second run, which went on where the first one ended, with the counts of both."""
+    return DualResult(
+        second.lambda_H,
+        first.iterations + second.iterations,
+        first.operator_applications + second.operator_applications,
+        second.bound,
+        second.converged,
+        second.rho,
+        second.algorithm,
+    )
+
+
+def _measured(
+    problem: OnMesh, cells: OnCells, both: Pair, result: DualResult, tolerance: float
+) -> Solution:
+    of_lambda_H = both.B.T @ result.lambda_H
+    difference = problem.flux_load - of_lambda_H
+    h1_error, share = problem.h1_error(difference)
+    condensed = problem.condensed
+    total = problem.load.copy()
+    total[condensed.mesh.boundary] += of_lambda_H
+    u_h = condensed.solve(total)
+    integral = np.sum(condensed.A @ u_h)
+    judged = not both.operator.singular
+    return Solution(
+        result,
+        tolerance,
+        u_h,
+        h1_error=h1_error,
+        hm12_discrete=problem.discrete_dual(difference) if judged else math.nan,
+        l2_error=cells.l2_error(result.lambda_H) if judged else math.nan,
+        quadrature_share=share,
+        balance=float(abs(integral - problem.load.sum() - cells.partition.lengths @ result.lambda_H)),
+    )

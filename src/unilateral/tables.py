@@ -1,0 +1,146 @@
+"""The netCDF schema of the study's tables, and how they are written: described, deterministic, never half.
+
+Dimensions are `case`, `mesh` (levels, coarse to fine) and `partition` (coarse to fine), the full tensor
+grid; what was not computed is NaN, or the empty string.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from unilateral import __version__
+from unilateral.errors import InputError
+
+SOURCE = (
+    "J. Haslinger, J. Lovíšek: Mixed variational formulation of unilateral problems. "
+    "Comment. Math. Univ. Carolin. 21 (1980), No. 2, 231-246"
+)
+LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
+FLOAT_DIGITS = 4
+NEGLIGIBLE = 1e-12
+
+# name: (long name, units, the paper's equation or definition)
+VARIABLES = {
+    "h": ("longest boundary edge of the mesh", "1", "section 2"),
+    "diameter": ("longest edge of any triangle", "1", "section 2"),
+    "unknowns": ("dimension of V_h", "1", "section 2"),
+    "boundary_unknowns": ("dimension of A_3", "1", "section 5"),
+    "H": ("longest cell of T_H", "1", "section 2"),
+    "H_over_Hi_max": ("regularity of T_H, max H/H_i", "1", "section 2"),
+    "multipliers": ("dimension of Lambda_H", "1", "section 2"),
+    "h_over_H": ("h/H", "1", "Lemma 3.1"),
+    "h1_error": ("||u - u_h||_1", "1", "(4.11)"),
+    "hm12_error_lower": ("guaranteed lower bound of ||lambda - lambda_H||_{-1/2}", "1", "(4.12)"),
+    "hm12_error_upper": ("guaranteed upper bound of ||lambda - lambda_H||_{-1/2}", "1", "(4.12)"),
+    "hm12_discrete": ("||lambda - lambda_H||_{-1/2,h}, the supremum over V_h only", "1", "(3.4)"),
+    "l2_error": ("||lambda - lambda_H||_0", "1", "(4.13)"),
+    "algorithm": ("algorithm that found lambda_H", "1", "(5.1)-(5.3)"),
+    "iterations": ("steps of the algorithm", "1", "(5.1)-(5.3)"),
+    "operator_applications": ("applications of the dual operator", "1", "(5.1)"),
+    "tolerance": ("tolerance of the algebraic bound", "1", "section 5"),
+    "algebraic_bound": ("guaranteed bound of ||lambda_H - exact lambda_H||_{-1/2,h}", "1", "section 5"),
+    "converged": ("1 if the algebraic bound met its tolerance, else 0", "1", "section 5"),
+    "balance": ("|int u_h - int f - int lambda_H|", "1", "(P_h*) with v = 1"),
+    "quadrature_share": ("share of ||u - u_h||_1^2 that exact quadrature would not have", "1", "(4.11)"),
+    "u_norm": ("||u||_1", "1", "section 1"),
+    "interpolation_error": ("||u - r_h u||_1", "1", "(4.14)"),
+    "ritz_error": ("||u - z_h||_1, z_h the Ritz projection of u", "1", "(4.14)"),
+    "projection_error": ("||lambda - Pi_H lambda||_0", "1", "(4.15)"),
+    "lambda_min": ("smallest eigenvalue of S", "1", "(3.4)"),
+    "lambda_max": ("largest eigenvalue of S", "1", "(5.2)"),
+    "sigma_1": ("first Steklov eigenvalue of -Delta + 1, by Ritz on V_h", "1", "(5.2)"),
+    "lambda_H": ("the discrete multiplier on the cells of T_H", "1", "(P_h*)"),
+    "seconds": ("wall-clock time of the solve", "s", ""),
+    "condense_seconds": ("wall-clock time of factorisation and condensation", "s", ""),
+    "peak_mb": ("peak resident memory of the process", "MB", ""),
+    "h_coarse": ("h of the coarser level of a pair", "1", "Theorem 4.1"),
+    "h_fine": ("h of the finer level of a pair", "1", "Theorem 4.1"),
+    "rate": ("observed rate of a pair of levels", "1", "Theorem 4.1"),
+    "asymptotic": ("1 if both levels of the pair are asymptotic as the case declares", "1", "Theorem 4.1"),
+    "fitted": ("least-squares rate over the asymptotic levels", "1", "Theorem 4.1"),
+    "proved": ("rate that Theorem 4.1 proves", "1", "(4.11)-(4.13)"),
+    "expected": ("rate expected from the theorem or the case's regularity", "1", ""),
+    "finest_error": ("error on the finest level", "1", "Theorem 4.1"),
+    "bound": ("stated bound of the error on the finest level", "1", "Theorem 4.1"),
+    "verdict": ("holds, exact, fails, or not judged", "1", ""),
+    "why": ("why a verdict is not 'holds' or 'exact'", "1", ""),
+}
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary path beside `path`, with its ending, that takes its place if the block succeeds."""
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError(f"{path} cannot be written: there is no folder {path.parent}")
+    handle, name = tempfile.mkstemp(prefix=".", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
+    """Write a table as netCDF with its variables described, its provenance, and no time stamp."""
+    table = table.copy()
+    for name, variable in table.variables.items():
+        if name in VARIABLES:
+            long_name, units, equation = VARIABLES[str(name)]
+            variable.attrs = {"long_name": long_name, "units": units, "equation": equation}
+    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    table.attrs = {"scene": scene, "unilateral": __version__, "libraries": libraries, "source": SOURCE}
+    with replacing(path) as temporary:
+        table.to_netcdf(temporary, engine="netcdf4")
+
+
+def load(path: str | os.PathLike[str]) -> xr.Dataset:
+    """A table, read whole. Raises InputError for a file that is missing or no netCDF."""
+    try:
+        return xr.load_dataset(path, engine="netcdf4")
+    except FileNotFoundError:
+        raise InputError(f"there is no table {path}; run 'make', or 'snakemake -j2 {path}'") from None
+    except OSError:
+        raise InputError(f"{path} is no netCDF table") from None
+
+
+def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
+    """One table from those of single levels, coarse to fine."""
+    return _along(levels, "mesh")
+
+
+def along_partition(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    """One table from those of single partitions, coarse to fine."""
+    return _along(parts, "partition")
+
+
+def _along(parts: Sequence[xr.Dataset], dimension: str) -> xr.Dataset:
+    minimal = {"data_vars": "minimal", "coords": "minimal", "compat": "override", "join": "exact"}
+    return xr.concat(parts, dimension, combine_attrs="drop", **minimal)
+
+
+def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:
+    """Write a table to draw from, rounded so that another machine's last bits do not show."""
+    rounded = {name: _rounded(column) for name, column in frame.items()}
+    with replacing(path) as temporary:
+        pd.DataFrame(rounded).to_csv(temporary, index=False, lineterminator="\n")
+
+
+def _rounded(column: pd.Series) -> pd.Series:
+    if not np.issubdtype(column.dtype, np.floating):
+        return column
+    negligible = NEGLIGIBLE * column.abs().max()
+    cleaned = column.where(column.isna() | (column.abs() > negligible), 0.0)
+    return cleaned.map(lambda x: "" if np.isnan(x) else f"{x:.{FLOAT_DIGITS}g}")

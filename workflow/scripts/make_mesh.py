@@ -1,0 +1,13 @@
+"""The coarsest mesh of a scene."""
+
+from scenes import coarsest_mesh
+
+from unilateral import mesh
+
+
+def main(scene, path):
+    mesh.write(coarsest_mesh(scene), path)
+
+
+if __name__ == "__main__":
+    main(snakemake.params.scene, snakemake.output[0])

@@ -1,0 +1,42 @@
+"""A scene of the configuration as objects of the library."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from unilateral import case, mesh, partition, polygon
+from unilateral.case import Case
+from unilateral.mesh import Mesh
+from unilateral.partition import Partition
+from unilateral.polygon import Polygon
+from unilateral.rates import fraction
+from unilateral.solve import Stop
+
+
+def domain(scene: Mapping[str, Any]) -> Polygon:
+    return polygon.named(scene["polygon"])
+
+
+def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
+    make = {"structured": mesh.structured, "unstructured": mesh.unstructured}[scene["mesh"]["kind"]]
+    return make(domain(scene), fraction(scene["mesh"]["h"]))
+
+
+def cases(scene: Mapping[str, Any]) -> list[Case]:
+    return [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
+
+
+def partitions(scene: Mapping[str, Any]) -> list[Partition]:
+    return [partition.uniform(domain(scene), fraction(H)) for H in scene["H"]]
+
+
+def limits(scene: Mapping[str, Any]) -> tuple[float, float]:
+    """The smallest and the largest H/h."""
+    given = scene["H_over_h"]
+    return fraction(given.get("min", 0)), fraction(given["max"]) if "max" in given else math.inf
+
+
+def stop(settings: Mapping[str, Any]) -> Stop:
+    return Stop(fraction=settings["fraction"], max_steps=settings["max_steps"])

@@ -1,0 +1,28 @@
+"""Every case on every partition of a scene, on the coarsest mesh refined `level` times."""
+
+from scenes import cases, domain, limits, partitions, stop
+
+from unilateral import mesh, tables
+from unilateral.sweep import sweep
+
+
+def main(coarse, scene, name, level, settings, degree, results, timings):
+    refined = mesh.read(coarse, domain(scene))
+    for _ in range(level):
+        refined = mesh.refine(refined)
+    solved, timed = sweep(refined, cases(scene), partitions(scene), limits(scene), stop(settings), degree)
+    tables.save(solved, results, name)
+    tables.save(timed, timings, name)
+
+
+if __name__ == "__main__":
+    main(
+        snakemake.input.mesh,
+        snakemake.params.scene,
+        snakemake.wildcards.scene,
+        int(snakemake.wildcards.level),
+        snakemake.params.stop,
+        snakemake.params.degree,
+        snakemake.output.solutions,
+        snakemake.output.timings,
+    )

@@ -1,0 +1,11 @@
+"""The table behind a scene's map over (h, H)."""
+
+from unilateral import figure_data, tables
+
+
+def main(errors, cases, path):
+    tables.save_csv(figure_data.grid_frame(tables.load(errors), cases), path)
+
+
+if __name__ == "__main__":
+    main(snakemake.input.errors, snakemake.params.cases, snakemake.output[0])
