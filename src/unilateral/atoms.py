@@ -110,8 +110,9 @@ class Local:
 
     def local(self, points: Array) -> tuple[Array, Array]:
         """Coordinates (k,), (k,) of the points along the side from the centre and into Omega."""
-        moved = (points - self.centre) @ self.frame.T / self.length
-        return moved[:, 0], moved[:, 1]
+        x, y = (points[:, i] - self.centre[i] for i in range(2))
+        along, into = self.frame / self.length
+        return x * along[0] + y * along[1], x * into[0] + y * into[1]
 
     def own_side(self) -> int | None:
         return self.side

@@ -45,11 +45,12 @@ class Case:
     def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the points (k, 2) of Omega."""
         values, gradients = zip(*(atom.value_and_gradient(points) for atom in self.atoms), strict=True)
-        return np.sum(values, axis=0), np.sum(gradients, axis=0)
+        return sum(values[1:], start=values[0]), sum(gradients[1:], start=gradients[0])
 
     def source(self, points: Array) -> Array:
         """f = -Delta u + u (k,) at the points (k, 2) of Omega, (1.1)."""
-        return np.sum([atom.source(points) for atom in self.atoms], axis=0)
+        first, *others = (atom.source(points) for atom in self.atoms)
+        return sum(others, start=first)
 
     def boundary(self, side: NDArray[np.intp], s: Array) -> tuple[Array, Array, Array]:
         """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides."""

@@ -22,23 +22,24 @@ TITLES = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)", "l2": "λ in L²"}
 def fill(path: str | Path, blocks: Mapping[str, str]) -> None:
     """Put each block's text between its marks in the file.
 
-    Raises InputError where the file lacks a block's marks, or has marks of a block that is not given.
+    Raises InputError where marks are no pairs of a begin and an end, or their blocks are not those given.
     """
     text = Path(path).read_text(encoding="utf-8")
-    found = re.findall(r"^<!-- ([\w-]+): begin -->$", text, re.MULTILINE)
+    marks = re.findall(r"^<!-- ([\w-]+): (begin|end) -->$", text, re.MULTILINE)
+    found = [name for name, _ in marks[::2]]
+    if marks != [(name, part) for name in found for part in ("begin", "end")]:
+        listed = ", ".join(f"{name}: {part}" for name, part in marks)
+        raise InputError(f"{path}: each block needs one begin mark and then one end mark, not {listed}")
     if sorted(found) != sorted(blocks):
         raise InputError(f"{path}: it has the marked blocks {sorted(found)}, and needs {sorted(blocks)}")
-    for name, content in blocks.items():
-        pattern = rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)"
-        text, count = re.subn(pattern, lambda m, c=content: f"{m[1]}{c}\n{m[2]}", text, flags=re.DOTALL)  # type: ignore[misc]
-        if count != 1:
-            raise InputError(f"{path}: the block '{name}' needs one begin and one end mark")
+    block = re.compile(r"^(<!-- ([\w-]+): begin -->\n).*?^(<!-- \2: end -->)$", re.DOTALL | re.MULTILINE)
+    text = block.sub(lambda m: f"{m[1]}{blocks[m[2]]}\n{m[3]}", text)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def rates_table(scenes: Mapping[str, xr.Dataset], ratio: float) -> str:
-    """A Markdown table: per scene and case, the smallest asymptotic rate in each norm against the proved one."""
+    """A Markdown table: per scene and case, the smallest asymptotic rate in each norm."""
     first = next(iter(scenes.values()))
     proved = {norm: float(first["proved"].sel(norm=norm, h_over_H=ratio).max()) for norm in NORMS}
     head = [f"{TITLES[norm]} (proved {proved[norm]:g})" for norm in NORMS]

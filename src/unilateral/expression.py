@@ -39,7 +39,7 @@ class pos(sympy.Function):
     @classmethod
     def eval(cls, a: sympy.Expr, k: sympy.Expr) -> sympy.Expr | None:
         if a.is_number:
-            return a**k if a.is_positive else sympy.Integer(0)
+            return a**k if _is_positive(a) else sympy.Integer(0)
         return None
 
     def fdiff(self, argindex: int = 1) -> sympy.Expr:
@@ -47,6 +47,11 @@ class pos(sympy.Function):
         if argindex != 1 or k == 0:
             raise ArgumentIndexError(self, argindex)
         return k * pos(a, k - 1)
+
+
+def _is_positive(number: sympy.Expr) -> bool:
+    """Its value's sign; sympy's own test computes minimal polynomials, which may take for ever."""
+    return bool(number > 0) if number.is_Rational else float(number) > 0
 
 
 def positive_power(a: Array, k: float) -> Array:
@@ -105,10 +110,17 @@ def number(text: object, where: str) -> sympy.Expr:
     return parse(text, (), where)
 
 
+def real(text: object, where: str) -> float:
+    """A number such as 1/64, in floating point."""
+    return float(number(text, where))
+
+
 def compile_numpy(expressions: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:
     """A function of arrays, one per symbol, that returns the values of all the expressions as arrays."""
-    finite = [e.xreplace({n: n.n(17) for n in e.atoms(sympy.Integer) if abs(n) >= 2**63}) for e in expressions]
-    raw = sympy.lambdify(symbols, finite, [{"pos": positive_power}, "numpy"], cse=True)
+    for_numpy = [
+        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Integer) if abs(n) >= 2**63}) for e in expressions
+    ]
+    raw = sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=True)
 
     def evaluate(*arrays: Array) -> list[Array]:
         shape = np.broadcast_shapes(*(np.shape(a) for a in arrays))
@@ -142,7 +154,7 @@ def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sym
 
 def _is_finite_and_real(value: sympy.Expr) -> bool:
     """Whether a number is; a function may still fail to be where it is evaluated."""
-    if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I) or value.is_extended_real is False:
+    if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
         return False
     try:
         return not value.is_number or math.isfinite(float(value))

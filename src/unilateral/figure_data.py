@@ -81,7 +81,10 @@ def portrait_frames(case: Case, mesh: Mesh, partition: Partition) -> tuple[pd.Da
     """u_h on the triangles; and along the boundary u_h - g, lambda_H, and what they approximate."""
     condensed = condense(mesh)
     solution = solve(
-        on_mesh(case, condensed), on_cells(case, partition), pair(condensed, partition), first_steklov(condensed)
+        on_mesh(case, condensed),
+        on_cells(case, partition),
+        pair(condensed, partition),
+        first_steklov(condensed),
     )
     corners = mesh.triangles.ravel()
     field = pd.DataFrame(
@@ -94,8 +97,11 @@ def portrait_frames(case: Case, mesh: Mesh, partition: Partition) -> tuple[pd.Da
     )
     side, s, position = _along_boundary(case)
     u, flux, gap = case.boundary(side, s)
-    trace = np.interp(position, mesh.s, np.append(solution.u_h[mesh.boundary], solution.u_h[mesh.boundary[0]]))
-    along = {"s": position, "side": side, "contact": _in_contact(case, side, s)}
+    trace = np.interp(
+        position, mesh.s, np.append(solution.u_h[mesh.boundary], solution.u_h[mesh.boundary[0]])
+    )
+    x, y = case.polygon.at(side, s).T
+    along = {"s": position, "side": side, "contact": _in_contact(case, side, s), "x": x, "y": y}
     boundary = [
         pd.DataFrame({"kind": "trace", **along, "computed": trace - (u - gap), "exact": gap}),
         pd.DataFrame({"kind": "flux", **along, "exact": flux}),
@@ -109,7 +115,7 @@ def portrait_frames(case: Case, mesh: Mesh, partition: Partition) -> tuple[pd.Da
             }
         ),
     ]
-    columns = ["kind", "side", "s", "end", "computed", "exact", "contact"]
+    columns = ["kind", "side", "s", "end", "computed", "exact", "contact", "x", "y"]
     return field, pd.concat(boundary)[columns]
 
 

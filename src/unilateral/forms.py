@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from unilateral.mesh import Mesh
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 
 def gradients(mesh: Mesh) -> tuple[Array, Array]:
@@ -30,21 +29,16 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     return _assemble(mesh, stiffness), _assemble(mesh, mass)
 
 
-def load(mesh: Mesh, triangle: Ints, barycentric: Array, weighted_values: Array) -> Array:
-    """(n,) sums over quadrature points q of w_q f(x_q) phi_i(x_q).
-
-    Point q lies in `triangle` (Q,) at `barycentric` (Q, 3); `weighted_values` (Q,) are w_q f(x_q).
-    """
-    return _scatter(mesh, triangle, barycentric * weighted_values[:, None])
+def load(mesh: Mesh, moments: Array) -> Array:
+    """(n,) values of (f, phi_i), from the moments (m, 3) of f against the triangles' barycentric functions."""
+    values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
+    return values.astype(float)
 
 
-def h1_load(
-    mesh: Mesh, triangle: Ints, barycentric: Array, weighted_values: Array, weighted_gradients: Array
-) -> Array:
-    """(n,) values of (u, phi_i)_1 by quadrature; `weighted_gradients` (Q, 2), the rest as in `load`."""
+def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
+    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
     slopes, _ = gradients(mesh)
-    of_gradients = np.einsum("qid,qd->qi", slopes[triangle], weighted_gradients)
-    return _scatter(mesh, triangle, of_gradients + barycentric * weighted_values[:, None])
+    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:
@@ -52,9 +46,3 @@ def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:
     columns = np.tile(mesh.triangles, (1, 3)).ravel()
     n = len(mesh.points)
     return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(n, n)).tocsr()
-
-
-def _scatter(mesh: Mesh, triangle: Ints, contributions: Array) -> Array:
-    nodes = mesh.triangles[triangle].ravel()
-    sums = np.bincount(nodes, weights=contributions.ravel(), minlength=len(mesh.points))
-    return sums.astype(float, copy=False)

@@ -27,7 +27,7 @@ from unilateral.coupling import boundary_mass
 from unilateral.forms import gradients, h1_load, load
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
-from unilateral.quadrature import DEGREE, boundary_rule, triangle_rules
+from unilateral.quadrature import boundary_rule, triangle_rules
 
 Array = NDArray[np.float64]
 
@@ -62,8 +62,8 @@ class OnMesh:
         return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0
 
 
-def on_mesh(case: Case, condensed: Condensed, degree: int = DEGREE) -> OnMesh:
-    """Loads, Ritz projection and its error, with quadrature of that degree in Omega."""
+def on_mesh(case: Case, condensed: Condensed, degree: int | None = None) -> OnMesh:
+    """Loads, Ritz projection and its error, with quadrature of that degree in Omega, see `triangle_rules`."""
     mesh, A = condensed.mesh, condensed.A
     interpolant, _ = case.value_and_gradient(mesh.points)
     f, residual, square, u_square = _moments(case, mesh, interpolant, degree)
@@ -88,28 +88,30 @@ def on_mesh(case: Case, condensed: Condensed, degree: int = DEGREE) -> OnMesh:
     )
 
 
-def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int = DEGREE) -> float:
+def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
     """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature."""
     return math.sqrt(_moments(case, mesh, v_h, degree)[2])
 
 
-def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int) -> tuple[Array, Array, float, float]:
+def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass."""
-    slopes, _ = gradients(mesh)
     nodal = v_h[mesh.triangles]
-    slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
-    f, residual = np.zeros(mesh.n_nodes), np.zeros(mesh.n_nodes)
+    slope_of_v = np.einsum("ti,tid->td", nodal, gradients(mesh)[0])
+    m = len(mesh.triangles)
+    of_f, of_difference, gradient = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 2))
     square = u_square = 0.0
     for rule in triangle_rules(mesh, case, degree):
+        w, phi = rule.weight, rule.barycentric
         u, grad_u = case.value_and_gradient(rule.points)
-        f += load(mesh, rule.triangle, rule.barycentric, rule.weight * case.source(rule.points))
-        u_square += float(rule.weight @ (u**2 + np.sum(grad_u**2, axis=1)))
-        value = u - np.sum(nodal[rule.triangle] * rule.barycentric, axis=1)
-        slope = grad_u - slope_of_v[rule.triangle]
-        square += float(rule.weight @ (value**2 + np.sum(slope**2, axis=1)))
-        weight = rule.weight
-        residual += h1_load(mesh, rule.triangle, rule.barycentric, weight * value, weight[:, None] * slope)
-    return f, residual, square, u_square
+        u_square += float(w.ravel() @ (u**2 + grad_u[:, 0] ** 2 + grad_u[:, 1] ** 2))
+        value = u.reshape(w.shape) - np.einsum("kb,kqb->kq", nodal[rule.triangle], phi)
+        slope = grad_u.reshape(*w.shape, 2) - slope_of_v[rule.triangle][:, None]
+        square += float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
+        f = case.source(rule.points).reshape(w.shape)
+        np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
+        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
+        np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))
+    return load(mesh, of_f), h1_load(mesh, of_difference, gradient), square, u_square
 
 
 def flux_load(case: Case, mesh: Mesh) -> Array:

@@ -25,7 +25,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 GAUSS = 16
 DEGREE = 8
-BLOCK = 1 << 15
+FINE_DEGREE = 5
+FINE = 1 / 64
+"""Of the shortest side: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
+BLOCK = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,11 @@ def _anchors(case: Case) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class TriangleRule:
-    """Points (Q, 2) with weight (Q,), the triangle (Q,) they lie in, barycentric coordinates (Q, 3)."""
+    """q points in each of k pieces of triangles.
+
+    `triangle` (k,) says whose pieces they are; `barycentric` (k, q, 3) and `weight` (k, q) belong to the
+    points, whose places are `points` (k q, 2).
+    """
 
     triangle: Index
     barycentric: Array
@@ -92,8 +99,11 @@ class TriangleRule:
     weight: Array
 
 
-def triangle_rules(mesh: Mesh, case: Case, degree: int = DEGREE) -> Iterator[TriangleRule]:
-    """Rules of that degree which together cover the mesh, in blocks that keep memory bounded."""
+def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterator[TriangleRule]:
+    """Rules which together cover the mesh, in blocks that keep memory bounded.
+
+    Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE.
+    """
     split = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
     special[split.parent] = True
@@ -101,12 +111,14 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int = DEGREE) -> Iterator[Tri
         special[index] = True
     regular = np.flatnonzero(~special)
     whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
-    for corners, index in ((whole, regular), (split.corners, split.parent)):
+    fine = mesh.h <= FINE * mesh.polygon.lengths.min()
+    of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
+    for corners, index, exact in ((whole, regular, of_whole), (split.corners, split.parent, of_pieces)):
         for start in range(0, len(index), BLOCK):
             block = slice(start, start + BLOCK)
-            yield _place(mesh, corners[block], index[block], *_symmetric(degree))
+            yield _place(mesh, corners[block], index[block], *_symmetric(exact))
     for corners, index, grading in split.singular:
-        yield _place(mesh, corners, index, *_duffy(degree, grading))
+        yield _place(mesh, corners, index, *_duffy(of_pieces, grading))
 
 
 @cache
@@ -130,12 +142,7 @@ def _duffy(degree: int, grading: int) -> tuple[Array, Array]:
 
 def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:
     """The rule on the pieces with barycentric corners (k, 3, 3) of the triangles `index` (k,)."""
-    barycentric = points @ corners
-    share = np.abs(np.linalg.det(corners)) * mesh.areas[index]
-    xy = barycentric @ mesh.points[mesh.triangles[index]]
-    return TriangleRule(
-        np.repeat(index, len(weights)),
-        barycentric.reshape(-1, 3),
-        xy.reshape(-1, 2),
-        np.outer(share, weights).ravel(),
-    )
+    vertices = corners @ mesh.points[mesh.triangles[index]]
+    a, b, c = np.moveaxis(corners, 1, 0)
+    share = np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[index]
+    return TriangleRule(index, points @ corners, (points @ vertices).reshape(-1, 2), np.outer(share, weights))

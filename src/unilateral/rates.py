@@ -11,16 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral.expression import real
 from unilateral.solve import STEKLOV_GUARD
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
 NORMS = {"h1": "h1_error", "hm12": "hm12_error_lower", "l2": "l2_error"}
 FEWEST_PAIRS = 3
 ZERO = 1e-12
@@ -49,23 +51,23 @@ class Expectation:
     def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
         """From the study's table of expected rates and the case's own declaration of its levels."""
         general, special = study["norms"][norm], study["cases"][case][norm]
-        bound = general["bound"]
+        bound, where = general["bound"], f"the expected rate of '{case}' in {norm}"
         return cls(
-            proved=fraction(general["proved"]),
-            rate=None if special["rate"] == "exact" else fraction(special["rate"]),
-            tolerance=fraction(general["tolerance"]),
-            start=fraction(asymptotic[norm]["from"]),
+            proved=real(general["proved"], where),
+            rate=None if special["rate"] == "exact" else real(special["rate"], where),
+            tolerance=real(general["tolerance"], where),
+            start=real(asymptotic[norm]["from"], where),
             factor=int(asymptotic[norm].get("factor", 2)),
             reference=bound["reference"],
-            power=fraction(bound.get("power_of_H", 0)),
-            bound=fraction(bound["factor"]),
-            algebraic_share=fraction(study["algebraic_share"]),
+            power=real(bound.get("power_of_H", 0), where),
+            bound=real(bound["factor"], where),
+            algebraic_share=real(study["algebraic_share"], where),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Levels h (k,), their errors (k,), the pairs' rates (p,) with their h's, and the verdict with its reasons."""
+    """Levels h, H and their errors (k,); the pairs' h's and rates (p,); the verdict with its reasons."""
 
     h: Array
     H: Array
@@ -73,7 +75,7 @@ class Judgement:
     h_coarse: Array
     h_fine: Array
     rate: Array
-    asymptotic: NDArray[np.bool_]
+    asymptotic: Mask
     fitted: float
     bound: float
     expected: Expectation
@@ -87,7 +89,9 @@ class Judgement:
 
     def __str__(self) -> str:
         lines = [f"{'h':>12} {'H':>12} {'error':>12}"]
-        lines += [f"{h:12.6g} {H:12.6g} {e:12.4e}" for h, H, e in zip(self.h, self.H, self.error, strict=True)]
+        lines += [
+            f"{h:12.6g} {H:12.6g} {e:12.4e}" for h, H, e in zip(self.h, self.H, self.error, strict=True)
+        ]
         lines += [f"{'h':>12} {'to':>12} {'rate':>12}"]
         for a, b, rate, counts in zip(self.h_coarse, self.h_fine, self.rate, self.asymptotic, strict=True):
             lines.append(f"{a:12.6g} {b:12.6g} {rate:12.3f}{'' if counts else '  not asymptotic'}")
@@ -105,9 +109,13 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
     levels = h <= expected.start * (1 + 1e-9)
     bound = _bound(runs, expected)
     if expected.rate is None:
+        rate, levels = np.full_like(rate, np.nan), np.zeros_like(levels)
         why = _why_not_zero(error, runs["u_norm"].values)
     else:
-        why = [*_why_unfit(runs, norm, error, levels, expected), *_why_slow(rate, asymptotic, h, coarse, expected)]
+        why = [
+            *_why_unfit(runs, norm, error, levels, expected),
+            *_why_slow(rate, asymptotic, h, coarse, expected),
+        ]
         if len(error) and not error[-1] <= bound:
             why.append(f"the finest error {error[-1]:.4g} is above its bound {bound:.4g}")
     fitted = _fit(h[levels], error[levels])
@@ -122,7 +130,7 @@ def _along(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
     return table.isel(index)
 
 
-def _pairs(h: Array, factor: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _pairs(h: Array, factor: int) -> tuple[Index, Index]:
     coarse, fine = np.nonzero(np.isclose(h[:, None], factor * h[None], rtol=1e-9))
     return coarse, fine
 
@@ -146,11 +154,13 @@ def _why_not_zero(error: Array, u_norm: Array) -> list[str]:
     return [f"the error should be 0 to {ZERO:g} of ||u||_1"]
 
 
-def _why_unfit(runs: xr.Dataset, norm: str, error: Array, levels: Array, expected: Expectation) -> list[str]:
+def _why_unfit(runs: xr.Dataset, norm: str, error: Array, levels: Mask, expected: Expectation) -> list[str]:
     """Unconverged or not accurate enough: reasons for which the asymptotic levels cannot be judged."""
     lambda_min = np.maximum(runs["lambda_min"].values, 0.0)
     guard = STEKLOV_GUARD * runs["sigma_1"].values
-    factor = {"h1": np.ones_like(lambda_min), "hm12": np.sqrt(guard * lambda_min), "l2": np.sqrt(lambda_min)}[norm]
+    factor = {"h1": np.ones_like(lambda_min), "hm12": np.sqrt(guard * lambda_min), "l2": np.sqrt(lambda_min)}[
+        norm
+    ]
     with np.errstate(divide="ignore", invalid="ignore"):
         algebraic = runs["algebraic_bound"].values / factor
     why = []
@@ -161,7 +171,7 @@ def _why_unfit(runs: xr.Dataset, norm: str, error: Array, levels: Array, expecte
     return why
 
 
-def _why_slow(rate: Array, asymptotic: Array, h: Array, coarse: Array, expected: Expectation) -> list[str]:
+def _why_slow(rate: Array, asymptotic: Mask, h: Array, coarse: Index, expected: Expectation) -> list[str]:
     assert expected.rate is not None
     least = expected.rate - expected.tolerance
     why = []
@@ -172,11 +182,6 @@ def _why_slow(rate: Array, asymptotic: Array, h: Array, coarse: Array, expected:
     return why
 
 
-def fraction(value: object) -> float:
-    """A number that may be written as a fraction, such as "1/64"."""
-    return float(Fraction(str(value)))
-
-
 def judge_all(
     table: xr.Dataset, study: Mapping[str, Any], asymptotic: Mapping[str, Mapping[str, Any]]
 ) -> dict[tuple[str, str, float], Judgement]:
@@ -185,22 +190,30 @@ def judge_all(
     `study` is the table of expected rates; `asymptotic` the declaration of each case.
     """
     return {
-        (case, norm, ratio): judge(table, case, norm, ratio, Expectation.of(study, case, norm, asymptotic[case]))
+        (case, norm, ratio): judge(
+            table, case, norm, ratio, Expectation.of(study, case, norm, asymptotic[case])
+        )
         for case in map(str, table["case"].values)
         for norm in NORMS
-        for ratio in map(fraction, study["ratios"])
+        for ratio in (real(ratio, "ratios") for ratio in study["ratios"])
     }
 
 
-def collect(judgements: Mapping[tuple[str, str, float], Judgement]) -> xr.Dataset:
-    """The table of rates from judgements by (case, norm, h/H)."""
+def collect(judgements: Mapping[tuple[str, str, float], Judgement], judged_ratio: float | None) -> xr.Dataset:
+    """The table of rates from judgements by (case, norm, h/H); verdicts at one h/H, or at none."""
     cases, norms, ratios = (sorted({key[i] for key in judgements}) for i in range(3))
     longest = max(len(j.rate) for j in judgements.values())
     index, pairs = ("case", "norm", "h_over_H"), ("case", "norm", "h_over_H", "pair")
     shape = (len(cases), len(norms), len(ratios))
     table = xr.Dataset(
-        {name: (pairs, np.full((*shape, longest), np.nan)) for name in ("h_coarse", "h_fine", "rate", "asymptotic")}
-        | {name: (index, np.full(shape, np.nan)) for name in ("fitted", "proved", "expected", "finest_error", "bound")}
+        {
+            name: (pairs, np.full((*shape, longest), np.nan))
+            for name in ("h_coarse", "h_fine", "rate", "asymptotic")
+        }
+        | {
+            name: (index, np.full(shape, np.nan))
+            for name in ("fitted", "proved", "expected", "finest_error", "bound")
+        }
         | {name: (index, np.full(shape, "", dtype=object)) for name in ("verdict", "why")},
         coords={"case": cases, "norm": norms, "h_over_H": ratios},
     )
@@ -214,8 +227,8 @@ def collect(judgements: Mapping[tuple[str, str, float], Judgement]) -> xr.Datase
             "expected": math.nan if found.expected.rate is None else found.expected.rate,
             "finest_error": found.error[-1] if len(found.error) else math.nan,
             "bound": found.bound,
-            "verdict": found.verdict,
-            "why": "; ".join(found.why),
+            "verdict": found.verdict if ratio == judged_ratio else "not judged",
+            "why": "; ".join(found.why) if ratio == judged_ratio else "",
         }
         for name, value in values.items():
             table[name][at] = value
@@ -229,7 +242,9 @@ def summary(found: xr.Dataset, ratio: float) -> str:
         for norm in found["norm"].values:
             of = found.sel(case=case, norm=norm, h_over_H=ratio)
             smallest = smallest_rate(of)
-            numbers = f"{float(of.proved):7.3g} {float(of.expected):9.3g} {smallest:9.3f} {float(of.fitted):7.3f}"
+            numbers = (
+                f"{float(of.proved):7.3g} {float(of.expected):9.3g} {smallest:9.3f} {float(of.fitted):7.3f}"
+            )
             lines.append(f"{case:14} {norm:5} {numbers}  {of.verdict.item()} {of.why.item()}".rstrip())
     return "\n".join(lines)
 

@@ -7,7 +7,7 @@ parts are known before iterating; and the iteration goes on where the H^{-1/2} e
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -96,7 +96,8 @@ def solve(problem: OnMesh, cells: OnCells, both: Pair, sigma_1: float, stop: Sto
         error = problem.discrete_dual(problem.flux_load - both.B.T @ result.lambda_H)
         needed = stop.fraction * error * math.sqrt(STEKLOV_GUARD * sigma_1 * both.operator.lambda_min)
         if result.bound > needed:
-            result = _joined(result, _iterate(both.operator, offset, needed, stop, result.lambda_H))
+            going_on = replace(stop, algorithm="nesterov") if result.algorithm == "nesterov" else stop
+            result = _joined(result, _iterate(both.operator, offset, needed, going_on, result.lambda_H))
             tolerance = needed
     return _measured(problem, cells, both, result, tolerance)
 
@@ -145,9 +146,7 @@ def _joined(first: DualResult, second: DualResult) -> DualResult:
     )
 
 
-def _measured(
-    problem: OnMesh, cells: OnCells, both: Pair, result: DualResult, tolerance: float
-) -> Solution:
+def _measured(problem: OnMesh, cells: OnCells, both: Pair, result: DualResult, tolerance: float) -> Solution:
     of_lambda_H = both.B.T @ result.lambda_H
     difference = problem.flux_load - of_lambda_H
     h1_error, share = problem.h1_error(difference)

@@ -14,7 +14,6 @@ from unilateral.condense import condense
 from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov, on_cells, on_mesh
 from unilateral.partition import Partition
-from unilateral.quadrature import DEGREE
 from unilateral.solve import Solution, Stop, pair, solve
 
 PER_RUN = (
@@ -38,7 +37,6 @@ def sweep(
     partitions: Sequence[Partition],
     H_over_h: tuple[float, float] = (0.0, np.inf),
     stop: Stop = Stop(),  # noqa: B008
-    degree: int = DEGREE,
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """The table of results, one level long in `mesh`, and that of times and memory.
 
@@ -48,7 +46,7 @@ def sweep(
     condensed = condense(mesh)
     sigma_1 = first_steklov(condensed)
     condense_seconds = time.perf_counter() - begin
-    problems = [on_mesh(case, condensed, degree) for case in cases]
+    problems = [on_mesh(case, condensed) for case in cases]
     table = _empty(mesh, cases, partitions)
     table["sigma_1"][:] = sigma_1
     for c, problem in enumerate(problems):
@@ -61,7 +59,10 @@ def sweep(
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
         both = pair(condensed, partition)
-        table["lambda_min"][0, k], table["lambda_max"][0, k] = both.operator.lambda_min, both.operator.lambda_max
+        table["lambda_min"][0, k], table["lambda_max"][0, k] = (
+            both.operator.lambda_min,
+            both.operator.lambda_max,
+        )
         for c, problem in enumerate(problems):
             begin = time.perf_counter()
             _record(table, c, k, solve(problem, cells[c], both, sigma_1, stop))

@@ -127,8 +127,15 @@ def along_partition(parts: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _along(parts: Sequence[xr.Dataset], dimension: str) -> xr.Dataset:
-    minimal = {"data_vars": "minimal", "coords": "minimal", "compat": "override", "join": "exact"}
-    return xr.concat(parts, dimension, combine_attrs="drop", **minimal)
+    return xr.concat(
+        parts,
+        dimension,
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="exact",
+        combine_attrs="drop",
+    )
 
 
 def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:
@@ -139,7 +146,7 @@ def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:
 
 
 def _rounded(column: pd.Series) -> pd.Series:
-    if not np.issubdtype(column.dtype, np.floating):
+    if not pd.api.types.is_float_dtype(column):
         return column
     negligible = NEGLIGIBLE * column.abs().max()
     cleaned = column.where(column.isna() | (column.abs() > negligible), 0.0)

@@ -36,7 +36,9 @@ def triangulate(
         nodes = _boundary((exact - polygon.vertices[0]) / scale)
         if growth is not None:
             sizes = [(nodes, float(np.diff(s, append=polygon.perimeter).max()) / scale)]
-            sizes += [([nodes[int(np.searchsorted(s, at))]], size / scale) for at, size in (fine or {}).items()]
+            sizes += [
+                ([nodes[int(np.searchsorted(s, at))]], size / scale) for at, size in (fine or {}).items()
+            ]
             _set_sizes(sizes, growth)
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()

@@ -13,25 +13,22 @@ wildcard_constraints:
 
 
 def library(*modules):
-    """The files of the library's modules and of all they import, so that a change in one reruns its users only."""
-    files = {}
-    waiting = [f"src/unilateral/{module}.py" for module in ("__init__", *modules)]
+    """The files of the library's modules and of all they import: a change in one reruns its users only."""
+    files = []
+    waiting = ["__init__", *modules]
     while waiting:
-        file = waiting.pop()
-        if file in files or not Path(file).exists():
-            continue
-        files[file] = None
-        text = Path(file).read_text(encoding="utf-8")
-        imported = re.findall(r"^\s*from unilateral(?:\.(\w+))? import (.+)$", text, re.MULTILINE)
-        names = [module for module, _ in imported if module]
-        names += [
-            word.split(" as ")[0].strip()
-            for module, words in imported
-            if not module
-            for word in words.split(",")
-        ]
-        waiting += [f"src/unilateral/{name}.py" for name in names]
+        path = Path("src/unilateral", waiting.pop())
+        for file in [path.with_suffix(".py"), *sorted(path.glob("*.py"))]:
+            if file.exists() and str(file) not in files:
+                files.append(str(file))
+                waiting += imports(file.read_text(encoding="utf-8"))
     return sorted(files)
+
+
+def imports(source):
+    """The library's modules that a source file imports, at its top or inside functions."""
+    found = re.findall(r"^\s*from unilateral(?:\.(\w+)\S*)? import (.+)$", source, re.MULTILINE)
+    return [name for inside, names in found for name in ([inside] if inside else re.findall(r"\w+", names))]
 
 
 def scene_of(wildcards):

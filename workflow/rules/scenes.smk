@@ -28,7 +28,6 @@ rule solve:
     params:
         scene=scene_of,
         stop=config["stop"],
-        degree=config["quadrature_degree"],
     message:
         "{wildcards.scene}: all cases on level {wildcards.level}"
     script:

@@ -1,14 +1,13 @@
 """README.md: its table of rates."""
 
-from unilateral import documents, rates, tables
+from unilateral import documents, tables
+from unilateral.expression import real
 
 
 def main(paths, scenes, ratio, readme):
     found = {name: tables.load(path) for name, path in zip(scenes, paths, strict=True)}
-    documents.fill(readme, {"rates": documents.rates_table(found, rates.fraction(ratio))})
+    documents.fill(readme, {"rates": documents.rates_table(found, real(ratio, "judged_ratio"))})
 
 
 if __name__ == "__main__":
-    main(
-        snakemake.input.rates, snakemake.params.scenes, snakemake.params.judged_ratio, snakemake.output[0]
-    )
+    main(snakemake.input.rates, snakemake.params.scenes, snakemake.params.judged_ratio, snakemake.output[0])

@@ -1,16 +1,18 @@
 """The rates of a scene, judged as the table of expected rates says."""
 
 from unilateral import case, rates, tables
+from unilateral.expression import real
 
 
 def main(errors, study, judged, name, path):
     table = tables.load(errors)
-    judgements = rates.judge_all(table, study, {c: case.declared(c)[0]["asymptotic"] for c in table["case"].values})
-    found = rates.collect(judgements)
-    if not judged:
-        found["verdict"][:] = "not judged"
+    judgements = rates.judge_all(
+        table, study, {c: case.declared(c)[0]["asymptotic"] for c in table["case"].values}
+    )
+    ratio = real(study["judged_ratio"], "judged_ratio")
+    found = rates.collect(judgements, ratio if judged else None)
     tables.save(found, path, name)
-    print(rates.summary(found, rates.fraction(study["judged_ratio"])))
+    print(rates.summary(found, ratio))
 
 
 if __name__ == "__main__":

@@ -8,10 +8,10 @@ from typing import Any
 
 from unilateral import case, mesh, partition, polygon
 from unilateral.case import Case
+from unilateral.expression import real
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
 from unilateral.polygon import Polygon
-from unilateral.rates import fraction
 from unilateral.solve import Stop
 
 
@@ -21,7 +21,7 @@ def domain(scene: Mapping[str, Any]) -> Polygon:
 
 def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
     make = {"structured": mesh.structured, "unstructured": mesh.unstructured}[scene["mesh"]["kind"]]
-    return make(domain(scene), fraction(scene["mesh"]["h"]))
+    return make(domain(scene), real(scene["mesh"]["h"], "mesh.h"))
 
 
 def cases(scene: Mapping[str, Any]) -> list[Case]:
@@ -29,13 +29,15 @@ def cases(scene: Mapping[str, Any]) -> list[Case]:
 
 
 def partitions(scene: Mapping[str, Any]) -> list[Partition]:
-    return [partition.uniform(domain(scene), fraction(H)) for H in scene["H"]]
+    return [partition.uniform(domain(scene), real(H, "H")) for H in scene["H"]]
 
 
 def limits(scene: Mapping[str, Any]) -> tuple[float, float]:
     """The smallest and the largest H/h."""
     given = scene["H_over_h"]
-    return fraction(given.get("min", 0)), fraction(given["max"]) if "max" in given else math.inf
+    return real(given.get("min", 0), "H_over_h.min"), real(
+        given["max"], "H_over_h.max"
+    ) if "max" in given else math.inf
 
 
 def stop(settings: Mapping[str, Any]) -> Stop:

@@ -6,11 +6,11 @@ from unilateral import mesh, tables
 from unilateral.sweep import sweep
 
 
-def main(coarse, scene, name, level, settings, degree, results, timings):
+def main(coarse, scene, name, level, settings, results, timings):
     refined = mesh.read(coarse, domain(scene))
     for _ in range(level):
         refined = mesh.refine(refined)
-    solved, timed = sweep(refined, cases(scene), partitions(scene), limits(scene), stop(settings), degree)
+    solved, timed = sweep(refined, cases(scene), partitions(scene), limits(scene), stop(settings))
     tables.save(solved, results, name)
     tables.save(timed, timings, name)
 
@@ -22,7 +22,6 @@ if __name__ == "__main__":
         snakemake.wildcards.scene,
         int(snakemake.wildcards.level),
         snakemake.params.stop,
-        snakemake.params.degree,
         snakemake.output.solutions,
         snakemake.output.timings,
     )

@@ -1,15 +1,15 @@
 """The tables behind the picture of one solution."""
 
 from unilateral import case, figure_data, mesh, partition, polygon, tables
-from unilateral.rates import fraction
+from unilateral.expression import real
 
 
 def main(portrait, mesh_path, boundary_path):
     domain = polygon.named(portrait["polygon"])
     field, boundary = figure_data.portrait_frames(
         case.load(portrait["case"], domain),
-        mesh.structured(domain, fraction(portrait["h"])),
-        partition.uniform(domain, fraction(portrait["H"])),
+        mesh.structured(domain, real(portrait["h"], "h")),
+        partition.uniform(domain, real(portrait["H"], "H")),
     )
     tables.save_csv(field, mesh_path)
     tables.save_csv(boundary, boundary_path)

@@ -1,0 +1,10 @@
+"""The figures: drawn from rounded tables alone, as SVG whose bytes depend on nothing else.
+
+Nothing is computed here: every number that a figure shows stands in its CSV file.
+"""
+
+from unilateral.plots.grid import grid
+from unilateral.plots.portrait import portrait
+from unilateral.plots.rates import rates
+
+__all__ = ["grid", "portrait", "rates"]

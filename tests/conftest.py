@@ -1,0 +1,52 @@
+"""What several test files share: discrete problems, built once."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+from unilateral import case as cases
+from unilateral import mesh as meshes
+from unilateral import partition as partitions
+from unilateral.case import Case
+from unilateral.condense import Condensed, condense
+from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
+from unilateral.polygon import named
+from unilateral.solve import Pair, Solution, Stop, pair, solve
+
+
+class Discrete(NamedTuple):
+    """A case on a mesh and a partition."""
+
+    problem: OnMesh
+    cells: OnCells
+    both: Pair
+    sigma_1: float
+
+    def solve(self, stop: Stop | None = None) -> Solution:
+        return solve(*self, stop or Stop())
+
+
+@cache
+def load(name: str, polygon: str = "square", side: int = 0) -> Case:
+    return cases.load(name, named(polygon), side)
+
+
+@cache
+def condensed(polygon: str, n: int) -> tuple[Condensed, float]:
+    """A structured mesh with h = 1/n, factorised, and its first Steklov eigenvalue."""
+    on = condense(meshes.structured(named(polygon), 1 / n))
+    return on, first_steklov(on)
+
+
+@cache
+def coupled(polygon: str, n: int, m: int) -> Pair:
+    return pair(condensed(polygon, n)[0], partitions.uniform(named(polygon), 1 / m))
+
+
+@cache
+def discrete(name: str, n: int, m: int, polygon: str = "square", degree: int | None = None) -> Discrete:
+    """The case on its first side, h = 1/n, H = 1/m."""
+    case, (on, sigma_1) = load(name, polygon), condensed(polygon, n)
+    both = coupled(polygon, n, m)
+    return Discrete(on_mesh(case, on, degree), on_cells(case, both.partition), both, sigma_1)

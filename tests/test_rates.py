@@ -1,0 +1,151 @@
+"""The judge itself: on made-up tables whose rates are known, and spoilt ones that it must refuse."""
+
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from unilateral import rates
+from unilateral.rates import Expectation, judge
+
+LEVELS = 0.5 ** np.arange(3, 9)
+H1 = Expectation(
+    proved=1,
+    rate=1.0,
+    tolerance=0.03,
+    start=1 / 8,
+    factor=2,
+    reference="interpolation_error",
+    power=0,
+    bound=2,
+    algebraic_share=0.01,
+)
+
+
+def table(power=1.0, **changes):
+    """Errors 3 h^power along H = 2h, all else as it should be."""
+    n = len(LEVELS)
+    grid = np.full((1, n, n), np.nan)
+    error, algebraic, converged = grid.copy(), grid.copy(), grid.copy()
+    i = np.arange(n)
+    error[0, i, i] = 3 * LEVELS**power
+    algebraic[0, i, i], converged[0, i, i] = 1e-3 * error[0, i, i], 1.0
+    run = ("case", "mesh", "partition")
+    found = xr.Dataset(
+        {
+            "h1_error": (run, error),
+            "hm12_error_lower": (run, error),
+            "l2_error": (run, error),
+            "algebraic_bound": (run, algebraic),
+            "converged": (run, converged),
+            "u_norm": (("case", "mesh"), np.ones((1, n))),
+            "interpolation_error": (("case", "mesh"), 2 * LEVELS[None]),
+            "projection_error": (("case", "partition"), 2 * LEVELS[None]),
+            "lambda_min": (("mesh", "partition"), np.ones((n, n))),
+            "sigma_1": ("mesh", np.ones(n)),
+        },
+        coords={
+            "case": ["made_up"],
+            "h": ("mesh", LEVELS),
+            "H": ("partition", 2 * LEVELS),
+            "h_over_H": (("mesh", "partition"), LEVELS[:, None] / (2 * LEVELS)[None]),
+        },
+    )
+    for name, (index, value) in changes.items():
+        found[name].values[(0, *index)] = value
+    return found
+
+
+def judged(found, norm="h1", expected=H1):
+    return judge(found, "made_up", norm, 0.5, expected)
+
+
+def changed(**fields):
+    return Expectation(**{**vars(H1), **fields})
+
+
+def test_an_exact_power_is_observed_on_every_pair():
+    found = judged(table(1.0))
+    assert found.verdict == "holds"
+    np.testing.assert_allclose(found.rate, 1.0, rtol=1e-12)
+    assert found.fitted == pytest.approx(1.0, rel=1e-12)
+    assert len(found.rate) == 5
+    assert found.bound == pytest.approx(2 * 2 * LEVELS[-1])
+
+
+def test_a_better_rate_holds_too():
+    assert judged(table(1.5)).verdict == "holds"
+
+
+def test_pairs_a_factor_of_four_apart():
+    found = judged(table(1.0), expected=changed(factor=4))
+    np.testing.assert_allclose(found.h_coarse / found.h_fine, 4)
+    assert len(found.rate) == 4
+
+
+@pytest.mark.parametrize(
+    ("found", "expected", "reason"),
+    [
+        (table(0.9), H1, "is below 0.970"),
+        (table(h1_error=((2, 2), 1.05 * 3 * LEVELS[2])), H1, "is below 0.970"),
+        (table(1.0), changed(bound=1.4), "is above its bound"),
+        (table(converged=((4, 4), 0.0)), H1, "did not converge"),
+        (table(algebraic_bound=((3, 3), 0.011 * 3 * LEVELS[3])), H1, "algebraic error is above"),
+        (table(algebraic_bound=((3, 3), np.nan)), H1, "algebraic error is above"),
+        (table(1.0), changed(start=1 / 64), "fewer than 3 pairs"),
+        (table(h1_error=((5, 5), np.nan)), H1, "is below 0.970"),
+    ],
+    ids=[
+        "slow",
+        "one slow pair",
+        "bound",
+        "unconverged",
+        "algebraic",
+        "no algebraic bound",
+        "too few levels",
+        "no finest error",
+    ],
+)
+def test_what_must_fail_does(found, expected, reason):
+    judgement = judged(found, expected=expected)
+    assert judgement.verdict == "fails"
+    assert reason in str(judgement)
+
+
+def test_what_is_not_asymptotic_does_not_count():
+    early = table(h1_error=((0, 0), 3 * LEVELS[1]))
+    assert judged(early).verdict == "fails"
+    assert judged(early, expected=changed(start=1 / 16)).verdict == "holds"
+
+
+@pytest.mark.parametrize(("norm", "factor"), [("hm12", math.sqrt(0.5 * 1e-4)), ("l2", 1e-2)])
+def test_the_algebraic_share_is_taken_in_the_norm_that_is_judged(norm, factor):
+    """With lambda_min = 1e-4 a bound in ||.||_{-1/2,h} is worth 1/factor as much in the other norms."""
+    found = table(1.0)
+    found["lambda_min"][:] = 1e-4
+    found["algebraic_bound"] *= 10 * factor * 0.99
+    assert judged(found, norm).verdict == "holds"
+    found["algebraic_bound"] *= 1.02
+    assert judged(found, norm).verdict == "fails"
+
+
+def test_an_exact_zero_must_be_zero():
+    exact = changed(rate=None)
+    assert judged(table(h1_error=((slice(None), slice(None)), 1e-13)), expected=exact).verdict == "exact"
+    assert judged(table(h1_error=((slice(None), slice(None)), 1e-11)), expected=exact).verdict == "fails"
+
+
+def test_no_run_at_a_ratio_fails():
+    assert judge(table(), "made_up", "h1", 1 / 3, H1).verdict == "fails"
+
+
+def test_the_collected_table_tells_what_was_judged():
+    found = rates.collect(
+        {("made_up", "h1", 0.5): judged(table(0.9)), ("made_up", "h1", 0.25): judged(table())}, 0.5
+    )
+    row = found.sel(case="made_up", norm="h1")
+    assert row["verdict"].sel(h_over_H=0.5).item() == "fails"
+    assert row["verdict"].sel(h_over_H=0.25).item() == "not judged"
+    assert rates.smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
+    assert "is below 0.970" in rates.summary(found, 0.5)

@@ -1,0 +1,175 @@
+"""The study's stored results: the rates of every case, and what theory says of every single run.
+
+Nothing is solved here. Expected rates and their sources stand in workflow/config/rates.yaml, the levels
+that count in the cases' own files.
+"""
+
+from functools import cache
+from math import sqrt, tanh
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from unilateral import case, rates, tables
+from unilateral.errors import InputError
+from unilateral.expression import real
+
+ROOT = Path(__file__).parents[1]
+STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+EXPECTED = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]
+SCENES = {name: scene for name, scene in STUDY["scenes"].items() if scene.get("judged", True)}
+RATIO = real(EXPECTED["judged_ratio"], "study")
+SIGMA_1 = tanh(1 / (2 * sqrt(2))) / sqrt(2)  # of the unit square, by separation of variables
+
+
+@cache
+def stored(name):
+    try:
+        return tables.load(ROOT / "results" / name)
+    except InputError as missing:
+        return str(missing)
+
+
+def errors_of(scene, table="errors"):
+    found = stored(f"{scene}/{table}.nc")
+    if isinstance(found, str):
+        pytest.fail(found.replace(str(ROOT) + "/", ""), pytrace=False)
+    return found
+
+
+@pytest.fixture(params=SCENES)
+def errors(request):
+    return errors_of(request.param)
+
+
+def runs(table, name):
+    """The computed values of a variable."""
+    values = table[name].values
+    return values[np.isfinite(values)]
+
+
+@pytest.mark.parametrize("norm", rates.NORMS)
+@pytest.mark.parametrize(("scene", "name"), [(s, c) for s in SCENES for c in SCENES[s]["cases"]])
+def test_rate(scene, name, norm):
+    """Every asymptotic pair reaches the expected rate, and the finest error its bound."""
+    declared = case.declared(name)[0]["asymptotic"]
+    expected = rates.Expectation.of(EXPECTED, name, norm, declared)
+    found = rates.judge(errors_of(scene), name, norm, RATIO, expected)
+    assert found.verdict in ("holds", "exact"), f"\n{scene}, {name}, {norm}\n{found}"
+    stored_verdict = errors_of(scene, "rates")["verdict"].sel(case=name, norm=norm, h_over_H=RATIO)
+    assert stored_verdict.item() == found.verdict
+
+
+@pytest.mark.parametrize("norm", rates.NORMS)
+def test_a_spoilt_table_is_refused(norm):
+    """Control: errors of the finest level 10 % larger, and one run marked as not converged."""
+    table = errors_of("square")
+    expected = rates.Expectation.of(EXPECTED, "natural", norm, case.declared("natural")[0]["asymptotic"])
+    worse = table.copy(deep=True)
+    worse[rates.NORMS[norm]][{"mesh": -1}] *= 1.1 if norm == "h1" else 1.3
+    assert rates.judge(worse, "natural", norm, RATIO, expected).verdict == "fails"
+    unconverged = table.copy(deep=True)
+    unconverged["converged"][{"mesh": 3}] = 0.0
+    assert "did not converge" in str(rates.judge(unconverged, "natural", norm, RATIO, expected))
+
+
+def test_the_table_is_complete(errors):
+    """All variables, all cases and levels, NaN exactly where H/h is outside the scene's limits."""
+    scene = SCENES[errors.attrs["scene"]]
+    assert list(errors["case"].values) == scene["cases"]
+    assert errors.sizes["mesh"] == scene["mesh"]["levels"]
+    np.testing.assert_allclose(errors["H"], [real(H, "study") for H in scene["H"]], rtol=1e-14)
+    limits = scene["H_over_h"]
+    H_over_h = 1 / errors["h_over_H"].values * (1 + 1e-12)
+    inside = H_over_h >= real(limits["min"], "study")
+    if "max" in limits:
+        inside &= H_over_h <= real(limits["max"], "study") * (1 + 2e-12)
+    for name in ("h1_error", "algebraic_bound", "converged", "operator_applications", "balance"):
+        values = errors[name].transpose("mesh", "partition", "case").values
+        assert np.array_equal(np.isfinite(values).all(axis=-1), inside), name
+        assert np.array_equal(np.isfinite(values).any(axis=-1), inside), name
+    assert np.all(
+        (errors["algorithm"] != "").transpose("mesh", "partition", "case").values == inside[..., None]
+    )
+    assert np.isnan(errors["hm12_error_upper"]).all()
+    for name, variable in errors.variables.items():
+        assert variable.attrs.get("units") or name == "case", name
+
+
+def test_every_run_converged_within_its_tolerance(errors):
+    assert np.all(runs(errors, "converged") == 1)
+    assert np.all(runs(errors, "algebraic_bound") <= runs(errors, "tolerance"))
+
+
+def test_plain_uzawa_ran_wherever_beta_is_positive(errors):
+    """beta > 0 is seen in lambda_min(S); where it is 0 the active set ran, and lambda is not judged."""
+    singular = (errors["lambda_min"] <= 1e-12 * errors["lambda_max"]).broadcast_like(errors["h1_error"])
+    solved = np.isfinite(errors["h1_error"])
+    expected = np.where(solved, np.where(singular, "active_set", "uzawa"), "")
+    assert np.array_equal(errors["algorithm"].transpose(*singular.dims).values, expected)
+    for name in ("hm12_error_lower", "hm12_discrete", "l2_error"):
+        assert np.array_equal(np.isfinite(errors[name]), solved & ~singular), name
+
+
+def test_beta_vanishes_on_structured_squares_where_theory_says():
+    """At H = h, with the kernel (-1)^e/|e|, and where T_H has more cells than the mesh boundary vertices."""
+    table = errors_of("square")
+    singular = (table["lambda_min"] <= 1e-12 * table["lambda_max"]).values
+    solved = np.isfinite(table["lambda_min"].values)
+    assert np.array_equal(singular[solved], (table["h_over_H"].values >= 1 - 1e-12)[solved])
+    assert singular[solved].any()
+    assert not singular[solved].all()
+
+
+def test_the_step_limit_of_the_square():
+    """lambda_max(S) <= 1/sigma_1 for every h and H, and nearly so on the finest."""
+    largest = runs(errors_of("square"), "lambda_max")
+    assert np.all(largest <= (1 + 1e-12) / SIGMA_1)
+    assert largest.max() >= (1 - 1e-4) / SIGMA_1
+
+
+def test_the_global_balance_of_every_run(errors):
+    """int u_h = int f + int lambda_H, the equation tested with v = 1."""
+    assert np.all(runs(errors, "balance") <= 1e-10)
+
+
+def test_the_exact_split_of_every_run(errors):
+    """||u-u_h||^2 = ||u-z_h||^2 + ||lambda-lambda_H||^2_{-1/2,h}, but for quadrature's share."""
+    share = errors["quadrature_share"]
+    assert np.all(runs(errors, "quadrature_share") <= 1e-4)
+    smooth = errors["case"].isin(["full_contact", "no_contact"])
+    absolute = (share * errors["h1_error"] ** 2 / errors["u_norm"] ** 2).sel(case=smooth)
+    assert float(absolute.max()) <= 1e-10
+
+
+def test_the_true_dual_norm_is_not_below_the_discrete_one(errors):
+    """Both are suprema of the same quotient; the reference space resolves its own to better than 1 %."""
+    lower, discrete = errors["hm12_error_lower"], errors["hm12_discrete"]
+    floor = 1e-12 * errors["u_norm"]
+    assert not np.any(lower < 0.99 * discrete - floor)
+
+
+def test_the_error_is_not_below_that_of_the_ritz_projection(errors):
+    assert not np.any(errors["h1_error"] < errors["ritz_error"] * (1 - 1e-4))
+    assert not np.any(errors["ritz_error"] > errors["interpolation_error"] * (1 + 1e-4))
+
+
+def test_plain_steps_grow_like_1_over_H():
+    """lambda_min(S) ~ H at a fixed ratio, so steps ~ ln(1/tolerance)/H."""
+    table = errors_of("square").sel(case="full_contact")
+    i = np.arange(table.sizes["mesh"])
+    steps = table["iterations"].values[i, i]
+    tolerance = table["tolerance"].values[i, i]
+    growth = steps[1:] / steps[:-1]
+    theory = 2 * np.log(1 / tolerance[1:]) / np.log(1 / tolerance[:-1])
+    np.testing.assert_allclose(growth, theory, rtol=0.15)
+
+
+def test_no_contact_needs_no_step():
+    for scene in SCENES:
+        table = errors_of(scene).sel(case="no_contact")
+        plain = table["algorithm"] == "uzawa"
+        assert np.all(table["iterations"].values[plain.values] == 0)
+        assert np.all(table["l2_error"].values[plain.values] <= 1e-12)
