@@ -14,10 +14,11 @@ import yaml
 
 from unilateral import case as cases
 from unilateral import mesh as meshes
-from unilateral.atoms import THETA, D, Polar, R, Smooth, T, Tensor, X, Y
+from unilateral.atoms import D, Smooth, T, Tensor, X, Y
 from unilateral.case import Case
 from unilateral.certificate import certify
 from unilateral.errors import InputError
+from unilateral.polar import THETA, Polar, R
 from unilateral.polygon import Polygon, lshape, named, square
 from unilateral.quadrature import boundary_rule, triangle_rules
 
@@ -349,7 +350,7 @@ def test_wrong_places() -> None:
     assert "is for square, not for 'lshape'" in refusal("natural", "lshape")
     assert "'square' has the sides 0 to 3, not 4" in refusal("thirds", "square", 4)
     assert "case 'unnatural' is unknown; the catalogue has full_contact," in refusal("unnatural")
-    assert "case 'nowhere.yaml' is unknown" in refusal("nowhere.yaml")
+    assert "there is no file nowhere.yaml" in refusal("nowhere.yaml")
     with pytest.raises(InputError, match="polygon 'circle' is unknown"):
         named("circle")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from unilateral import rates
+from unilateral import rates_table
 from unilateral.rates import Expectation, judge
 
 LEVELS = 0.5 ** np.arange(3, 9)
@@ -119,6 +119,15 @@ def test_what_is_not_asymptotic_does_not_count():
     assert judged(early, expected=changed(start=1 / 16)).verdict == "holds"
 
 
+def test_a_coarse_partition_is_not_asymptotic_either():
+    """With H = 4h a level counts one halving of h later than with H = 2h."""
+    found = table()
+    found["H"] = 2 * found["H"]
+    found["h_over_H"] = found["h_over_H"] / 2
+    judgement = judge(found, "made_up", "h1", 0.25, changed(start=1 / 8))
+    assert list(judgement.asymptotic) == [False, True, True, True, True]
+
+
 @pytest.mark.parametrize(("norm", "factor"), [("hm12", math.sqrt(0.5 * 1e-4)), ("l2", 1e-2)])
 def test_the_algebraic_share_is_taken_in_the_norm_that_is_judged(norm, factor):
     """With lambda_min = 1e-4 a bound in ||.||_{-1/2,h} is worth 1/factor as much in the other norms."""
@@ -141,11 +150,11 @@ def test_no_run_at_a_ratio_fails():
 
 
 def test_the_collected_table_tells_what_was_judged():
-    found = rates.collect(
+    found = rates_table.collect(
         {("made_up", "h1", 0.5): judged(table(0.9)), ("made_up", "h1", 0.25): judged(table())}, 0.5
     )
     row = found.sel(case="made_up", norm="h1")
     assert row["verdict"].sel(h_over_H=0.5).item() == "fails"
     assert row["verdict"].sel(h_over_H=0.25).item() == "not judged"
-    assert rates.smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
-    assert "is below 0.970" in rates.summary(found, 0.5)
+    assert rates_table.smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
+    assert "is below 0.970" in rates_table.summary(found, 0.5)

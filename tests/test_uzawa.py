@@ -325,6 +325,16 @@ def test_absurd_rho_ends_unconverged_and_finite(rho: float, accelerated: bool) -
     assert not math.isnan(result.bound)
 
 
+@pytest.mark.parametrize("rho", [1e-150, 1e-200, 1e-300])
+def test_a_tiny_rho_gives_no_false_guarantee(rho: float) -> None:
+    """The residual is proportional to rho; its square would underflow to 0 and the bound with it."""
+    of = operator(8, 2)
+    offset = full_contact(of)[1]
+    with pytest.warns(RuntimeWarning, match="above the tolerance"):
+        result = uzawa(of, offset, 1e-8, rho=rho, max_steps=5)
+    assert result.bound >= distance(of, result.lambda_H, uzawa(of, offset, 1e-10).lambda_H) - 1e-10
+
+
 def test_lshape_converges_below_its_own_limit() -> None:
     mesh = meshes.unstructured(lshape(), 1 / 8)
     partition = partitions.shifted(lshape(), 1 / 3, 0.4)

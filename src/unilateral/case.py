@@ -21,12 +21,14 @@ import sympy
 import yaml
 from numpy.typing import NDArray
 
-from unilateral.atoms import Atom, Kink, Singular, Smooth, T, Tensor, X, Y, harmonic
+from unilateral.atoms import Kink, Singular, Smooth, T, Tensor, X, Y
 from unilateral.errors import InputError
 from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, kinks, number, parse, pos
+from unilateral.polar import Polar, harmonic
 from unilateral.polygon import Polygon
 
 Array = NDArray[np.float64]
+Atom = Smooth | Tensor | Polar
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +133,12 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
     name = str(case)
     file = Path(name) if name.endswith((".yaml", ".yml")) else _catalogue() / f"{name}.yaml"
     if not file.is_file():
+        if isinstance(file, Path) and file == Path(name):
+            raise InputError(f"there is no file {name} that could declare a case")
         raise InputError(f"case '{name}' is unknown; the catalogue has {', '.join(names())}")
     try:
         declaration = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{name} is not a YAML file: {' '.join(str(error).split())}") from None
     schema = yaml.safe_load((resources.files("unilateral") / "case.schema.yaml").read_text(encoding="utf-8"))
     fault = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(schema).iter_errors(declaration))

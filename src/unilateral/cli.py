@@ -61,9 +61,11 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"unilateral {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    cases = commands.add_parser("cases", help="list the manufactured cases with their certificates")
+    cases = commands.add_parser(
+        "cases", allow_abbrev=False, help="list the manufactured cases with their certificates"
+    )
     cases.set_defaults(run=_cases)
-    solve = commands.add_parser("solve", help="solve one case and measure its errors")
+    solve = commands.add_parser("solve", allow_abbrev=False, help="solve one case and measure its errors")
     solve.set_defaults(run=_solve)
     solve.add_argument("problem", metavar="PROBLEM", help="a case's name, or the YAML file that declares one")
     solve.add_argument("--h", required=True, type=_positive, help="mesh size on the boundary, such as 1/64")

@@ -13,7 +13,8 @@ import numpy as np
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.rates import NORMS, smallest_rate
+from unilateral.rates import NORMS
+from unilateral.rates_table import smallest_rate
 from unilateral.tables import replacing
 
 TITLES = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)", "l2": "λ in L²"}

@@ -27,7 +27,6 @@ from unilateral.condense import elimination_order
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
 from unilateral.quadrature import boundary_rule
-from unilateral.triangulate import triangulate
 
 Array = NDArray[np.float64]
 EDGES_PER_CELL = 8
@@ -89,6 +88,8 @@ def reference_space(
     partition: Partition, singular: Iterable[Singular] = (), edges_per_cell: int = EDGES_PER_CELL
 ) -> ReferenceSpace:
     """The reference space of a partition, its mesh refined towards the singular points of lambda too."""
+    from unilateral.triangulate import triangulate
+
     polygon = partition.polygon
     s, fine = _boundary_nodes(
         partition, sorted({_arc_length(partition, p) for p in singular}), edges_per_cell

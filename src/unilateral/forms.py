@@ -30,7 +30,7 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
 
 
 def load(mesh: Mesh, moments: Array) -> Array:
-    """(n,) values of (f, phi_i), from the moments (m, 3) of f against the triangles' barycentric functions."""
+    """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
     values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
     return values.astype(float)
 

@@ -31,10 +31,10 @@ STEKLOV_GUARD = 0.5
 class Stop:
     """When and how the iteration ends.
 
-    `fraction` of the discretisation error that the algebraic error may have, or an absolute
-    `tolerance` in its place; `max_steps`; `algorithm`, of which "auto" takes plain Uzawa unless S is
-    singular (active set) or more than `max_steps` steps are predicted (Nesterov); `rho`, None for
-    1.9 / lambda_max(S). Raises InputError for an unknown algorithm.
+    `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
+    `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is the active
+    set where S is singular, Nesterov where no rho is given and more than `max_steps` plain steps are
+    predicted, else plain Uzawa. Raises InputError for an unknown algorithm.
     """
 
     fraction: float = 0.01
@@ -128,7 +128,9 @@ def _iterate(
 def _plain_or_faster(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> str:
-    rho = stop.rho or 1.9 / operator.lambda_max
+    if stop.rho is not None:
+        return "uzawa"
+    rho = 1.9 / operator.lambda_max
     first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
 

@@ -14,11 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dnrm2
 
 from unilateral.condense import DualOperator
 from unilateral.errors import InputError
 
 Array = NDArray[np.float64]
+DIVERGED = 1e150
+"""A residual above it ends the run: its square would soon overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,8 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
     if operator.singular:
         return math.inf
     R = np.minimum(mu, rho * operator.gap(mu, offset))
-    in_S, in_L2 = math.sqrt(max(float(R @ operator.D @ R), 0.0)), math.sqrt(R @ (operator.H_i * R))
+    in_S = math.sqrt(max(float(R @ operator.D @ R), 0.0))
+    in_L2 = dnrm2(np.sqrt(operator.H_i) * R)
     return in_S + in_L2 / (rho * math.sqrt(operator.lambda_min))
 
 
@@ -127,8 +131,8 @@ class _Iteration:
             np.add(F, b, out=F)
             np.multiply(F, rho, out=R)
             np.minimum(y, R, out=R)
-            size = math.sqrt(R.dot(R))
-            last = step == max_steps or not size < math.inf
+            size = dnrm2(R)  # scaled: the square of a tiny R would be 0
+            last = step == max_steps or not size < DIVERGED
             if last or self.operator.singular or size * self.per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
                 if last or bound <= tolerance:
@@ -141,7 +145,7 @@ class _Iteration:
         if self.operator.singular:
             root = np.sqrt(self.operator.H_i)
             return _energy(F / root, root * y, self.operator.area)
-        if not size < math.inf:
+        if not size < DIVERGED:
             return math.inf
         self.applications += 1
         return math.sqrt(max(float(R @ (self.operator.S @ R)), 0.0)) + size * self.per_residual

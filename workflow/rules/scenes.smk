@@ -3,7 +3,7 @@
 
 rule mesh:
     input:
-        library("mesh", "rates", "solve"),
+        library("mesh", "case", "solve"),
         "workflow/scripts/scenes.py",
     output:
         "results/{scene}/mesh.vtu",
@@ -17,7 +17,7 @@ rule mesh:
 
 rule solve:
     input:
-        library("sweep", "tables", "rates"),
+        library("sweep", "tables"),
         "src/unilateral/case.schema.yaml",
         "workflow/scripts/scenes.py",
         case_files,
@@ -36,7 +36,7 @@ rule solve:
 
 rule dual_norms:
     input:
-        library("dual_norm", "tables", "rates", "solve"),
+        library("dual_norm", "tables", "solve"),
         "workflow/scripts/scenes.py",
         case_files,
         solutions=lambda wildcards: expand(
@@ -77,7 +77,7 @@ rule errors:
 
 rule rates:
     input:
-        library("rates", "tables", "case"),
+        library("rates", "rates_table", "tables", "case"),
         case_files,
         errors="results/{scene}/errors.nc",
     output:

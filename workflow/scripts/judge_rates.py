@@ -1,6 +1,6 @@
 """The rates of a scene, judged as the table of expected rates says."""
 
-from unilateral import case, rates, tables
+from unilateral import case, rates, rates_table, tables
 from unilateral.expression import real
 
 
@@ -10,9 +10,9 @@ def main(errors, study, judged, name, path):
         table, study, {c: case.declared(c)[0]["asymptotic"] for c in table["case"].values}
     )
     ratio = real(study["judged_ratio"], "judged_ratio")
-    found = rates.collect(judgements, ratio if judged else None)
+    found = rates_table.collect(judgements, ratio if judged else None)
     tables.save(found, path, name)
-    print(rates.summary(found, ratio))
+    print(rates_table.summary(found, ratio))
 
 
 if __name__ == "__main__":

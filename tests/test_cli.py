@@ -1,0 +1,310 @@
+"""The command line: what it prints, where, and with which exit code."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import discrete, load
+
+from unilateral import case
+from unilateral.cli import main
+from unilateral.dual_norm import reference_space
+
+KEYS = [  # of --json, in the documented order
+    *("problem", "h", "diameter", "H", "unknowns", "multipliers", "iterations", "converged"),
+    *("algebraic_bound", "h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"),
+    *("seconds", "peak_mb"),
+]
+SIZES = ("--h", "1/8", "--H", "1/4")
+SCRIPT = Path(sys.executable).with_name("unilateral")
+DECLARATION = """\
+title: contact everywhere
+polygons: any
+u: [{ atom: smooth, formula: (x - 1/2)**2 + (y - 1/2)**2 }]
+gap: { elsewhere: 0 }
+hypotheses: { j: true, jj: true, jjj: true }
+asymptotic: { reason: none, h1: { from: 1 }, hm12: { from: 1 }, l2: { from: 1 } }
+"""
+
+
+def run(capsys, *arguments):
+    code = main(list(arguments))
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def as_json(capsys, *arguments):
+    code, out, err = run(capsys, "solve", *arguments, "--json")
+    assert out.count("\n") == 1
+    return code, json.loads(out), err
+
+
+def in_a_process(source):
+    command = [sys.executable, "-c", source]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+
+
+def test_cases_lists_the_catalogue_with_its_certificates(capsys):
+    code, out, err = run(capsys, "cases")
+    assert (code, err) == (0, "")
+    for name in case.names():
+        declaration = case.declared(name)[0]
+        rows = [line.split() for line in out.splitlines() if line.startswith(f"{name} ")]
+        on = ["square", "lshape"] if declaration["polygons"] == "any" else declaration["polygons"]
+        assert [row[-1] for row in rows] == on
+        hypotheses = ["yes" if value else "no" for value in declaration["hypotheses"].values()]
+        assert all(row[1:4] == hypotheses for row in rows)
+        assert declaration["title"] in out
+    assert re.search(r"natural .* 0: 0\.5-1; sides 1, 2, 3 +square", out)
+
+
+def test_solve_prints_a_table(capsys):
+    code, out, err = run(capsys, "solve", "natural", "--h", "1/16", "--H", "1/8")
+    assert (code, err) == (0, "")
+    assert out.startswith("natural: h = 0.0625, H = 0.125, h/H = 0.5\n")
+    solution = discrete("natural", 16, 8).solve()
+    assert f"uzawa converged             algebraic error <= {solution.result.bound:.4e}" in out
+    assert f"after {solution.result.iterations} steps" in out
+    for name, sign, value in (("u - u_h||_1", "=", "h1_error"), ("lambda - lambda_H||_0", "=", "l2_error")):
+        assert re.search(rf"\|\|{re.escape(name)} +{sign} {getattr(solution, value):.4e}\n", out), name
+    assert re.search(r"\|\|lambda - lambda_H\|\|_-1/2 +>= 1\.57\d+e-02\n", out)
+
+
+def test_json_has_the_documented_keys_and_the_library_s_numbers(capsys):
+    code, found, err = as_json(capsys, "natural", "--h", "1/16", "--H", "1/8")
+    assert (code, err) == (0, "")
+    assert list(found) == KEYS
+    alone = discrete("natural", 16, 8)
+    solution = alone.solve()
+    expected = {
+        "problem": "natural",
+        "h": 1 / 16,
+        "diameter": np.sqrt(2) / 16,
+        "H": 1 / 8,
+        "unknowns": 17**2,
+        "multipliers": 32,
+        "iterations": solution.result.iterations,
+        "converged": True,
+        "algebraic_bound": solution.result.bound,
+        "h1_error": solution.h1_error,
+        "l2_error": solution.l2_error,
+        "hm12_error_upper": None,
+        "total_bound": None,
+    }
+    space = reference_space(alone.both.partition, load("natural").flux_singular())
+    expected["hm12_error_lower"] = space.error_lower(load("natural"), solution.lambda_H[None])[0]
+    for key, value in expected.items():
+        assert found[key] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), key
+    assert found["seconds"] > 0
+    assert found["peak_mb"] > 1
+
+
+def test_json_is_null_where_beta_is_0(capsys):
+    """At H = h the multiplier is not judged; the active set, which ran, counts no steps."""
+    code, found, err = as_json(capsys, "natural", "--h", "1/8", "--H", "1/8")
+    assert (code, err) == (0, "")
+    assert list(found) == KEYS
+    unknown = [key for key in KEYS if found[key] is None]
+    assert unknown == ["iterations", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"]
+    assert found["h1_error"] == pytest.approx(discrete("natural", 8, 8).solve().h1_error, rel=1e-9)
+
+
+def test_the_table_says_where_beta_is_0(capsys):
+    _, out, _ = run(capsys, "solve", "natural", "--h", "1/8", "--H", "1/8")
+    assert out.count("not judged, for beta = 0") == 2
+    assert "active_set converged" in out
+    assert "steps" not in out
+
+
+@pytest.mark.parametrize("algorithm", ["uzawa", "nesterov", "active_set"])
+def test_all_algorithms_agree(capsys, algorithm):
+    """Each within its own guaranteed bound of the same solution, in the norm of u's error."""
+    code, found, _ = as_json(capsys, "thirds", "--h", "1/16", "--H", "1/8", "--algorithm", algorithm)
+    assert code == 0
+    exact = discrete("thirds", 16, 8).solve()
+    assert abs(found["h1_error"] - exact.h1_error) <= found["algebraic_bound"] + exact.result.bound
+    assert (found["iterations"] is None) == (algorithm == "active_set")
+
+
+def test_the_lshape_and_a_side(capsys):
+    found = [as_json(capsys, "thirds", *SIZES, "--polygon", "lshape", "--side", side)[1] for side in "02"]
+    assert [each["unknowns"] for each in found] == [3 * 64 + 4 * 8 + 1] * 2
+    assert [each["multipliers"] for each in found] == [32] * 2
+    assert found[0]["h1_error"] != found[1]["h1_error"]
+
+
+def test_an_unstructured_mesh(capsys):
+    code, found, _ = as_json(capsys, "natural", *SIZES, "--mesh", "unstructured")
+    assert code == 0
+    assert found["h"] == pytest.approx(1 / 8, rel=1e-12)
+    assert found["unknowns"] != 81
+
+
+def test_a_case_of_one_s_own(capsys, tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text(DECLARATION)
+    code, found, err = as_json(capsys, str(file), *SIZES)
+    assert (code, err, found["problem"]) == (0, "", "own")
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("algorithm", ["uzawa", "nesterov"])
+def test_too_few_steps_end_with_code_3_and_a_message(capsys, algorithm):
+    options = ("natural", *SIZES, "--max-steps", "1", "--algorithm", algorithm)
+    code, found, err = as_json(capsys, *options)
+    assert (code, found["converged"], found["iterations"]) == (3, False, 1)
+    assert re.fullmatch(
+        rf"unilateral: {algorithm} stopped after 1 steps with .* above the tolerance .*\n", err
+    )
+    code, out, _ = run(capsys, "solve", *options)
+    assert code == 3
+    assert f"{algorithm} NOT converged" in out
+
+
+def test_rho_and_tolerance_are_obeyed(capsys):
+    _, loose, _ = as_json(capsys, "natural", *SIZES, "--tolerance", "1e-2", "--rho", "1/4")
+    _, tight, _ = as_json(capsys, "natural", *SIZES, "--tolerance", "1e-8", "--rho", "1/4")
+    _, default, _ = as_json(capsys, "natural", *SIZES, "--tolerance", "1e-8")
+    assert tight["algebraic_bound"] <= 1e-8 < loose["algebraic_bound"] <= 1e-2
+    assert loose["iterations"] < tight["iterations"]
+    assert default["iterations"] < tight["iterations"]
+
+
+def refused(capsys, *arguments):
+    """The one sentence on standard error."""
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("unilateral: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+BAD_SIZES = [
+    "0",
+    "-1",
+    "nan",
+    "inf",
+    "1/0",
+    "abc",
+    "1/",
+    "",
+    "1e-400",
+    "1e400",
+    "0/3",
+    "1e999999999",
+    "x",
+    "1;2",
+]
+
+
+@pytest.mark.parametrize("option", ["--h", "--H", "--rho", "--tolerance"])
+@pytest.mark.parametrize("text", BAD_SIZES)
+def test_a_size_must_be_a_positive_number(capsys, option, text):
+    message = refused(capsys, "solve", "natural", *SIZES, f"{option}={text}")
+    assert f"argument {option}: '{text}' must be a positive number or a fraction such as 1/64" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "required: COMMAND"),
+        (("draw",), "invalid choice: 'draw'"),
+        (("solve",), "required: PROBLEM, --h, --H"),
+        (("solve", "natural", "--h", "1/8"), "required: --H"),
+        (("solve", "natural", *SIZES, "--levels", "3"), "unrecognized arguments: --levels 3"),
+        (("solve", "natural", *SIZES, "--js"), "unrecognized arguments: --js"),
+        (("solve", "unknown", *SIZES), "case 'unknown' is unknown; the catalogue has full_contact,"),
+        (("solve", "two\nlines", *SIZES), "case 'two lines' is unknown"),
+        (
+            ("solve", "natural", "--h", "1/2000", "--H", "1/4"),
+            "--h 0.0005 is too fine for 'square'; it must be at",
+        ),
+        (
+            ("solve", "natural", "--h", "1/4", "--H", "1/2000"),
+            "--H 0.0005 is too fine for 'square'; it must be at",
+        ),
+        (("solve", "natural", *SIZES, "--polygon", "lshape"), "'natural' is for square, not for 'lshape'"),
+        (("solve", "thirds", *SIZES, "--polygon", "disc"), "polygon 'disc' is unknown; the named ones are"),
+        (("solve", "thirds", *SIZES, "--side", "4"), "'square' has the sides 0 to 3, not 4"),
+        (("solve", "thirds", *SIZES, "--side=-1"), "'square' has the sides 0 to 3, not -1"),
+        (("solve", "thirds", *SIZES, "--side", "left"), "argument --side: invalid int value: 'left'"),
+        (("solve", "natural", *SIZES, "--mesh", "quads"), "invalid choice: 'quads'"),
+        (("solve", "natural", *SIZES, "--algorithm", "newton"), "invalid choice: 'newton'"),
+        (("solve", "natural", *SIZES, "--max-steps", "0"), "'0' must be a whole number of at least 1"),
+        (("solve", "natural", *SIZES, "--max-steps", "1.5"), "'1.5' must be a whole number of at least 1"),
+    ],
+)
+def test_bad_arguments(capsys, arguments, message):
+    assert message in refused(capsys, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (DECLARATION.replace("title", "titel").encode(), "'titel' was unexpected"),
+        (DECLARATION.replace("2 }]", "}]").encode(), "u[0]"),
+        (DECLARATION.replace("formula: ", "formula: -").encode(), "lambda = du/dn < 0"),
+        (b"\x00\xff\xfe\x80", "is not a YAML file"),
+        (b"a: [1, 2", "is not a YAML file"),
+        (b"", "None is not of type 'object'"),
+    ],
+    ids=["typo", "formula", "not a solution", "binary", "half", "empty"],
+)
+def test_bad_files(capsys, tmp_path, content, message):
+    file = tmp_path / "own.yaml"
+    file.write_bytes(content)
+    assert message in refused(capsys, "solve", str(file), *SIZES)
+
+
+def test_a_missing_file_and_a_folder(capsys, tmp_path):
+    (tmp_path / "folder.yaml").mkdir()
+    for path in (tmp_path / "missing.yaml", tmp_path / "folder.yaml", tmp_path):
+        assert str(path) in refused(capsys, "solve", str(path), *SIZES)
+
+
+def test_the_installed_command():
+    found = subprocess.run(
+        [SCRIPT, "solve", "full_contact", *SIZES, "--json"], capture_output=True, text=True, timeout=60
+    )
+    assert (found.returncode, found.stderr) == (0, "")
+    assert list(json.loads(found.stdout)) == KEYS
+    bad = subprocess.run([SCRIPT, "solve", "unknown", *SIZES], capture_output=True, text=True, timeout=60)
+    assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("arguments", [("cases",), ("solve", "full_contact", *SIZES)], ids=["cases", "solve"])
+def test_a_closed_pipe_is_no_error(arguments, unbuffered):
+    """Written at the end or line by line; gmsh, which resets SIGPIPE, is imported by `solve`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    try:
+        found = subprocess.run(
+            [SCRIPT, *arguments], stdout=writer, stderr=subprocess.PIPE, env=environment, timeout=60
+        )
+    finally:
+        os.close(writer)
+    assert (found.returncode, found.stderr) == (0, b"")
+
+
+def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it():
+    """At H = h lambda is not judged, so that a structured mesh is all there is."""
+    source = "import sys; from unilateral.cli import main; {}; print('gmsh' in sys.modules)"
+    solve = "main(['solve', 'natural', '--h', '1/8', '--H', '{}'])"
+    assert in_a_process(source.format("main(['cases'])")).endswith("False\n")
+    assert in_a_process(source.format(solve.format("1/8"))).endswith("False\n")
+    assert in_a_process(source.format(solve.format("1/4"))).endswith("True\n")
+
+
+def test_warnings_are_as_before_afterwards(capsys):
+    before = warnings.showwarning
+    run(capsys, "solve", "unknown", *SIZES)
+    assert warnings.showwarning is before

@@ -1,0 +1,154 @@
+"""Tables as files: described, byte-identical, never half written."""
+
+import hashlib
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import unilateral
+from unilateral import tables
+from unilateral.errors import InputError
+
+RUN = ("case", "mesh", "partition")
+
+
+def level(h, case="made_up", error=0.25):
+    """What a sweep gives for one mesh, in small."""
+    return xr.Dataset(
+        {
+            "h1_error": (RUN, np.array([[[error, np.nan]]])),
+            "algorithm": (RUN, np.array([[["uzawa", ""]]], dtype=object)),
+            "projection_error": (("case", "partition"), np.array([[0.5, 0.25]])),
+        },
+        coords={"case": [case], "h": ("mesh", [h]), "H": ("partition", [0.5, 0.25])},
+    )
+
+
+def digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
+    written = level(0.125)
+    tables.save(written, tmp_path / "errors.nc", "made_up_scene")
+    read = tables.load(tmp_path / "errors.nc")
+    xr.testing.assert_equal(read, written)
+    assert read.attrs["scene"] == "made_up_scene"
+    assert read.attrs["unilateral"] == unilateral.__version__
+    assert read.attrs["source"] == tables.SOURCE
+    assert [entry.split()[0] for entry in read.attrs["libraries"].split(", ")] == list(tables.LIBRARIES)
+    for name in read.variables:
+        described = [read[name].attrs.get(key) for key in ("long_name", "units", "equation")]
+        assert described == (list(tables.VARIABLES[name]) if name != "case" else [None] * 3)
+
+
+def test_saving_leaves_the_table_as_it_is(tmp_path):
+    table = level(0.125)
+    tables.save(table, tmp_path / "errors.nc", "scene")
+    assert table.attrs == {}
+    assert table["h"].attrs == table["h1_error"].attrs == {}
+
+
+def test_two_files_of_one_table_are_byte_identical(tmp_path):
+    for name in ("one.nc", "two.nc"):
+        tables.save(level(0.125), tmp_path / name, "scene")
+    tables.save(level(0.125, error=np.nextafter(0.25, 1)), tmp_path / "other.nc", "scene")
+    assert digest(tmp_path / "one.nc") == digest(tmp_path / "two.nc") != digest(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize("ending", ["nc", "csv"])
+def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, ending):
+    path = tmp_path / f"table.{ending}"
+    path.write_text("old")
+
+    def half(self, file, *_, **__):
+        file.write_text("half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
+    monkeypatch.setattr(pd.DataFrame, "to_csv", half)
+    with pytest.raises(OSError, match="no space left"):
+        tables.save(level(0.5), path, "scene") if ending == "nc" else tables.save_csv(pd.DataFrame(), path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_new_file_can_be_read_by_all_and_has_no_temporary_beside_it(tmp_path):
+    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
+    assert [file.name for file in tmp_path.iterdir()] == ["errors.nc"]
+    assert (tmp_path / "errors.nc").stat().st_mode & 0o777 == 0o644
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=r"errors\.nc cannot be written: there is no folder .*missing"):
+        tables.save(level(0.5), tmp_path / "missing" / "errors.nc", "scene")
+
+
+def test_loading_what_is_not_there():
+    with pytest.raises(InputError, match=r"no table results/none\.nc; run 'make', or 'snakemake -j2 res"):
+        tables.load("results/none.nc")
+
+
+@pytest.mark.parametrize("content", [b"", b"h\n1\n", b"\x89HDF\r\n\x1a\n"], ids=["empty", "text", "cut"])
+def test_loading_what_is_no_table(tmp_path, content):
+    path = tmp_path / "errors.nc"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"errors\.nc is no netCDF table"):
+        tables.load(path)
+    with pytest.raises(InputError, match="is no netCDF table"):
+        tables.load(tmp_path)
+
+
+def test_levels_are_put_along_mesh():
+    """What has no mesh dimension is kept once."""
+    table = tables.along_mesh([level(0.5), level(0.25, error=0.125)])
+    assert table.sizes == {"case": 1, "mesh": 2, "partition": 2}
+    assert table["h"].values.tolist() == [0.5, 0.25]
+    assert table["h1_error"].values[0, :, 0].tolist() == [0.25, 0.125]
+    assert np.isnan(table["h1_error"].values[0, :, 1]).all()
+    assert table["projection_error"].dims == ("case", "partition")
+    assert table["H"].values.tolist() == [0.5, 0.25]
+
+
+def test_partitions_are_put_along_partition():
+    parts = [level(0.5).isel(partition=[k]) for k in range(2)]
+    xr.testing.assert_equal(tables.along_partition(parts), level(0.5))
+
+
+def test_levels_of_different_cases_are_refused():
+    with pytest.raises(ValueError, match="case"):
+        tables.along_mesh([level(0.5), level(0.25, case="another")])
+
+
+def written_csv(path, **columns):
+    tables.save_csv(pd.DataFrame(columns), path / "table.csv")
+    return [line.split(",") for line in (path / "table.csv").read_text().splitlines()]
+
+
+def test_numbers_are_rounded_to_four_digits(tmp_path):
+    rows = written_csv(tmp_path, x=[1.23456789, -0.000123456789, 123456.0, 2.0])
+    assert rows == [["x"], ["1.235"], ["-0.0001235"], ["1.235e+05"], ["2"]]
+
+
+def test_what_is_negligible_in_its_column_is_0(tmp_path):
+    """Below 1e-12 of the column's largest value, a sign included; above it is kept."""
+    rows = written_csv(tmp_path, x=[1e3, 1.1e-9, 0.9e-9, -0.9e-9], y=[1e-20, 1e-21, 0.0, -0.0])
+    assert [row[0] for row in rows[1:]] == ["1000", "1.1e-09", "0", "0"]
+    assert [row[1] for row in rows[1:]] == ["1e-20", "1e-21", "0", "0"]
+
+
+def test_another_machine_s_last_bit_does_not_show(tmp_path):
+    value = np.pi
+    assert written_csv(tmp_path, x=[value]) == written_csv(tmp_path, x=[np.nextafter(value, 4)])
+    assert written_csv(tmp_path, x=[value]) != written_csv(tmp_path, x=[value * 1.001])
+
+
+def test_nan_is_empty_and_integers_and_strings_are_untouched(tmp_path):
+    rows = written_csv(tmp_path, x=[np.nan, 1.5], n=[1234567, 0], name=["thirds", "0.123456"])
+    assert rows == [["x", "n", "name"], ["", "1234567", "thirds"], ["1.5", "0", "0.123456"]]
+
+
+def test_a_column_of_nothing_but_nan(tmp_path):
+    assert written_csv(tmp_path, x=[np.nan, np.nan], n=[1, 2])[1:] == [["", "1"], ["", "2"]]

@@ -1,0 +1,299 @@
+"""The pipeline: its parameters under the schema, what a target plans, its scripts' shape. Nothing is run."""
+
+import ast
+import copy
+import re
+import shutil
+import subprocess
+import sys
+from functools import reduce
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from unilateral import case
+
+ROOT = Path(__file__).parents[1]
+WORKFLOW = ROOT / "workflow"
+SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
+LIBRARY = ROOT / "src/unilateral"
+STUDY = {
+    **yaml.safe_load((WORKFLOW / "config/study.yaml").read_text()),
+    **yaml.safe_load((WORKFLOW / "config/rates.yaml").read_text()),
+}
+SCHEMA = yaml.safe_load((WORKFLOW / "schemas/study.schema.yaml").read_text())
+REMOVED = object()
+
+
+def faults(study):
+    return [fault.json_path for fault in jsonschema.Draft202012Validator(SCHEMA).iter_errors(study)]
+
+
+def test_the_study_satisfies_its_schema():
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    assert faults(STUDY) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("speed", 1),
+        ("stop", REMOVED),
+        ("rates", REMOVED),
+        ("stop.steps", 10),
+        ("stop.fraction", 0),
+        ("stop.fraction", "1 %"),
+        ("stop.max_steps", 1.5),
+        ("quadrature_degree", 1),
+        ("scenes.Square", {}),
+        ("scenes.quick.h", "1/8"),
+        ("scenes.quick.polygon", "disc"),
+        ("scenes.quick.polygon", REMOVED),
+        ("scenes.quick.side", -1),
+        ("scenes.quick.cases", []),
+        ("scenes.quick.cases", "natural"),
+        ("scenes.quick.cases", ["natural", "natural"]),
+        ("scenes.quick.mesh.kind", "quads"),
+        ("scenes.quick.mesh.levels", 0),
+        ("scenes.quick.mesh.levels", True),
+        ("scenes.quick.mesh.h", "1/0"),
+        ("scenes.quick.mesh.h", "0/1"),
+        ("scenes.quick.mesh.h", "0.0"),
+        ("scenes.quick.mesh.h", 0),
+        ("scenes.quick.mesh.h", -0.125),
+        ("scenes.quick.mesh.h", "-1/8"),
+        ("scenes.quick.mesh.h", "1 / 8"),
+        ("scenes.quick.mesh.h", "1/8/2"),
+        ("scenes.quick.mesh.h", "eighth"),
+        ("scenes.quick.mesh.h", None),
+        ("scenes.quick.H", "1/8"),
+        ("scenes.quick.H", ["1/4", "1/0"]),
+        ("scenes.quick.H_over_h.least", 2),
+        ("scenes.quick.H_over_h.max", -1),
+        ("scenes.quick.judged", "no"),
+        ("scenes.quick.figures", ["rate"]),
+        ("scenes.square.grid_cases", REMOVED),
+        ("portraits.natural.levels", 3),
+        ("portraits.natural.H", REMOVED),
+        ("rates.judged_ratio", "0"),
+        ("rates.norms.h1.bound.reference", "h"),
+        ("rates.norms.energy", {}),
+        ("rates.cases.thirds.h1.rate", "fast"),
+        ("rates.cases.thirds.h1.source", REMOVED),
+    ],
+)
+def test_a_bad_value_is_refused_where_it_stands(path, value):
+    study = copy.deepcopy(STUDY)
+    *parents, last = path.split(".")
+    place = reduce(dict.__getitem__, parents, study)
+    if value is REMOVED:
+        del place[last]
+    else:
+        place[last] = value
+    found = faults(study)
+    assert found
+    assert all(f"$.{path}".startswith(fault) or fault.startswith(f"$.{path}[") for fault in found)
+
+
+@pytest.mark.parametrize("size", ["1/8", "0.125", 0.125, 1, "10/3", "1/10", "0.5/4"])
+def test_sizes_that_are_allowed(size):
+    study = copy.deepcopy(STUDY)
+    study["scenes"]["quick"]["mesh"]["h"] = size
+    assert faults(study) == []
+
+
+def test_every_case_of_the_study_is_declared_and_has_expected_rates():
+    """And the maps over (h, H) are of cases that their scene solves."""
+    for scene in STUDY["scenes"].values():
+        assert set(scene["cases"]) <= set(case.names()) & set(STUDY["rates"]["cases"])
+        assert set(scene.get("grid_cases", [])) <= set(scene["cases"])
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """The project without results."""
+    copied = tmp_path_factory.mktemp("study") / "project"
+    copied.mkdir()
+    for name in ("workflow", "src/unilateral", "manufactured"):
+        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Snakefile", "README.md"):
+        shutil.copy(ROOT / name, copied / name)
+    (copied / "figures").mkdir()
+    return copied
+
+
+def plan(tree, target):
+    """The text of a dry run, and how many jobs it plans of each rule."""
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", target]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    text = found.stdout + found.stderr
+    assert found.returncode == 0, text
+    table = text.split("Job stats:")[1].split("total")[0]
+    return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
+
+
+def built(text):
+    """The folders below results/ that a plan names."""
+    return set(re.findall(r"\bresults/(\w+)/", text))
+
+
+def jobs_of(scene):
+    levels, partitions = STUDY["scenes"][scene]["mesh"]["levels"], len(STUDY["scenes"][scene]["H"])
+    return {"mesh": 1, "solve": levels, "dual_norms": partitions, "errors": 1}
+
+
+def test_a_table_plans_no_figure_and_no_other_scene(tree):
+    text, jobs = plan(tree, "results/square/errors.nc")
+    assert jobs == jobs_of("square")
+    assert built(text) == {"square"}
+    assert "figures/" not in text
+
+
+def test_a_figure_plans_its_own_scene_only(tree):
+    text, jobs = plan(tree, "figures/rates_square.svg")
+    assert jobs == {**jobs_of("square"), "rates": 1, "rates_table": 1, "rates_figure": 1}
+    assert built(text) == {"square"}
+    assert set(re.findall(r"figures/\w+\.\w+", text)) == {
+        "figures/rates_square.csv",
+        "figures/rates_square.svg",
+    }
+
+
+def test_quick_plans_the_quick_scene_only(tree):
+    text, jobs = plan(tree, "quick")
+    assert jobs == {**jobs_of("quick"), "rates": 1, "quick": 1}
+    assert built(text) == {"quick"}
+
+
+def test_a_portrait_needs_no_results(tree):
+    text, jobs = plan(tree, "figures/natural.svg")
+    assert jobs == {"portrait_tables": 1, "portrait_figure": 1}
+    assert built(text) == set()
+
+
+def test_a_bad_parameter_ends_the_run_before_it_starts(tree):
+    """Control: the schema is in force in the Snakefile."""
+    study = tree / "workflow/config/study.yaml"
+    kept = study.read_text()
+    study.write_text(kept.replace("levels: 4", "levels: four"))
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    study.write_text(kept)
+    assert found.returncode != 0
+    assert "'four' is not of type 'integer'" in found.stdout + found.stderr
+
+
+@pytest.fixture
+def library(monkeypatch):
+    """The rules' function that lists the files of modules and of all they import."""
+    monkeypatch.chdir(ROOT)
+    source = ast.parse(re.search(r"^def library.*(?=^def scene_of)", common(), re.MULTILINE | re.DOTALL)[0])
+    names = {"re": re, "Path": Path}
+    exec(compile(source, "common.smk", "exec"), names)
+    return names["library"]
+
+
+def common():
+    return (WORKFLOW / "rules/common.smk").read_text()
+
+
+def imported(file):
+    """The library's modules named in a file's imports, by Python's own parser."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "unilateral":
+            inside = node.module.split(".")[1:]
+            names |= {inside[0]} if inside else {alias.name for alias in node.names}
+        assert not (isinstance(node, ast.ImportFrom) and node.level), f"{file}: a relative import"
+        assert not (isinstance(node, ast.Import) and any("unilateral" in a.name for a in node.names)), file
+    return names
+
+
+def files_of(module):
+    file, folder = LIBRARY / f"{module}.py", LIBRARY / module
+    return {file} if file.exists() else set(folder.glob("*.py"))
+
+
+def closure(module):
+    found, waiting = set(), [*files_of(module), *files_of("__init__")]
+    while waiting:
+        file = waiting.pop()
+        if file not in found:
+            found.add(file)
+            waiting += [new for name in imported(file) for new in files_of(name)]
+    return sorted(str(file.relative_to(ROOT)) for file in found)
+
+
+@pytest.mark.parametrize(
+    "module", ["sweep", "dual_norm", "tables", "rates", "figure_data", "documents", "mesh", "plots", "cli"]
+)
+def test_a_rule_depends_on_all_that_its_modules_import_and_on_no_more(library, module):
+    assert library(module) == closure(module)
+
+
+def test_a_solve_depends_on_uzawa_and_not_on_the_figures(library):
+    found = library("sweep")
+    assert "src/unilateral/uzawa.py" in found
+    assert not [file for file in found if "plots" in file or "figure_data" in file or "cli" in file]
+    assert "src/unilateral/uzawa.py" not in library("plots")
+
+
+def test_each_rule_lists_what_its_script_imports(library):
+    """Else a change in a module would not rerun the jobs that use it."""
+    rules = "".join(file.read_text() for file in sorted((WORKFLOW / "rules").glob("*.smk")))
+    checked = 0
+    for text in re.split(r"^rule ", rules, flags=re.MULTILINE)[1:]:
+        script = re.search(r'"\.\./scripts/(\w+\.py)"', text)[1]
+        listed = library(*re.findall(r'"(\w+)"', re.search(r"library\(([^)]*)\)", text)[1]))
+        files = [WORKFLOW / "scripts" / script]
+        if "from scenes import" in files[0].read_text():
+            assert '"workflow/scripts/scenes.py"' in text, script
+            files.append(WORKFLOW / "scripts/scenes.py")
+        needed = {
+            str(f.relative_to(ROOT)) for file in files for name in imported(file) for f in files_of(name)
+        }
+        assert needed <= set(listed), script
+        checked += 1
+    assert checked == len(SCRIPTS) - 1
+
+
+def guard(tree):
+    return [node for node in tree.body if isinstance(node, ast.If) and "__name__" in ast.unparse(node.test)]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_script_uses_snakemake_under_its_main_guard_only(script):
+    tree = ast.parse(script.read_text())
+    assert ast.get_docstring(tree)
+    guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
+    assert all(id(node) in guarded for node in names)
+    assert bool(names) == (script.name != "scenes.py")
+    allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
+    assert all(isinstance(node, allowed) for node in tree.body)
+    assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
+
+
+def parameters(source):
+    """The numbers in a source file that are not 0 or 1."""
+    constants = [node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant)]
+    return [value for value in constants if isinstance(value, int | float) and value not in (0, 1)]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_script_holds_no_parameter_and_no_path(script):
+    text = script.read_text()
+    assert parameters(text) == []
+    assert not re.search(r"""["'](/|~|\.\./|results|figures)""", text)
+
+
+def test_a_hidden_parameter_would_be_found():
+    """Control."""
+    assert parameters("h = [1 / 8, x[-1], -0.5]") == [8, 0.5]
+
+
+def test_no_absolute_path_in_the_workflow():
+    for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk"), *WORKFLOW.rglob("*.yaml")]:
+        assert not re.search(r"""(^|[\s"'])(/[a-z]\w*/|~/)""", file.read_text()), file
