@@ -68,7 +68,8 @@ rule grid_figure:
 
 rule portrait_tables:
     input:
-        library("figure_data", "tables"),
+        library("figure_data", "tables", "mesh", "certificate"),
+        "workflow/scripts/scenes.py",
         lambda wildcards: f"manufactured/{PORTRAITS[wildcards.portrait]['case']}.yaml",
     output:
         mesh=update("figures/{portrait}_mesh.csv"),

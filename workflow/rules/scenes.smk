@@ -3,7 +3,7 @@
 
 rule mesh:
     input:
-        library("mesh", "case", "solve"),
+        library("mesh", "partition", "certificate"),
         "workflow/scripts/scenes.py",
     output:
         "results/{scene}/mesh.vtu",
@@ -17,7 +17,7 @@ rule mesh:
 
 rule solve:
     input:
-        library("sweep", "tables"),
+        library("sweep", "tables", "certificate"),
         "src/unilateral/case.schema.yaml",
         "workflow/scripts/scenes.py",
         case_files,
@@ -36,7 +36,7 @@ rule solve:
 
 rule dual_norms:
     input:
-        library("dual_norm", "tables", "solve"),
+        library("dual_norm", "tables", "mesh", "certificate"),
         "workflow/scripts/scenes.py",
         case_files,
         solutions=lambda wildcards: expand(

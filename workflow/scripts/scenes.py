@@ -1,18 +1,20 @@
-"""A scene of the configuration as objects of the library."""
+"""A scene of the configuration as objects of the library; its bad input ends a script in one sentence."""
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Any
 
 from unilateral import case, mesh, partition, polygon
 from unilateral.case import Case
+from unilateral.certificate import certify
+from unilateral.errors import InputError
 from unilateral.expression import real
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
 from unilateral.polygon import Polygon
-from unilateral.solve import Stop
 
 
 def domain(scene: Mapping[str, Any]) -> Polygon:
@@ -25,7 +27,11 @@ def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
 
 
 def cases(scene: Mapping[str, Any]) -> list[Case]:
-    return [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
+    """The scene's cases, each certified."""
+    found = [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
+    for each in found:
+        certify(each)
+    return found
 
 
 def partitions(scene: Mapping[str, Any]) -> list[Partition]:
@@ -35,10 +41,15 @@ def partitions(scene: Mapping[str, Any]) -> list[Partition]:
 def limits(scene: Mapping[str, Any]) -> tuple[float, float]:
     """The smallest and the largest H/h."""
     given = scene["H_over_h"]
-    return real(given.get("min", 0), "H_over_h.min"), real(
-        given["max"], "H_over_h.max"
-    ) if "max" in given else math.inf
+    largest = real(given["max"], "H_over_h.max") if "max" in given else math.inf
+    return real(given.get("min", 0), "H_over_h.min"), largest
 
 
-def stop(settings: Mapping[str, Any]) -> Stop:
-    return Stop(fraction=settings["fraction"], max_steps=settings["max_steps"])
+def _in_one_sentence(kind, error, trace):
+    if issubclass(kind, InputError):
+        print(f"unilateral: {error}", file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
+
+
+sys.excepthook = _in_one_sentence

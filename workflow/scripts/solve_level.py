@@ -1,16 +1,17 @@
 """Every case on every partition of a scene, on the coarsest mesh refined `level` times."""
 
-from scenes import cases, domain, limits, partitions, stop
+from scenes import cases, domain, limits, partitions
 
 from unilateral import mesh, tables
+from unilateral.solve import Stop
 from unilateral.sweep import sweep
 
 
-def main(coarse, scene, name, level, settings, results, timings):
+def main(coarse, scene, name, level, stop, results, timings):
     refined = mesh.read(coarse, domain(scene))
     for _ in range(level):
         refined = mesh.refine(refined)
-    solved, timed = sweep(refined, cases(scene), partitions(scene), limits(scene), stop(settings))
+    solved, timed = sweep(refined, cases(scene), partitions(scene), limits(scene), Stop(**stop))
     tables.save(solved, results, name)
     tables.save(timed, timings, name)
 

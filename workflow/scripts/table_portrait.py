@@ -1,16 +1,19 @@
 """The tables behind the picture of one solution."""
 
-from unilateral import case, figure_data, mesh, partition, polygon, tables
-from unilateral.expression import real
+from scenes import cases, coarsest_mesh, partitions
+
+from unilateral import figure_data, tables
 
 
 def main(portrait, mesh_path, boundary_path):
-    domain = polygon.named(portrait["polygon"])
-    field, boundary = figure_data.portrait_frames(
-        case.load(portrait["case"], domain),
-        mesh.structured(domain, real(portrait["h"], "h")),
-        partition.uniform(domain, real(portrait["H"], "H")),
-    )
+    scene = {
+        "polygon": portrait["polygon"],
+        "side": portrait["side"],
+        "cases": [portrait["case"]],
+        "mesh": {"kind": "structured", "h": portrait["h"]},
+        "H": [portrait["H"]],
+    }
+    field, boundary = figure_data.portrait_frames(*cases(scene), coarsest_mesh(scene), *partitions(scene))
     tables.save_csv(field, mesh_path)
     tables.save_csv(boundary, boundary_path)
 
