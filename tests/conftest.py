@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
+
+import pytest
 
 from unilateral import case as cases
 from unilateral import mesh as meshes
@@ -13,6 +16,15 @@ from unilateral.condense import Condensed, condense
 from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
 from unilateral.polygon import named
 from unilateral.solve import Pair, Solution, Stop, pair, solve
+
+NEED_RESULTS = ("test_results.py", "test_documents.py")
+RESULTS = Path(__file__).parents[1] / "results"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Without the study's results a run that would judge them ends at once, and says what to run."""
+    if any(item.path.name in NEED_RESULTS for item in items) and not any(RESULTS.glob("*/rates.nc")):
+        pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
 
 class Discrete(NamedTuple):

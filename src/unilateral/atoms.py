@@ -108,6 +108,10 @@ class Local:
         along, into = self.frame / self.length
         return x * along[0] + y * along[1], x * into[0] + y * into[1]
 
+    def to_xy(self, along: Array, into: Array) -> Array:
+        """(k, 2) vectors from their components along the side and into Omega."""
+        return np.column_stack([along * self.frame[0, i] + into * self.frame[1, i] for i in range(2)])
+
 
 @dataclass(frozen=True, eq=False)
 class Tensor(Local):
@@ -129,7 +133,7 @@ class Tensor(Local):
 
     def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
         v, v_t, v_d = self._values[0](*self.local(points))
-        return self.length * v, np.column_stack([v_t, v_d]) @ self.frame
+        return self.length * v, self.to_xy(v_t, v_d)
 
     def source(self, points: Array) -> Array:
         return self._values[1](*self.local(points))[0]

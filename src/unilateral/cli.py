@@ -105,17 +105,18 @@ def _count(text: str) -> int:
 
 def _cases(_: argparse.Namespace) -> int:
     from unilateral import case, polygon
-    from unilateral.certificate import certify
+    from unilateral.certificate import ROUND_OFF, certify
 
-    print(f"{'case':14} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'contact':31} on")
+    print(f"{'case':14} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'lambda <=':10} {'u - g <=':9} {'contact':31} on")
     for name in case.names():
         declaration, _name = case.declared(name)
         polygons = polygon.NAMED if declaration["polygons"] == "any" else declaration["polygons"]
         for domain in polygons:
             certificate = certify(case.load(name, polygon.named(domain)))
             holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]
-            row = f"{holds[0]:4} {holds[1]:5} {holds[2]:6} {_contact(certificate.contact):31} {domain}"
-            print(f"{name:14} {row}")
+            flux, gap = (x if x > ROUND_OFF else 0 for x in (certificate.lambda_max, certificate.gap_max))
+            row = f"{flux:<10.3g} {gap:<9.3g} {_contact(certificate.contact):31} {domain}"
+            print(f"{name:14} {holds[0]:4} {holds[1]:5} {holds[2]:6} {row}")
         print(f"{'':14} {declaration['title']}")
     return 0
 

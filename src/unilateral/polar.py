@@ -58,9 +58,11 @@ class Polar(Local):
         theta = np.arctan2(into, along)
         return np.hypot(along, into), np.where(theta < 0, theta + 2 * np.pi, theta)
 
-    def _inside(self, r: Array) -> NDArray[np.intp]:
+    def _inside(self, r: Array) -> NDArray[np.intp] | slice:
+        """The points (k,) in the support, but for the centre; a slice if these are all."""
         limit = np.inf if self.cutoff is None else float(self.cutoff)
-        return np.flatnonzero((r < limit) & (r > 0))
+        inside = (r < limit) & (r > 0)
+        return slice(None) if inside.all() else np.flatnonzero(inside)
 
     def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
         r, theta = self._polar(points)
@@ -69,8 +71,7 @@ class Polar(Local):
         v, v_r, v_theta = self._values[0](r[inside], theta[inside])
         cos, sin = np.cos(theta[inside]), np.sin(theta[inside])
         value[inside] = self.length * v
-        along, into = v_r * cos - v_theta * sin, v_r * sin + v_theta * cos
-        gradient[inside] = np.column_stack([along, into]) @ self.frame
+        gradient[inside] = self.to_xy(v_r * cos - v_theta * sin, v_r * sin + v_theta * cos)
         return value, gradient
 
     def source(self, points: Array) -> Array:
