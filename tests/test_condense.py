@@ -19,6 +19,7 @@ from unilateral.condense import (
     elimination_order,
 )
 from unilateral.coupling import coupling
+from unilateral.errors import InputError
 from unilateral.forms import stiffness_and_mass
 from unilateral.polygon import Polygon, lshape, square
 
@@ -152,3 +153,24 @@ def test_constant_load_gives_the_constant() -> None:
     load = stiffness_and_mass(mesh)[1] @ np.ones(len(mesh.points))
     np.testing.assert_allclose(condensed.solve(load), 1, rtol=1e-12)
     np.testing.assert_allclose(condensed.solve_boundary(condensed.condensed_load(load)), 1, rtol=1e-12)
+
+
+def scaled_square(L: float) -> meshes.Mesh:
+    polygon = Polygon(L * square().vertices, "scaled")
+    return meshes.refine(meshes.unstructured(polygon, L / 4))
+
+
+@pytest.mark.parametrize("L", [1e-2, 1.0, 1e3, 1e8])
+def test_constants_are_solved_for_on_any_reasonable_scale(L: float) -> None:
+    on = condense(scaled_square(L))
+    load = on.A @ np.ones(on.mesh.n_nodes)
+    np.testing.assert_allclose(on.solve(load), 1, rtol=1e-8)
+
+
+@pytest.mark.parametrize("L", [1e-6, 1e-8])
+def test_a_domain_too_small_for_double_precision_is_refused(L: float) -> None:
+    """There K + M has lost M to rounding, and with it the constants: by 1.6 % at 1e-6, all at 1e-8."""
+    with pytest.raises(
+        InputError, match=r"polygon 'scaled' of diameter .* is too small for double precision"
+    ):
+        condense(scaled_square(L))

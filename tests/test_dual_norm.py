@@ -11,6 +11,7 @@ from conftest import load
 from skfem.models.poisson import laplace, mass
 
 from unilateral import dual_norm, partition
+from unilateral.atoms import Singular
 from unilateral.dual_norm import dual_errors, reference_space
 from unilateral.norms import on_cells
 from unilateral.polygon import named
@@ -199,12 +200,29 @@ def runs(cells, names, discrete):
 
 def test_errors_of_a_table_only_where_lambda_is_judged():
     cells, names = partition.uniform(named("square"), 1 / 4), ["full_contact", "no_contact"]
-    table = runs(cells, names, [[np.nan, 1.0], [1.0, 1.0]])
+    table = runs(cells, names, [[np.nan, 1e-9], [0.0, 0.0]])
     found = dual_errors(table, [load(name) for name in names], cells)["hm12_error_lower"].values[..., 0]
     assert np.array_equal(np.isnan(found), [[True, False], [False, False]])
     expected = space_of("square", 4).error_lower(load("full_contact"), np.zeros((1, 16)))[0]
     assert found[0, 1] == pytest.approx(expected, rel=1e-12)
     assert np.all(np.abs(found[1]) <= 1e-12)
+
+
+def test_the_discrete_norm_is_a_lower_bound_too():
+    """V_h is conforming; where it resolves mu better than the reference space its supremum is taken."""
+    cells = partition.uniform(named("square"), 1 / 4)
+    found = dual_errors(runs(cells, ["full_contact"], [10.0, 0.0]), [load("full_contact")], cells)
+    assert found["hm12_error_lower"].values[0, 0, 0] == 10.0
+    assert 0 < found["hm12_error_lower"].values[0, 1, 0] < 10.0
+
+
+def test_a_singular_point_at_a_vertex_is_graded_to_from_both_sides():
+    cells = partition.uniform(named("square"), 1 / 4)
+    for point in (Singular(1, 0.0, 2), Singular(0, 1.0, 2), Singular(3, 1.0, 2)):
+        s = reference_space(cells, [point]).mesh.s
+        at = cells.polygon.arc_length(point.side, point.t) % 4
+        away = np.sort(np.abs((s[:-1] - at + 2) % 4 - 2))
+        np.testing.assert_allclose(away[:3], [0, 1 / 32 / 256, 1 / 32 / 256], atol=1e-14)
 
 
 def test_the_upper_bound_is_not_known_here():

@@ -232,3 +232,31 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch: pytest.MonkeyPatch) -> Non
     poor = on_mesh(good.problem.case, good.problem.condensed, degree=1)
     h1_error = solve(poor, good.cells, good.both, good.sigma_1).h1_error
     assert abs(h1_error / good.solve().h1_error - 1) > 1e-3
+
+
+def declared_case(tmp_path: Path, **fields: object) -> Case:
+    declaration = cases.declared("full_contact")[0] | {"constants": {}} | fields
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(declaration))
+    return cases.load(tmp_path / "mine.yaml", square())
+
+
+def test_boundary_means_see_a_power_at_a_vertex(tmp_path: Path) -> None:
+    """t^(3/2) and t^(8/5) from the vertex on, in closed form; graded to nothing they were off by 1e-8."""
+    cells = partitions.uniform(square(), 1 / 4)
+    gap = {"sides": [{"side": 0, "formula": "1 + pos(t, 3/2)"}], "elsewhere": 1}
+    case = declared_case(tmp_path, u=[{"atom": "smooth", "formula": "0"}], gap=gap)
+    assert bottom_means(case, cells, 2)[0] == pytest.approx(1 + 0.25**1.5 / 2.5, abs=1e-12)
+    atom = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
+    case = declared_case(tmp_path, u=[atom], gap={"elsewhere": 0})
+    assert bottom_means(case, cells, 1)[0] == pytest.approx(1 + 0.25**1.6 / 2.6, abs=1e-12)
+
+
+def test_boundary_means_see_where_a_cutoff_crosses_another_side(tmp_path: Path) -> None:
+    """On side 1 the flux is -(8/5) y (1 - 9 y^2)_+^4, its cutoff's end inside the second cell."""
+    cells = partitions.uniform(square(), 1 / 4)
+    atom = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
+    case = declared_case(tmp_path, u=[atom], gap={"elsewhere": 0})
+    rule = boundary_rule(case, cells.points)
+    means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
+    rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
+    np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, atol=1e-12)

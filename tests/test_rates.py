@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from unilateral import rates_table
+from unilateral.errors import InputError
 from unilateral.rates import Expectation, judge
 
 LEVELS = 0.5 ** np.arange(3, 9)
@@ -158,3 +159,8 @@ def test_the_collected_table_tells_what_was_judged():
     assert row["verdict"].sel(h_over_H=0.25).item() == "not judged"
     assert rates_table.smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
     assert "is below 0.970" in rates_table.summary(found, 0.5)
+
+
+def test_a_case_without_expected_rates_is_named():
+    with pytest.raises(InputError, match="the table of expected rates has no case 'made_up'"):
+        Expectation.of({"cases": {}, "norms": {}}, "made_up", "h1", {})

@@ -220,3 +220,8 @@ def test_an_unconverged_run_warns() -> None:
 def test_an_unknown_algorithm_is_refused() -> None:
     with pytest.raises(InputError, match="algorithm 'simplex' is unknown; the known ones are auto, uzawa"):
         Stop(algorithm="simplex")
+
+
+def test_a_step_for_the_active_set_is_refused() -> None:
+    with pytest.raises(InputError, match="active_set has no step rho"):
+        Stop(algorithm="active_set", rho=1.0)

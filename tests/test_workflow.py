@@ -255,7 +255,7 @@ def test_each_rule_lists_what_its_script_imports(library):
         }
         assert needed <= set(listed), script
         checked += 1
-    assert checked == len(SCRIPTS) - 1
+    assert checked == len(SCRIPTS) - 2
 
 
 def guard(tree):
@@ -269,10 +269,8 @@ def test_a_script_uses_snakemake_under_its_main_guard_only(script):
     guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
     assert all(id(node) in guarded for node in names)
-    assert bool(names) == (script.name != "scenes.py")
+    assert bool(names) == (script.name not in ("scenes.py", "sentences.py"))
     allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
-    if script.name == "scenes.py":
-        allowed = (*allowed, ast.Assign)  # of sys.excepthook
     assert all(isinstance(node, allowed) for node in tree.body)
     assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
 
@@ -306,7 +304,7 @@ def test_no_absolute_path_in_the_workflow():
 )
 def test_bad_input_ends_a_script_in_one_sentence(fault, said):
     """And only bad input: any other error keeps its traceback."""
-    code = f"import scenes; from unilateral.errors import InputError; raise {fault}"
+    code = f"from sentences import InputError, speak_plainly; speak_plainly(); raise {fault}"
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
     assert found.returncode == 1
@@ -318,7 +316,7 @@ def test_cases_of_a_scene_are_certified(tmp_path):
     text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
     (tmp_path / "broken.yaml").write_text(text)
     scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
-    code = f"import scenes; scenes.cases({scene!r})"
+    code = f"import scenes, sentences; sentences.speak_plainly(); scenes.cases({scene!r})"
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
     assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)

@@ -40,6 +40,20 @@ class Kink:
             return np.hypot(moved[:, 0], moved[:, 1]) - self.radius
         return moved[:, 0] * self.tangent[1] - moved[:, 1] * self.tangent[0]
 
+    def crossings(self, polygon: Polygon) -> list[Singular]:
+        """Where the curve crosses the sides, as points with a kink; a side along it is not crossed."""
+        found = []
+        for side, (start, edge) in enumerate(zip(polygon.vertices, polygon.edges, strict=True)):
+            if self.radius:
+                moved = start - np.array(self.centre)
+                roots = np.roots([edge @ edge, 2 * edge @ moved, moved @ moved - self.radius**2])
+                t = roots.real[roots.imag == 0]
+            else:
+                first, last = self.level(np.stack([start, start + edge]))
+                t = np.array([first / (first - last)]) if first * last < 0 else np.array([])
+            found += [Singular(side, float(x), 1) for x in t if 0 < x < 1]
+        return found
+
 
 @dataclass(frozen=True)
 class Singular:
@@ -155,4 +169,4 @@ class Tensor(Local):
         return lines
 
     def singular(self) -> list[Singular]:
-        return [Singular(self.side, t, int(k.q)) for t, k in self._profile_kinks if 0 < t < 1]
+        return [Singular(self.side, t, int(k.q)) for t, k in self._profile_kinks]

@@ -1,7 +1,7 @@
 """Cases: manufactured solutions, declared in YAML files and derived here.
 
 A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + u, lambda = du/dn
-and g = u - gap follow. `certificate.certify` proves or refuses what the paper asks of them.
+and g = u - gap follow. `certificate.certify` checks what the paper asks of them.
 """
 
 from __future__ import annotations
@@ -89,20 +89,23 @@ class Case:
         return [kink for atom in self.atoms for kink in atom.kinks()]
 
     def flux_singular(self) -> list[Singular]:
-        """The points inside sides at which lambda, and u in Omega, behave like a fractional power."""
-        return [point for atom in self.atoms for point in atom.singular() if point.grading > 1]
+        """The points of sides at which lambda, and u in Omega, behave like a fractional power."""
+        points = [point for atom in self.atoms for point in atom.singular()]
+        return [point for point in points if point.grading > 1 and 0 <= point.t <= 1]
 
     def singular(self) -> list[Singular]:
-        """The points inside sides at which u, lambda or the gap are not smooth, without repetition."""
+        """The points of the sides at which u, lambda or the gap are not smooth, without repetition."""
         found = [point for atom in self.atoms for point in atom.singular()]
+        found += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
             found += [Singular(side, t, int(exponent.q)) for t, exponent in points]
         merged: dict[tuple[int, float], Singular] = {}
         for point in found:
-            if 0 < point.t < 1:
-                key = (point.side, round(point.t, 12))
-                known = merged.get(key, point)
-                merged[key] = Singular(known.side, known.t, lcm(known.grading, point.grading))
+            t = round(point.t, 12)
+            if 0 <= t <= 1:
+                known = merged.get((point.side, t), point)
+                at = t if t in (0, 1) else known.t
+                merged[point.side, t] = Singular(point.side, at, lcm(known.grading, point.grading))
         return [merged[key] for key in sorted(merged)]
 
 

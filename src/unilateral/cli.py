@@ -181,7 +181,7 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     lower = math.nan
     if not both.operator.singular:
         space = dual_norm.reference_space(cells, problem.flux_singular())
-        lower = float(space.error_lower(problem, solution.lambda_H[None])[0])
+        lower = max(solution.hm12_discrete, float(space.error_lower(problem, solution.lambda_H[None])[0]))
     found = {
         "problem": problem.name,
         "h": triangulation.h,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, eigvalsh, solve_triangular
 from scipy.sparse.linalg import SuperLU, splu
 
+from unilateral.errors import InputError
 from unilateral.forms import stiffness_and_mass
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
@@ -24,6 +25,8 @@ from unilateral.partition import Partition
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
+CONSTANTS = 1e-8
+"""How accurately constants must be solved for; what is guaranteed is so up to this rounding of A_3."""
 SINGULAR = 1e-12
 """lambda_min / lambda_max of S below which beta counts as 0."""
 
@@ -105,7 +108,10 @@ class DualOperator:
 
 
 def condense(mesh: Mesh) -> Condensed:
-    """Factorise A on the mesh and condense it to the boundary nodes."""
+    """Factorise A on the mesh and condense it to the boundary nodes.
+
+    Raises InputError where the domain is so small that rounding loses the constants.
+    """
     stiffness, mass = stiffness_and_mass(mesh)
     A = stiffness + mass
     order = elimination_order(A, mesh.boundary)
@@ -115,8 +121,19 @@ def condense(mesh: Mesh) -> Condensed:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
+    _check_constants(mesh, lu, mass.sum(axis=1)[order])
     cholesky = _last_block(lu, len(mesh.boundary))
     return Condensed(mesh, A, cholesky.T @ cholesky, cholesky, lu, order)
+
+
+def _check_constants(mesh: Mesh, lu: SuperLU, integrals: Array) -> None:
+    """(u, v)_1 = (1, v)_0 is solved by 1; on small domains K + M loses M, and so the constants."""
+    if not np.max(np.abs(lu.solve(integrals) - 1)) <= CONSTANTS:
+        polygon = mesh.polygon
+        raise InputError(
+            f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} is too small for double precision "
+            "with this mesh; scale it to a diameter of about 1"
+        )
 
 
 def dual_operator(condensed: Condensed, partition: Partition, B: sp.csr_array) -> DualOperator:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from unilateral.case import Case
 from unilateral.certificate import certify
 from unilateral.condense import condense
+from unilateral.errors import InputError
 from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov, on_cells, on_mesh
 from unilateral.partition import Partition
@@ -23,13 +24,21 @@ SAMPLES_PER_SIDE = 200
 
 
 def rates_frame(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:
-    """One row per case, norm, h/H and level: the error, whether it is asymptotic, and the fitted rate."""
+    """One row per case, norm, h/H and level: the error, whether it is asymptotic, and the fitted rate.
+
+    Raises InputError if no level has one of the ratios h/H.
+    """
     rows = []
     for case in rates["case"].values:
         for norm, variable in NORMS.items():
             for ratio in rates["h_over_H"].values:
                 of = rates.sel(case=case, norm=norm, h_over_H=ratio)
                 rows += _levels(errors.sel(case=case), variable, norm, of)
+    if not rows:
+        ratios = ", ".join(f"{ratio:g}" for ratio in rates["h_over_H"].values)
+        raise InputError(
+            f"scene '{errors.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
+        )
     return pd.DataFrame(rows)
 
 

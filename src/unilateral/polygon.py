@@ -83,6 +83,10 @@ class Polygon:
         differences = self.vertices[:, None] - self.vertices[None]
         return float(np.max(np.hypot(differences[..., 0], differences[..., 1])))
 
+    def arc_length(self, side: int, t: float) -> float:
+        """Of the point that lies t side lengths along a side; exact at its ends."""
+        return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
+
     def at(self, side: NDArray[np.intp], t: Array) -> Array:
         """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
         return self.vertices[side] + t[:, None] * self.tangents[side]

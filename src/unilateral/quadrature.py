@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from math import lcm
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,10 +80,12 @@ def boundary_rule(case: Case, cuts: Array) -> BoundaryRule:
 def _anchors(case: Case) -> tuple[Array, Array]:
     """Arc lengths of the vertices and singular points, increasing, and their gradings."""
     polygon = case.polygon
-    points = [(start, 1) for start in polygon.starts]
-    points += [(polygon.starts[p.side] + p.t * polygon.lengths[p.side], p.grading) for p in case.singular()]
-    s, grading = zip(*sorted(points), strict=True)
-    return np.array(s, dtype=float), np.array(grading, dtype=float)
+    gradings = dict.fromkeys(polygon.starts.tolist(), 1)
+    for p in case.singular():
+        s = polygon.arc_length(p.side, p.t)
+        gradings[s] = lcm(gradings.get(s, 1), p.grading)
+    anchors = np.array(sorted(gradings))
+    return anchors, np.array([gradings[s] for s in anchors.tolist()], dtype=float)
 
 
 @dataclass(frozen=True)

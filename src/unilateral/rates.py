@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral.errors import InputError
 from unilateral.expression import real
 from unilateral.solve import STEKLOV_GUARD
 
@@ -50,7 +51,12 @@ class Expectation:
 
     @classmethod
     def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
-        """From the study's table of expected rates and the case's own declaration of its levels."""
+        """From the study's table of expected rates and the case's own declaration of its levels.
+
+        Raises InputError for a case that the table lacks.
+        """
+        if case not in study["cases"]:
+            raise InputError(f"the table of expected rates has no case '{case}'; add it there")
         general, special = study["norms"][norm], study["cases"][case][norm]
         bound, where = general["bound"], f"the expected rate of '{case}' in {norm}"
         return cls(

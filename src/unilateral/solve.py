@@ -34,7 +34,7 @@ class Stop:
     `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
     `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is the active
     set where S is singular, Nesterov where no rho is given and more than `max_steps` plain steps are
-    predicted, else plain Uzawa. Raises InputError for an unknown algorithm.
+    predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and a rho without a use.
     """
 
     fraction: float = 0.01
@@ -47,6 +47,10 @@ class Stop:
         if self.algorithm not in ALGORITHMS:
             known = ", ".join(ALGORITHMS)
             raise InputError(f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}")
+        if self.algorithm == "active_set" and self.rho is not None:
+            raise InputError(
+                "the algorithm active_set has no step rho; leave rho out, or take uzawa or nesterov"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +160,7 @@ def _measured(problem: OnMesh, cells: OnCells, both: Pair, result: DualResult, t
     total = problem.load.copy()
     total[condensed.mesh.boundary] += of_lambda_H
     u_h = condensed.solve(total)
-    integral = np.sum(condensed.A @ u_h)
+    integral = condensed.mesh.areas @ u_h[condensed.mesh.triangles].mean(axis=1)
     judged = not both.operator.singular
     return Solution(
         result,

@@ -41,7 +41,10 @@ class DualResult:
 
 
 def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float) -> float:
-    """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular."""
+    """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
+
+    Guaranteed for the problem with the operator as it was computed, that is up to the rounding of A_3.
+    """
     if operator.singular:
         return math.inf
     R = np.minimum(mu, rho * operator.gap(mu, offset))

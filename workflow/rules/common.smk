@@ -4,6 +4,7 @@ from pathlib import Path
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
 PORTRAITS = config["portraits"]
+CASE_SCHEMA = "src/unilateral/case.schema.yaml"
 
 
 wildcard_constraints:
@@ -36,7 +37,7 @@ def scene_of(wildcards):
 
 
 def case_files(wildcards):
-    return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
+    return [CASE_SCHEMA, *(f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"])]
 
 
 def levels(wildcards):

@@ -18,7 +18,6 @@ rule mesh:
 rule solve:
     input:
         library("sweep", "tables", "certificate"),
-        "src/unilateral/case.schema.yaml",
         "workflow/scripts/scenes.py",
         case_files,
         mesh="results/{scene}/mesh.vtu",

@@ -1,5 +1,7 @@
 """The tables of a scene from those of its levels and partitions."""
 
+from sentences import speak_plainly
+
 from unilateral import tables
 
 
@@ -11,6 +13,7 @@ def main(solutions, norms, timings, name, errors_path, timings_path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(
         snakemake.input.solutions,
         snakemake.input.norms,

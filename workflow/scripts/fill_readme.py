@@ -1,5 +1,7 @@
 """README.md: its table of rates."""
 
+from sentences import speak_plainly
+
 from unilateral import documents, tables
 from unilateral.expression import real
 
@@ -10,4 +12,5 @@ def main(paths, scenes, ratio, readme):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(snakemake.input.rates, snakemake.params.scenes, snakemake.params.judged_ratio, snakemake.output[0])

@@ -1,5 +1,7 @@
 """The rates of a scene, judged as the table of expected rates says."""
 
+from sentences import speak_plainly
+
 from unilateral import case, rates, rates_table, tables
 from unilateral.expression import real
 
@@ -16,6 +18,7 @@ def main(errors, study, judged, name, path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(
         snakemake.input.errors,
         snakemake.params.rates,

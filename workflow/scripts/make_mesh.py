@@ -1,6 +1,7 @@
 """The coarsest mesh of a scene."""
 
 from scenes import coarsest_mesh
+from sentences import speak_plainly
 
 from unilateral import mesh
 
@@ -10,4 +11,5 @@ def main(scene, path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(snakemake.params.scene, snakemake.output[0])

@@ -1,6 +1,7 @@
 """||lambda - lambda_H||_{-1/2} on one partition of a scene, for all its cases and levels."""
 
 from scenes import cases, partitions
+from sentences import speak_plainly
 
 from unilateral import tables
 from unilateral.dual_norm import dual_errors
@@ -12,6 +13,7 @@ def main(solutions, scene, name, k, path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(
         snakemake.input.solutions,
         snakemake.params.scene,

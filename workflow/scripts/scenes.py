@@ -1,16 +1,14 @@
-"""A scene of the configuration as objects of the library; its bad input ends a script in one sentence."""
+"""A scene of the configuration as objects of the library."""
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 from unilateral import case, mesh, partition, polygon
 from unilateral.case import Case
 from unilateral.certificate import certify
-from unilateral.errors import InputError
 from unilateral.expression import real
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
@@ -43,13 +41,3 @@ def limits(scene: Mapping[str, Any]) -> tuple[float, float]:
     given = scene["H_over_h"]
     largest = real(given["max"], "H_over_h.max") if "max" in given else math.inf
     return real(given.get("min", 0), "H_over_h.min"), largest
-
-
-def _in_one_sentence(kind, error, trace):
-    if issubclass(kind, InputError):
-        print(f"unilateral: {error}", file=sys.stderr)
-    else:
-        sys.__excepthook__(kind, error, trace)
-
-
-sys.excepthook = _in_one_sentence

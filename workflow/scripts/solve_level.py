@@ -1,6 +1,7 @@
 """Every case on every partition of a scene, on the coarsest mesh refined `level` times."""
 
 from scenes import cases, domain, limits, partitions
+from sentences import speak_plainly
 
 from unilateral import mesh, tables
 from unilateral.solve import Stop
@@ -17,6 +18,7 @@ def main(coarse, scene, name, level, stop, results, timings):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(
         snakemake.input.mesh,
         snakemake.params.scene,

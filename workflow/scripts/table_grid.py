@@ -1,5 +1,7 @@
 """The table behind a scene's map over (h, H)."""
 
+from sentences import speak_plainly
+
 from unilateral import figure_data, tables
 
 
@@ -8,4 +10,5 @@ def main(errors, cases, path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(snakemake.input.errors, snakemake.params.cases, snakemake.output[0])

@@ -1,6 +1,7 @@
 """The tables behind the picture of one solution."""
 
 from scenes import cases, coarsest_mesh, partitions
+from sentences import speak_plainly
 
 from unilateral import figure_data, tables
 
@@ -19,4 +20,5 @@ def main(portrait, mesh_path, boundary_path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(snakemake.params.portrait, snakemake.output.mesh, snakemake.output.boundary)

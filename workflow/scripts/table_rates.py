@@ -1,5 +1,7 @@
 """The table behind a scene's figure of rates."""
 
+from sentences import speak_plainly
+
 from unilateral import figure_data, tables
 
 
@@ -8,4 +10,5 @@ def main(errors, rates, path):
 
 
 if __name__ == "__main__":
+    speak_plainly()
     main(snakemake.input.errors, snakemake.input.rates, snakemake.output[0])
