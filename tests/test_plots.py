@@ -66,6 +66,8 @@ def mesh_table() -> pd.DataFrame:
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], dtype=float)
     return pd.DataFrame(
         {
+            "h": 1.0,
+            "H": 2.0,
             "triangle": np.repeat([0, 1], 3),
             "x": corners[:, 0],
             "y": corners[:, 1],
@@ -241,10 +243,15 @@ def test_a_missing_column_is_named_and_nothing_is_written(
         (
             "portrait",
             "mesh.csv",
-            "triangle,x,y,u_h\n0,0,0,1\n0,1,0,high\n0,0,1,1\n",
+            "triangle,x,y,u_h,h,H\n0,0,0,1,1,2\n0,1,0,high,1,2\n0,0,1,1,1,2\n",
             "column 'u_h': all entries",
         ),
-        ("portrait", "mesh.csv", "triangle,x,y,u_h\n0,0,0,1\n0,1,0,1\n", "column 'triangle': every triangle"),
+        (
+            "portrait",
+            "mesh.csv",
+            "triangle,x,y,u_h,h,H\n0,0,0,1,1,2\n0,1,0,1,1,2\n",
+            "column 'triangle': every triangle",
+        ),
     ],
 )
 def test_a_bad_table_is_refused(

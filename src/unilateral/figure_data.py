@@ -102,6 +102,8 @@ def portrait_frames(case: Case, mesh: Mesh, partition: Partition) -> tuple[pd.Da
             "x": mesh.points[corners, 0],
             "y": mesh.points[corners, 1],
             "u_h": solution.u_h[corners],
+            "h": mesh.h,
+            "H": partition.H,
         }
     )
     side, s, position = _along_boundary(case)

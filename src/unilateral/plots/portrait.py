@@ -19,13 +19,14 @@ from unilateral.plots.style import (
     SMALL,
     WIDTH,
     FilePath,
+    as_fraction,
     axes_at,
     figure_in,
     plain_bar,
     read,
 )
 
-MESH_COLUMNS = ("triangle", "x", "y", "u_h")
+MESH_COLUMNS = ("triangle", "x", "y", "u_h", "h", "H")
 BOUNDARY_COLUMNS = ("kind", "side", "s", "end", "computed", "exact", "contact", "x", "y")
 COMPUTED: dict[str, Any] = {"color": COLOURS[0], "lw": 1.6}
 ANALYTIC: dict[str, Any] = {"color": "black", "lw": 1.0, "ls": (0, (4, 2))}
@@ -40,10 +41,10 @@ CONTACT: dict[str, Any] = {
 def portrait(mesh_csv: FilePath, boundary_csv: FilePath, svg_path: FilePath) -> None:
     """u_h on its mesh with the contact set; along the boundary, u_h - g and lambda_H against the exact ones.
 
-    `mesh_csv`: triangle, x, y, u_h, three rows per triangle. `boundary_csv`: kind, side, s, end, computed,
-    exact, contact, x, y. Rows `trace` are points in the order of s, a vertex once for either side: u_h - g,
-    u - g, contact (0, 1), and where the point lies; `multiplier` are cells from s to end: lambda_H; `flux`
-    are points: lambda. Raises InputError for tables without them.
+    `mesh_csv`: triangle, x, y, u_h, h, H, three rows per triangle. `boundary_csv`: kind, side, s, end,
+    computed, exact, contact, x, y. Rows `trace` are points in the order of s, a vertex once for either
+    side: u_h - g, u - g, contact (0, 1), and where the point lies; `multiplier` are cells from s to end:
+    lambda_H; `flux` are points: lambda. Raises InputError for tables without them.
     """
     triangles = read(mesh_csv, MESH_COLUMNS)
     if (triangles["triangle"].value_counts() != 3).any():
@@ -80,6 +81,8 @@ def _solution(figure: Figure, triangles: pd.DataFrame, trace: pd.DataFrame) -> N
     touching = trace[["x", "y"]].where(trace["contact"] == 1)
     axes.plot(touching["x"], touching["y"], clip_on=False, **CONTACT)
     axes.set(aspect="equal", anchor="S", xlabel="$x$")
+    h, H = triangles[["h", "H"]].iloc[0]
+    axes.set_title(f"$h={as_fraction(h)}$,  $h/H={as_fraction(h / H)}$", pad=9)
     axes.set_ylabel("$y$")
     axes.yaxis.set_label_coords(-0.17, 0.5)
     axes.tick_params(length=5)
