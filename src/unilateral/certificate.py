@@ -111,9 +111,8 @@ def _contact(case: Case, side: int) -> list[tuple[float, float]]:
 def _continuous_at_vertices(case: Case) -> None:
     n, lengths = case.polygon.n_sides, case.polygon.lengths
     sides = np.arange(n)
-    _, _, start = case.boundary(sides, np.zeros(n))
-    _, _, end = case.boundary(sides, lengths)
-    u_start, u_end = (case.boundary(sides, s)[0] for s in (np.zeros(n), lengths))
+    u_start, _, start = case.boundary(sides, np.zeros(n))
+    u_end, _, end = case.boundary(sides, lengths)
     jump = (u_start - start) - np.roll(u_end - end, 1)
     scale = max(1.0, np.max(np.abs(start)), np.max(np.abs(end)), np.max(np.abs(u_start)))
     worst = int(np.argmax(np.abs(jump)))

@@ -141,14 +141,10 @@ def _plain_or_faster(
 
 def _joined(first: DualResult, second: DualResult) -> DualResult:
     """The second run, which went on where the first one ended, with the counts of both."""
-    return DualResult(
-        second.lambda_H,
-        first.iterations + second.iterations,
-        first.operator_applications + second.operator_applications,
-        second.bound,
-        second.converged,
-        second.rho,
-        second.algorithm,
+    return replace(
+        second,
+        iterations=first.iterations + second.iterations,
+        operator_applications=first.operator_applications + second.operator_applications,
     )
 
 

@@ -1,10 +1,10 @@
 """Triangles cut into pieces on which a case's solution is smooth enough for a quadrature rule.
 
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh.
-Pieces that a kink crosses are quartered at least KINK_LEVELS times, and until
-they are smaller than KINK_SIZE of the shortest side. Towards a singular point pieces are
-quartered until they are small against their distance from it; the piece that contains the point is split
-there into pieces that have it as their first corner.
+Pieces that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than
+KINK_SIZE of the shortest side. Towards a singular point pieces are quartered until they are small against
+their distance from it; the piece that contains the point is split there into pieces that have it as their
+first corner.
 """
 
 from __future__ import annotations
