@@ -8,6 +8,7 @@ min_version("9.0")
 
 configfile: "workflow/config/study.yaml"
 configfile: "workflow/config/rates.yaml"
+configfile: "workflow/config/worst_infsup.yaml"
 
 
 validate(config, "workflow/schemas/study.schema.yaml")
@@ -19,6 +20,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 include: "workflow/rules/common.smk"
 include: "workflow/rules/scenes.smk"
+include: "workflow/rules/surveys.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/documents.smk"
 

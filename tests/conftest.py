@@ -15,9 +15,9 @@ from unilateral.case import Case
 from unilateral.condense import Condensed, condense
 from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
 from unilateral.polygon import named
-from unilateral.solve import Pair, Solution, Stop, pair, solve
+from unilateral.solve import Pair, Solution, Stop, guarded_beta, pair, solve
 
-NEED_RESULTS = ("test_results.py", "test_documents.py")
+NEED_RESULTS = ("test_results.py", "test_surveys.py", "test_documents.py")
 RESULTS = Path(__file__).parents[1] / "results"
 
 
@@ -33,7 +33,7 @@ class Discrete(NamedTuple):
     problem: OnMesh
     cells: OnCells
     both: Pair
-    sigma_1: float
+    beta: float
 
     def solve(self, stop: Stop | None = None) -> Solution:
         return solve(*self, stop or Stop())
@@ -61,4 +61,5 @@ def discrete(name: str, n: int, m: int, polygon: str = "square", degree: int | N
     """The case on its first side, h = 1/n, H = 1/m."""
     case, (on, sigma_1) = load(name, polygon), condensed(polygon, n)
     both = coupled(polygon, n, m)
-    return Discrete(on_mesh(case, on, degree), on_cells(case, both.partition), both, sigma_1)
+    beta = guarded_beta(both, sigma_1)
+    return Discrete(on_mesh(case, on, degree), on_cells(case, both.partition), both, beta)

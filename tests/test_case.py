@@ -164,7 +164,7 @@ def weak_defect(case: Case, v: sympy.Expr, h: float, source: float = 1.0) -> flo
         energy = np.sum(du * dv, axis=1) + u * value
         defect += rule.weight.ravel() @ (energy - source * case.source(rule.points) * value)
         scale += rule.weight.ravel() @ np.abs(energy)
-    rule = boundary_rule(case, case.polygon.starts)
+    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
     _, flux, _ = case.boundary(rule.side, rule.s)
     value, _ = w.value_and_gradient(case.polygon.at(rule.side, rule.s))
     return float(abs(defect - rule.weight @ (flux * value)) / max(1.0, scale))

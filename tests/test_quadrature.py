@@ -56,7 +56,7 @@ def test_the_rules_cover_the_mesh_once(name: str, mesh: str) -> None:
         np.testing.assert_allclose(places, rule.points, atol=1e-14)
     np.testing.assert_allclose(covered, on.areas, rtol=1e-9)
     assert covered.sum() == pytest.approx(on.polygon.area, rel=1e-13)
-    boundary = boundary_rule(case, on.s)
+    boundary = boundary_rule(case.polygon, on.s, case.singular())
     np.testing.assert_allclose(boundary.integrate(np.ones_like(boundary.s), len(on.boundary)), np.diff(on.s))
 
 
@@ -185,7 +185,7 @@ def natural_gap(x: np.ndarray) -> np.ndarray:
 
 
 def bottom_means(case: Case, partition: partitions.Partition, which: int) -> np.ndarray:
-    rule = boundary_rule(case, partition.points)
+    rule = boundary_rule(case.polygon, partition.points, case.singular())
     values = case.boundary(rule.side, rule.s)[which]
     return (rule.integrate(values, partition.n_cells) / partition.lengths)[partition.side == 0]
 
@@ -230,7 +230,7 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch: pytest.MonkeyPatch) -> Non
     good = discrete("smooth", 16, 8)
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
     poor = on_mesh(good.problem.case, good.problem.condensed, degree=1)
-    h1_error = solve(poor, good.cells, good.both, good.sigma_1).h1_error
+    h1_error = solve(poor, good.cells, good.both, good.beta).h1_error
     assert abs(h1_error / good.solve().h1_error - 1) > 1e-3
 
 
@@ -256,7 +256,7 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(tmp_path: Path) 
     cells = partitions.uniform(square(), 1 / 4)
     atom = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
     case = declared_case(tmp_path, u=[atom], gap={"elsewhere": 0})
-    rule = boundary_rule(case, cells.points)
+    rule = boundary_rule(case.polygon, cells.points, case.singular())
     means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
     np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, atol=1e-12)

@@ -68,7 +68,8 @@ def test_a_spoilt_table_is_refused(norm):
     table = errors_of("square")
     expected = rates.Expectation.of(EXPECTED, "natural", norm, case.declared("natural")[0]["asymptotic"])
     worse = table.copy(deep=True)
-    worse[rates.NORMS[norm]][{"mesh": -1}] *= 1.1 if norm == "h1" else 1.3
+    for name in ("hm12_error_lower", "hm12_error_upper") if norm == "hm12" else (f"{norm}_error",):
+        worse[name][{"mesh": -1}] *= 1.1 if norm == "h1" else 1.3
     assert rates.judge(worse, "natural", norm, RATIO, expected).verdict == "fails"
     unconverged = table.copy(deep=True)
     unconverged["converged"][{"mesh": 3}] = 0.0
@@ -93,7 +94,6 @@ def test_the_table_is_complete(errors):
     assert np.all(
         (errors["algorithm"] != "").transpose("mesh", "partition", "case").values == inside[..., None]
     )
-    assert np.isnan(errors["hm12_error_upper"]).all()
     for name, variable in errors.variables.items():
         assert variable.attrs.get("units") or name == "case", name
 
@@ -109,7 +109,7 @@ def test_plain_uzawa_ran_wherever_beta_is_positive(errors):
     solved = np.isfinite(errors["h1_error"])
     expected = np.where(solved, np.where(singular, "active_set", "uzawa"), "")
     assert np.array_equal(errors["algorithm"].transpose(*singular.dims).values, expected)
-    for name in ("hm12_error_lower", "hm12_discrete", "l2_error"):
+    for name in ("hm12_error_lower", "hm12_error_upper", "hm12_best", "hm12_discrete", "l2_error"):
         assert np.array_equal(np.isfinite(errors[name]), solved & ~singular), name
 
 
@@ -147,6 +147,75 @@ def test_the_exact_split_of_every_run(errors):
 def test_the_true_dual_norm_is_not_below_the_discrete_one(errors):
     """V_h is conforming: its supremum is a lower bound of the norm too."""
     assert not np.any(errors["hm12_error_lower"] < errors["hm12_discrete"])
+
+
+def test_the_bounds_of_the_dual_norm_are_close_and_do_not_cross(errors):
+    """Upper / lower - 1 at most 5 %, its median at most 1.5 %, wherever the error is not 0."""
+    lower, upper = runs(errors, "hm12_error_lower"), runs(errors, "hm12_error_upper")
+    assert np.all(lower <= upper)
+    zero = 1e-12 * errors["u_norm"].max().item()
+    gap = upper[upper > zero] / lower[upper > zero] - 1
+    assert gap.max() <= 0.05
+    assert np.median(gap) <= 0.015
+
+
+def test_the_shortcut_is_no_bound_of_the_dual_norm(errors):
+    """Control: H^{1/2} ||lambda - lambda_H||_0 would lie outside the bounds in most runs."""
+    shortcut = runs(errors.assign(shortcut=np.sqrt(errors["H"]) * errors["l2_error"]), "shortcut")
+    lower, upper = runs(errors, "hm12_error_lower"), runs(errors, "hm12_error_upper")
+    some = upper > 1e-10
+    outside = (shortcut < lower) | (shortcut > upper)
+    assert np.mean(outside[some]) > 0.9
+
+
+def infsup_of(scene):
+    return errors_of(scene, "infsup")
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_beta_is_known_to_half_a_percent_and_at_most_1(scene):
+    table = infsup_of(scene)
+    lower, upper = table["beta_lower"].values, table["beta_upper"].values
+    known = np.isfinite(lower)
+    assert known.any()
+    assert np.all(lower[known] <= upper[known])
+    assert np.all(upper[known] <= 1)
+    positive = known & (upper > 0)
+    assert np.all(upper[positive] <= 1.005 * lower[positive])
+    h_over_H = errors_of(scene)["h_over_H"].values
+    assert np.array_equal(positive[known], (h_over_H < 1 - 1e-12)[known])
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_beta_does_not_fall_when_the_mesh_is_refined(scene):
+    """V_h is contained in its refinement; each beta is known between bounds only."""
+    table = infsup_of(scene)
+    coarse, fine = table["beta_lower"].values[:-1], table["beta_upper"].values[1:]
+    assert np.all((coarse <= fine) | np.isnan(coarse) | np.isnan(fine))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_lemma_4_3_with_its_constants_in_every_run(scene):
+    """(4.6) with 1 + 1/beta and 1/beta, all factors on their unfavourable side."""
+    ratio = infsup_of(scene)["lemma_4_3"].values
+    assert np.isfinite(ratio).any()
+    assert np.nanmax(ratio) <= 1
+
+
+def test_lemma_4_3_would_fail_with_the_constants_1_and_0():
+    """Control: lambda_H is not the best approximation itself."""
+    errors = errors_of("square")
+    worst = (errors["hm12_error_lower"] / errors["hm12_best"]).sel(case=["natural", "thirds"])
+    assert float(worst.max()) > 1.05
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_discrete_norm_is_at_most_the_true_one(scene):
+    table = infsup_of(scene)
+    lower, upper = table["norm_ratio_lower"].values, table["norm_ratio_upper"].values
+    known = np.isfinite(lower)
+    assert np.all(lower[known] <= upper[known])
+    assert np.all(upper[known] <= 1)
 
 
 def test_the_error_is_not_below_that_of_the_ritz_projection(errors):

@@ -1,6 +1,7 @@
 """A sweep against its solves one by one, and how much it computes."""
 
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ from conftest import discrete, load
 
 from unilateral import mesh, partition
 from unilateral import sweep as module
+from unilateral.dual_norm import dual_norm
+from unilateral.infsup import infsup
 from unilateral.polygon import named
 from unilateral.sweep import PER_RUN, sweep
 from unilateral.tables import VARIABLES
@@ -18,8 +21,15 @@ CELLS = (2, 4, 8, 16)
 
 
 def swept(names=NAMES, **options):
-    cells = [partition.uniform(SQUARE, 1 / m) for m in CELLS]
-    return sweep(mesh.structured(SQUARE, 1 / 8), [load(name) for name in names], cells, **options)
+    cells, cases = [partition.uniform(SQUARE, 1 / m) for m in CELLS], [load(name) for name in names]
+    return sweep(mesh.structured(SQUARE, 1 / 8), cases, cells, grams(names), **options)
+
+
+@cache
+def grams(names):
+    """The dual norm's forms where beta > 0, on the two coarser partitions."""
+    cases = [load(name) for name in names]
+    return {k: dual_norm(partition.uniform(SQUARE, 1 / CELLS[k]), cases).gram(cases) for k in (0, 1)}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +48,33 @@ def test_only_pairs_within_the_limits_are_solved(tables):
 
 
 def test_without_limits_all_pairs_are_solved():
-    assert np.isfinite(swept(["no_contact"])[0]["h1_error"]).all()
+    assert np.isfinite(swept(("no_contact",))[0]["h1_error"]).all()
+
+
+def test_a_pair_with_beta_above_0_needs_its_gram_matrix():
+    cells = [partition.uniform(SQUARE, 1 / 4)]
+    with pytest.raises(ValueError, match="needs the Gram matrix"):
+        sweep(mesh.structured(SQUARE, 1 / 8), [load("natural")], cells, {})
+
+
+def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):
+    """By the forms on P0(T_H) and on lambda - Pi_H lambda, and directly for the difference itself."""
+    cells = partition.uniform(SQUARE, 1 / 4)
+    cases = [load(name) for name in NAMES]
+    run = tables[0].isel(mesh=0, partition=1)
+    for c, case in enumerate(cases):
+        lower, upper = dual_norm(cells, cases).of_error(case, run["lambda_H"].values[c, None, :16])
+        np.testing.assert_allclose(run["hm12_error_upper"][c], upper[0], rtol=1e-8, atol=1e-14)
+        expected = max(lower[0], float(run["hm12_discrete"][c]))
+        np.testing.assert_allclose(run["hm12_error_lower"][c], expected, rtol=1e-8, atol=1e-14)
+
+
+def test_the_constants_are_those_of_the_pair(tables):
+    alone = discrete("natural", 8, 4)
+    found = infsup(alone.both.operator, grams(NAMES)[1].p0)
+    for name in ("beta_lower", "beta_upper", "beta_0"):
+        assert float(tables[0][name][0, 1]) == pytest.approx(getattr(found, name), rel=1e-9)
+        assert np.all(tables[0][name].values[0, 2:] == 0)
 
 
 @pytest.mark.parametrize(("c", "name"), list(enumerate(NAMES)))
@@ -46,7 +82,8 @@ def test_without_limits_all_pairs_are_solved():
 def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m):
     """The same arithmetic, so the same numbers: rtol leaves room for the order of sums only."""
     alone = discrete(name, 8, m)
-    solution = alone.solve()
+    beta = infsup(alone.both.operator, grams(NAMES)[k].p0).beta_lower if k == 1 else 0.0
+    solution = alone._replace(beta=beta).solve()
     run = tables[0].isel(case=c, mesh=0, partition=k)
     for variable in ("h1_error", "hm12_discrete", "l2_error", "tolerance"):
         np.testing.assert_allclose(run[variable], getattr(solution, variable), rtol=1e-9, err_msg=variable)
@@ -103,5 +140,5 @@ def test_one_factorisation_for_all_and_one_operator_for_each_partition(monkeypat
 
     for name in ("condense", "first_steklov", "on_mesh", "on_cells", "pair", "solve"):
         counting(name)
-    swept(["natural", "no_contact"], H_over_h=(2.0, 4.0))
+    swept(("natural", "no_contact"), H_over_h=(2.0, 4.0))
     assert counts == {"condense": 1, "first_steklov": 1, "on_mesh": 2, "on_cells": 8, "pair": 2, "solve": 4}

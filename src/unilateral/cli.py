@@ -148,7 +148,7 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     from unilateral import case, dual_norm, mesh, norms, partition, polygon
     from unilateral.certificate import certify
     from unilateral.condense import condense
-    from unilateral.solve import pair, solve
+    from unilateral.solve import guarded_beta, pair, solve
 
     begin = time.perf_counter()
     polygons = case.declared(options.problem)[0]["polygons"]
@@ -175,13 +175,13 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
         norms.on_mesh(problem, condensed),
         norms.on_cells(problem, cells),
         both,
-        norms.first_steklov(condensed),
+        guarded_beta(both, norms.first_steklov(condensed)),
         stop,
     )
-    lower = math.nan
+    lower = upper = math.nan
     if not both.operator.singular:
-        space = dual_norm.reference_space(cells, problem.flux_singular())
-        lower = max(solution.hm12_discrete, float(space.error_lower(problem, solution.lambda_H[None])[0]))
+        bounds = dual_norm.dual_norm(cells, [problem]).of_error(problem, solution.lambda_H[None])
+        lower, upper = max(solution.hm12_discrete, float(bounds.lower[0])), float(bounds.upper[0])
     found = {
         "problem": problem.name,
         "h": triangulation.h,
@@ -194,7 +194,7 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
         "algebraic_bound": solution.result.bound,
         "h1_error": solution.h1_error,
         "hm12_error_lower": lower,
-        "hm12_error_upper": math.nan,
+        "hm12_error_upper": upper,
         "l2_error": solution.l2_error,
         "total_bound": math.nan,
         "seconds": time.perf_counter() - begin,
@@ -208,12 +208,15 @@ def _text(found: dict[str, Any], algorithm: str) -> str:
         return "not judged, for beta = 0" if _unknown(found[key]) else f"{found[key]:.4e}"
 
     steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
+    dual = f" = {number('hm12_error_lower')}"
+    if not _unknown(found["hm12_error_upper"]):
+        dual = f">= {number('hm12_error_lower')}, <= {number('hm12_error_upper')}"
     outcome = "converged" if found["converged"] else "NOT converged"
     rows = {
         "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
         f"{algorithm} {outcome}": f"algebraic error <= {found['algebraic_bound']:.4e}, guaranteed{steps}",
         "||u - u_h||_1": f" = {number('h1_error')}",
-        "||lambda - lambda_H||_-1/2": f">= {number('hm12_error_lower')}",
+        "||lambda - lambda_H||_-1/2": dual,
         "||lambda - lambda_H||_0": f" = {number('l2_error')}",
         "time and memory": f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB",
     }

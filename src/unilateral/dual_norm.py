@@ -1,159 +1,207 @@
-"""||mu||_{-1/2} measured: a lower bound by a reference solve in P2 on a mesh graded to the boundary.
+"""||mu||_{-1/2} between guaranteed bounds: a supremum over P2 below, an energy over BDM1 above.
 
-For every conforming v, <mu, v> / ||v||_1 <= ||mu||_{-1/2}; the v taken here solves
-(v, w)_1 = <mu, w> in P2 on a mesh made for T_H alone: its boundary edges are nested in the cells of T_H,
-at most an eighth of the longest cell and halved eight times towards each singular point of lambda, and
-the triangles grow with the distance from the boundary. The pairing uses mu itself, so the bound is
-guaranteed up to round-off.
+For every v in H^1 and every flux q with q.n = mu on the boundary,
+
+    <mu, v> / ||v||_1 <= ||mu||_{-1/2} <= (||q||^2 + ||div q||^2)^{1/2},
+
+with equality for q = grad v and v as in (3.5). The spaces are those of `reference`. A flux of BDM1 carries
+Pi_1 mu, the part of mu that is linear on the edges of the reference mesh; a bound of what is left,
+`oscillation`, is added. All of it is guaranteed up to rounding.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-import skfem
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.sparse.linalg import SuperLU, splu
-from skfem.models.poisson import laplace, mass
 
-from unilateral import mesh as meshes
-from unilateral.atoms import Singular
 from unilateral.case import Case
-from unilateral.condense import elimination_order
-from unilateral.mesh import Mesh
+from unilateral.norms import on_cells
+from unilateral.oscillation import oscillation_bound
 from unilateral.partition import Partition
-from unilateral.quadrature import boundary_rule
+from unilateral.quadrature import BoundaryRule, boundary_rule
+from unilateral.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 
 Array = NDArray[np.float64]
-EDGES_PER_CELL = 8
-HALVINGS = 8
-GROWTH = 0.3
+
+
+class Bounds(NamedTuple):
+    """Guaranteed lower and upper bounds, of equal shapes."""
+
+    lower: Array
+    upper: Array
+
+
+class Functionals(NamedTuple):
+    """What the reference spaces see of k functions mu on the boundary.
+
+    `loads` (n_p2, k) are <mu, psi_i>; `fluxes` (2 nb, k) are Pi_1 mu at the ends of the boundary edges;
+    `oscillation` (k,) bounds ||mu - Pi_1 mu||_{-1/2}.
+    """
+
+    loads: sp.csc_array
+    fluxes: sp.csc_array
+    oscillation: Array
 
 
 @dataclass(frozen=True, eq=False)
-class ReferenceSpace:
-    """P2 on the reference mesh of a partition, its matrix of (., .)_1 factorised.
+class Gram:
+    """Matrices (m + c, m + c) of the forms that bound ||.||_{-1/2}^2, and what oscillates of each case (c,).
 
-    `dofs` (nb, 3) are the unknowns of each boundary edge: its start, its end, its midpoint; `cell` (nb,) the
-    cell of T_H it lies in.
+    The first m columns belong to the cells of T_H, the others to lambda - Pi_H lambda of c cases.
     """
+
+    n_cells: int
+    lower: Array
+    upper: Array
+    oscillation: Array
+
+    @classmethod
+    def of_table(cls, table: xr.Dataset) -> Gram:
+        """From the table that `table` makes."""
+        lower, upper, rest = (table[name].values for name in ("norm_lower", "norm_upper", "oscillation"))
+        return cls(len(lower) - len(rest), lower, upper, rest)
+
+    def table(self, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
+        """The forms with the partition's ends of cells and the cases' names."""
+        form = ("functional", "functional_too")
+        return xr.Dataset(
+            {
+                "norm_lower": (form, self.lower),
+                "norm_upper": (form, self.upper),
+                "oscillation": ("case", self.oscillation),
+                "points": ("point", partition.points),
+            },
+            coords={"case": [case.name for case in cases]},
+        )
+
+    @property
+    def p0(self) -> Bounds:
+        """(m, m) each: Gram matrices of P0(T_H), the true one between them as quadratic forms."""
+        m = self.n_cells
+        return Bounds(self.lower[:m, :m], self.upper[:m, :m])
+
+    def error(self, c: int, difference: Array) -> Bounds:
+        """Bounds (k,) of ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
+        x = np.zeros((len(difference), len(self.lower)))
+        x[:, : self.n_cells] = difference
+        x[:, self.n_cells + c] = 1.0
+        lower, upper = (np.einsum("ki,ij,kj->k", x, form, x) for form in (self.lower, self.upper))
+        return Bounds(_root(lower), _root(upper) + self.oscillation[c])
+
+    def best_approximation(self, c: int) -> float:
+        """A lower bound of the distance of lambda of case c from P0(T_H) in ||.||_{-1/2}."""
+        m = self.n_cells
+        mixed = self.lower[:m, m + c]
+        square = self.lower[m + c, m + c] - mixed @ np.linalg.solve(self.p0.lower, mixed)
+        return math.sqrt(max(float(square), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class DualNorm:
+    """||.||_{-1/2} on the boundary of a polygon, by reference spaces made for the partition T_H."""
 
     partition: Partition
-    mesh: Mesh
-    dofs: NDArray[np.intp]
-    cell: NDArray[np.intp]
-    n_dofs: int
-    lu: SuperLU
-    order: NDArray[np.intp]
+    spaces: ReferenceSpaces
 
-    def error_lower(self, case: Case, lambda_H: Array) -> Array:
-        """(k,) lower bounds of ||lambda - lambda_H||_{-1/2} for the multipliers lambda_H (k, m)."""
-        return self._norms(self._flux_load(case)[:, None] - self._cell_load(lambda_H))
+    def of_p0(self, mu_H: Array, partition: Partition | None = None) -> Bounds:
+        """Bounds (k,) of ||mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells of T_H.
 
-    def norm_lower(self, mu_H: Array) -> Array:
-        """(k,) lower bounds of ||mu_H||_{-1/2} for P0 functions mu_H (k, m) on T_H."""
-        return self._norms(self._cell_load(mu_H))
+        Another partition may be given; its points need not be nodes of the reference mesh.
+        """
+        cells = partition or self.partition
+        rule, cell = self._rule(cells, None)
+        return self._bounds(self._functionals(rule, mu_H.T[cell]))
 
-    def _norms(self, loads: Array) -> Array:
-        solutions = self.lu.solve(loads[self.order])
-        return np.sqrt(np.maximum(np.sum(loads[self.order] * solutions, axis=0), 0.0))
+    def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bounds:
+        """Bounds (k,) of ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells."""
+        rule, cell = self._rule(partition or self.partition, case)
+        flux = case.boundary(rule.side, rule.s)[1]
+        return self._bounds(self._functionals(rule, flux[:, None] - mu_H.T[cell]))
 
-    def _cell_load(self, mu_H: Array) -> Array:
-        """(n_dofs, k): <mu_H, psi_i>, by Simpson's weights on every boundary edge."""
-        per_edge = (np.diff(self.mesh.s)[:, None] * mu_H.T[self.cell])[:, None] / 6
-        return self._scatter(per_edge * np.array([1.0, 1.0, 4.0])[:, None])
+    def gram(self, cases: Sequence[Case] = ()) -> Gram:
+        """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
+        parts = [self._indicators()]
+        for case in cases:
+            rule, cell = self._rule(self.partition, case)
+            flux = case.boundary(rule.side, rule.s)[1]
+            means = on_cells(case, self.partition).lambda_means
+            parts.append(self._functionals(rule, (flux - means[cell])[:, None]))
+        loads = sp.hstack([part.loads for part in parts], format="csc")
+        fluxes = sp.hstack([part.fluxes for part in parts], format="csc")
+        return Gram(
+            self.partition.n_cells,
+            self.spaces.suprema(loads),
+            self.spaces.least_fluxes(fluxes),
+            np.concatenate([part.oscillation for part in parts[1:]] or [np.empty(0)]),
+        )
 
-    def _flux_load(self, case: Case) -> Array:
-        """(n_dofs,): <lambda, psi_i>, to round-off."""
-        rule = boundary_rule(case, self.mesh.s)
-        _, flux, _ = case.boundary(rule.side, rule.s)
-        start = self.mesh.s[rule.interval] - self.mesh.polygon.starts[rule.side]
-        x = (rule.s - start) / np.diff(self.mesh.s)[rule.interval]
-        shapes = ((1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x))
-        moments = [rule.integrate(flux * shape, len(self.cell)) for shape in shapes]
-        return self._scatter(np.stack(moments, axis=1)[..., None])[:, 0]
+    def _bounds(self, mu: Functionals) -> Bounds:
+        lower = np.diag(self.spaces.suprema(mu.loads))
+        upper = np.diag(self.spaces.least_fluxes(mu.fluxes))
+        return Bounds(_root(lower), _root(upper) + mu.oscillation)
 
-    def _scatter(self, per_edge: Array) -> Array:
-        """(n_dofs, k) from values (nb, 3, k) on the boundary edges."""
-        load = np.zeros((self.n_dofs, per_edge.shape[2]))
-        np.add.at(load, self.dofs.ravel(), per_edge.reshape(-1, per_edge.shape[2]))
-        return load
+    def _rule(self, partition: Partition, case: Case | None) -> tuple[BoundaryRule, NDArray[np.intp]]:
+        """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
+        cuts = np.union1d(self.spaces.mesh.s, partition.points)
+        rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())
+        middle = 0.5 * (cuts[1:] + cuts[:-1])
+        cell, edge = (np.searchsorted(s, middle) - 1 for s in (partition.points, self.spaces.mesh.s))
+        return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
+
+    def _functionals(self, rule: BoundaryRule, values: Array) -> Functionals:
+        """Of functions with the values (Q, k) at the points of the rule."""
+        mesh, edge = self.spaces.mesh, rule.interval
+        lengths = np.diff(mesh.s)
+        x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
+        weighted = rule.weight[:, None] * values
+
+        def moments(shape: Array) -> Array:
+            found = np.zeros((len(lengths), values.shape[1]))
+            np.add.at(found, edge, shape[:, None] * weighted)
+            return found
+
+        start, end = moments(1 - x), moments(x)
+        bubble = moments(4 * x * (1 - x))
+        loads = np.zeros((self.spaces.n_p2, values.shape[1]))
+        shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
+        np.add.at(loads, self.spaces.nodes.ravel(), shapes.reshape(-1, values.shape[1]))
+        at_start, at_end = ((4 * a - 2 * b) / lengths[:, None] for a, b in ((start, end), (end, start)))
+        rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
+        squares = np.zeros_like(start)
+        np.add.at(squares, edge, rule.weight[:, None] * rest**2)
+        fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
+        left_over = oscillation_bound(mesh, self.spaces.triangle, squares)
+        return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), left_over)
+
+    def _indicators(self) -> Functionals:
+        """Of the cells of T_H, each the union of edges of the reference mesh."""
+        s, m = self.spaces.mesh.s, self.partition.n_cells
+        lengths = np.diff(s)
+        cell = np.searchsorted(self.partition.points, 0.5 * (s[1:] + s[:-1])) - 1
+        shares = (lengths[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
+        where = (self.spaces.nodes.ravel(), np.repeat(cell, 3))
+        loads = sp.coo_array((shares, where), shape=(self.spaces.n_p2, m)).tocsc()
+        ends = (np.arange(2 * len(cell)), np.repeat(cell, 2))
+        fluxes = sp.coo_array((np.ones(2 * len(cell)), ends), shape=(2 * len(cell), m)).tocsc()
+        return Functionals(loads, fluxes, np.zeros(m))
 
 
-def reference_space(
-    partition: Partition, singular: Iterable[Singular] = (), edges_per_cell: int = EDGES_PER_CELL
-) -> ReferenceSpace:
-    """The reference space of a partition, its mesh refined towards the singular points of lambda too."""
-    from unilateral.triangulate import triangulate
-
+def dual_norm(
+    partition: Partition, cases: Iterable[Case] = (), edges_per_cell: int = EDGES_PER_CELL
+) -> DualNorm:
+    """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points."""
     polygon = partition.polygon
-    s, fine = _boundary_nodes(
-        partition,
-        sorted({polygon.arc_length(p.side, p.t) % polygon.perimeter for p in singular}),
-        edges_per_cell,
-    )
-    mesh = meshes.from_arrays(polygon, *triangulate(polygon, s, GROWTH, fine), "reference mesh")
-    basis = skfem.Basis(skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2())
-    A = sp.csr_array(laplace.assemble(basis) + mass.assemble(basis))
-    order = elimination_order(A, np.empty(0, dtype=np.intp))
-    lu = splu(
-        A[order][:, order].tocsc(),
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    middle = 0.5 * (mesh.s[1:] + mesh.s[:-1])
-    cell = np.searchsorted(partition.points, middle, side="right") - 1
-    return ReferenceSpace(partition, mesh, _boundary_dofs(basis, mesh), cell, basis.N, lu, order)
+    singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
+    singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
+    return DualNorm(partition, reference_spaces(partition, singular, edges_per_cell))
 
 
-def dual_errors(runs: xr.Dataset, cases: Sequence[Case], partition: Partition) -> xr.Dataset:
-    """Bounds of ||lambda - lambda_H||_{-1/2} for the table `runs` of one partition, for its cases and meshes.
-
-    NaN where lambda_H is not judged. The discrete norm, a supremum over V_h, is a lower bound too; no upper
-    bound is known here, and it stays NaN.
-    """
-    lower = np.full((len(cases), runs.sizes["mesh"], 1), np.nan)
-    judged = np.isfinite(runs["hm12_discrete"].transpose("case", "mesh", "partition").values[..., 0])
-    if judged.any():
-        space = reference_space(partition, [p for case in cases for p in case.flux_singular()])
-    for c in np.flatnonzero(judged.any(axis=1)).tolist():
-        lambda_H = runs["lambda_H"].sel(case=cases[c].name).isel(partition=0).values
-        lower[c, judged[c], 0] = space.error_lower(cases[c], lambda_H[judged[c], : partition.n_cells])
-    lower = np.fmax(lower, runs["hm12_discrete"].transpose("case", "mesh", "partition").values)
-    run = ("case", "mesh", "partition")
-    variables = {"hm12_error_lower": (run, lower), "hm12_error_upper": (run, np.full_like(lower, np.nan))}
-    return xr.Dataset(variables, coords={name: runs[name] for name in ("case", "h", "H")})
-
-
-def _boundary_nodes(
-    partition: Partition, singular: list[float], per_cell: int
-) -> tuple[Array, dict[float, float]]:
-    """Arc lengths (nb,) of the boundary nodes, and the edge length at each singular point."""
-    cuts = np.union1d(partition.points, singular)
-    counts = np.ceil(np.diff(cuts) / (partition.H / per_cell) - 1e-9).astype(int)
-    steps = np.diff(cuts) / counts
-    offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    uniform = np.repeat(cuts[:-1], counts) + offsets * np.repeat(steps, counts)
-    halves = 0.5 ** np.arange(1, HALVINGS + 1)
-    graded, fine = [uniform], {}
-    for p in singular:
-        i = int(np.searchsorted(cuts, p))
-        graded += [p + steps[i] * halves, p - steps[i - 1] * halves]
-        fine[p] = float(min(steps[i], steps[i - 1]) * halves[-1])
-    return np.unique(np.concatenate(graded) % partition.polygon.perimeter), fine
-
-
-def _boundary_dofs(basis: skfem.Basis, mesh: Mesh) -> NDArray[np.intp]:
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
-    n = mesh.n_nodes
-    facets = basis.mesh.facets
-    keys = facets.min(axis=0) * n + facets.max(axis=0)
-    order = np.argsort(keys)
-    wanted = np.minimum(start, end) * n + np.maximum(start, end)
-    facet = order[np.searchsorted(keys, wanted, sorter=order)]
-    return np.column_stack([basis.nodal_dofs[0][start], basis.nodal_dofs[0][end], basis.facet_dofs[0][facet]])
+def _root(squares: Array) -> Array:
+    return np.sqrt(np.maximum(squares, 0.0))

@@ -17,7 +17,8 @@ from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov, on_cells, on_mesh
 from unilateral.partition import Partition
 from unilateral.rates import NORMS
-from unilateral.solve import pair, solve
+from unilateral.solve import guarded_beta, pair, solve
+from unilateral.tables import error_in
 
 Array = NDArray[np.float64]
 SAMPLES_PER_SIDE = 200
@@ -30,10 +31,10 @@ def rates_frame(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:
     """
     rows = []
     for case in rates["case"].values:
-        for norm, variable in NORMS.items():
+        for norm in NORMS:
             for ratio in rates["h_over_H"].values:
                 of = rates.sel(case=case, norm=norm, h_over_H=ratio)
-                rows += _levels(errors.sel(case=case), variable, norm, of)
+                rows += _levels(errors.sel(case=case), norm, of)
     if not rows:
         ratios = ", ".join(f"{ratio:g}" for ratio in rates["h_over_H"].values)
         raise InputError(
@@ -42,7 +43,8 @@ def rates_frame(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _levels(errors: xr.Dataset, variable: str, norm: str, of: xr.Dataset) -> list[dict]:
+def _levels(errors: xr.Dataset, norm: str, of: xr.Dataset) -> list[dict]:
+    error = error_in(errors, norm).values
     pairs = of["asymptotic"].values == 1
     asymptotic = {*of["h_coarse"].values[pairs], *of["h_fine"].values[pairs]}
     same = np.argwhere(np.isclose(errors["h_over_H"].values, float(of["h_over_H"]), rtol=1e-9))
@@ -54,7 +56,7 @@ def _levels(errors: xr.Dataset, variable: str, norm: str, of: xr.Dataset) -> lis
             "h_over_H": float(of["h_over_H"]),
             "h": float(errors["h"][i]),
             "H": float(errors["H"][j]),
-            "error": float(errors[variable][i, j]),
+            "error": float(error[i, j]),
             "asymptotic": int(float(errors["h"][i]) in asymptotic),
             "rate": float(of["fitted"]),
             "proved": float(of["proved"]),
@@ -69,7 +71,8 @@ def grid_frame(errors: xr.Dataset, cases: Sequence[str]) -> pd.DataFrame:
     rows = []
     for case in cases:
         of = errors.sel(case=case)
-        for norm, variable in NORMS.items():
+        for norm in NORMS:
+            error = error_in(of, norm).values
             for i, j in np.ndindex(of.sizes["mesh"], of.sizes["partition"]):
                 solved_without_beta = of["algorithm"].values[i, j] == "active_set"
                 rows.append(
@@ -79,7 +82,7 @@ def grid_frame(errors: xr.Dataset, cases: Sequence[str]) -> pd.DataFrame:
                         "h": float(of["h"][i]),
                         "H": float(of["H"][j]),
                         "h_over_H": float(of["h_over_H"][i, j]),
-                        "error": float(of[variable][i, j]),
+                        "error": float(error[i, j]),
                         "beta_zero": int(solved_without_beta),
                     }
                 )
@@ -89,12 +92,9 @@ def grid_frame(errors: xr.Dataset, cases: Sequence[str]) -> pd.DataFrame:
 def portrait_frames(case: Case, mesh: Mesh, partition: Partition) -> tuple[pd.DataFrame, pd.DataFrame]:
     """u_h on the triangles; and along the boundary u_h - g, lambda_H, and what they approximate."""
     condensed = condense(mesh)
-    solution = solve(
-        on_mesh(case, condensed),
-        on_cells(case, partition),
-        pair(condensed, partition),
-        first_steklov(condensed),
-    )
+    both = pair(condensed, partition)
+    beta = guarded_beta(both, first_steklov(condensed))
+    solution = solve(on_mesh(case, condensed), on_cells(case, partition), both, beta)
     corners = mesh.triangles.ravel()
     field = pd.DataFrame(
         {

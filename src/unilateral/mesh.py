@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -94,10 +94,22 @@ def structured(polygon: Polygon, h: float) -> Mesh:
 
 def unstructured(polygon: Polygon, h: float) -> Mesh:
     """A mesh by gmsh, its boundary edges those of the sides divided into ceil(length / h) equal ones."""
+    return with_boundary(polygon, polygon.divided(polygon.counts(h))[:-1])
+
+
+def with_boundary(polygon: Polygon, s: ArrayLike) -> Mesh:
+    """A mesh by gmsh whose boundary nodes have the arc lengths s (nb,): from 0, the vertices among them.
+
+    Raises InputError unless they increase strictly and stay below the perimeter.
+    """
     from unilateral.triangulate import triangulate
 
-    points, triangles = triangulate(polygon, polygon.divided(polygon.counts(h))[:-1])
-    return from_arrays(polygon, points, triangles, "gmsh")
+    nodes = np.asarray(s, dtype=float)
+    _check_nodes(polygon, nodes)
+    mesh = from_arrays(polygon, *triangulate(polygon, nodes), "gmsh")
+    ends = np.append(nodes, polygon.perimeter)
+    ends.setflags(write=False)
+    return replace(mesh, s=ends)
 
 
 def refine(mesh: Mesh) -> Mesh:
@@ -163,6 +175,24 @@ def _grid(ticks: Array, kept: np.ndarray) -> tuple[Array, Integers]:
     used[triangles] = True
     points = np.column_stack([np.tile(ticks, n), np.repeat(ticks, n)])
     return points[used], (np.cumsum(used) - 1)[triangles]
+
+
+def _check_nodes(polygon: Polygon, s: Array) -> None:
+    if s.ndim != 1:
+        raise InputError(f"boundary nodes: they have the shape {s.shape}; give a plain list of arc lengths")
+    missed = np.flatnonzero(~np.isin(polygon.starts[:-1], s))
+    if missed.size:
+        raise InputError(
+            f"boundary nodes: vertex {missed[0]} of polygon '{polygon.name}', at arc length "
+            f"{polygon.starts[missed[0]]:.17g}, is missing; every vertex has to be one"
+        )
+    falls = np.flatnonzero(~(np.diff(s, append=polygon.perimeter) > 0))
+    if s[0] != 0 or falls.size:
+        first = 0 if s[0] != 0 else falls[0]
+        raise InputError(
+            f"boundary nodes: node {first} at arc length {s[first]:.17g} is out of order; they have to begin "
+            f"with 0, increase strictly and stay below the perimeter {polygon.perimeter:.17g}"
+        )
 
 
 def _with_boundary(polygon: Polygon, points: Array, triangles: Integers, where: str) -> Mesh:

@@ -116,7 +116,7 @@ def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Ar
 
 def flux_load(case: Case, mesh: Mesh) -> Array:
     """<lambda, phi_j> (nb,) of the boundary hats."""
-    rule = boundary_rule(case, mesh.s)
+    rule = boundary_rule(case.polygon, mesh.s, case.singular())
     _, flux, _ = case.boundary(rule.side, rule.s)
     edge, nb = rule.interval, len(mesh.boundary)
     position = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
@@ -147,7 +147,7 @@ class OnCells:
 
 def on_cells(case: Case, partition: Partition) -> OnCells:
     """Means and norms by quadrature split at the case's singular points, to round-off."""
-    rule, m = boundary_rule(case, partition.points), partition.n_cells
+    rule, m = boundary_rule(case.polygon, partition.points, case.singular()), partition.n_cells
     u, flux, gap = case.boundary(rule.side, rule.s)
     lambda_means, g_means = (rule.integrate(values, m) / partition.lengths for values in (flux, u - gap))
     deviation = flux - lambda_means[rule.interval]

@@ -9,17 +9,20 @@ it are split there and mapped (Duffy) with r = tau^k.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from math import lcm
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
+from unilateral.atoms import Singular
 from unilateral.case import Case
 from unilateral.mesh import Mesh
+from unilateral.polygon import Polygon
 from unilateral.splitting import split_triangles
 
 Array = NDArray[np.float64]
@@ -32,8 +35,7 @@ FINE = 1 / 64
 BLOCK = 1 << 13
 
 
-@dataclass(frozen=True)
-class BoundaryRule:
+class BoundaryRule(NamedTuple):
     """Points by side (Q,) and arc length from the side's start s (Q,); weight (Q,); the cut interval (Q,)."""
 
     side: Index
@@ -46,13 +48,13 @@ class BoundaryRule:
         return np.bincount(self.interval, self.weight * values, n_intervals).astype(float, copy=False)
 
 
-def boundary_rule(case: Case, cuts: Array) -> BoundaryRule:
+def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = ()) -> BoundaryRule:
     """A rule on every interval between the arc lengths `cuts` (k + 1,), which contain the vertices.
 
-    Exact to round-off for the piecewise powers that a case's lambda and gap are made of.
+    With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
+    are made of.
     """
-    polygon = case.polygon
-    anchors, grading = _anchors(case)
+    anchors, grading = _anchors(polygon, singular)
     between = 0.5 * (anchors[1:] + anchors[:-1])
     edges = np.union1d(cuts, np.concatenate([anchors, between]))
     edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
@@ -77,11 +79,10 @@ def boundary_rule(case: Case, cuts: Array) -> BoundaryRule:
     )
 
 
-def _anchors(case: Case) -> tuple[Array, Array]:
+def _anchors(polygon: Polygon, singular: Iterable[Singular]) -> tuple[Array, Array]:
     """Arc lengths of the vertices and singular points, increasing, and their gradings."""
-    polygon = case.polygon
     gradings = dict.fromkeys(polygon.starts.tolist(), 1)
-    for p in case.singular():
+    for p in singular:
         s = polygon.arc_length(p.side, p.t)
         gradings[s] = lcm(gradings.get(s, 1), p.grading)
     anchors = np.array(sorted(gradings))

@@ -24,7 +24,7 @@ from unilateral.uzawa import DualResult, predicted_steps, residual_bound, uzawa
 Array = NDArray[np.float64]
 ALGORITHMS = ("auto", "uzawa", "nesterov", "active_set")
 STEKLOV_GUARD = 0.5
-"""sigma_1 is known from above, by its Ritz value; half of it is a safe lower bound on any mesh here."""
+"""sigma_1 is known from above, by its Ritz value; half of it is taken where beta is not known."""
 
 
 @dataclass(frozen=True)
@@ -90,15 +90,23 @@ def pair(condensed: Condensed, partition: Partition) -> Pair:
     return Pair(partition, B, dual_operator(condensed, partition, B))
 
 
-def solve(problem: OnMesh, cells: OnCells, both: Pair, sigma_1: float, stop: Stop = Stop()) -> Solution:
-    """The solution (u_h, lambda_H) of (P_h*) for a case, and its errors."""
+def guarded_beta(both: Pair, sigma_1: float) -> float:
+    """What serves as beta where no Gram matrix is at hand: ||e||_{-1/2} <= sigma_1^{-1/2} ||e||_0."""
+    return math.sqrt(STEKLOV_GUARD * sigma_1 * max(both.operator.lambda_min, 0.0))
+
+
+def solve(problem: OnMesh, cells: OnCells, both: Pair, beta: float, stop: Stop = Stop()) -> Solution:
+    """The solution (u_h, lambda_H) of (P_h*) for a case, and its errors.
+
+    `beta` is a lower bound of the constant in (3.4), which turns the algebraic bound into one in H^{-1/2}.
+    """
     offset = both.B @ problem.trace / cells.partition.lengths - cells.g_means
     tolerance = _tolerance(problem, cells, both.operator, stop)
     result = _iterate(both.operator, offset, tolerance, stop, None)
     singular = both.operator.singular
     if stop.tolerance is None and result.converged and not singular and not cells.lambda_is_zero:
         error = problem.discrete_dual(problem.flux_load - both.B.T @ result.lambda_H)
-        needed = stop.fraction * error * math.sqrt(STEKLOV_GUARD * sigma_1 * both.operator.lambda_min)
+        needed = stop.fraction * error * beta
         if result.bound > needed:
             going_on = replace(stop, algorithm="nesterov") if result.algorithm == "nesterov" else stop
             result = _joined(result, _iterate(both.operator, offset, needed, going_on, result.lambda_H))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 
 from unilateral.case import Case
-from unilateral.condense import condense
+from unilateral.condense import DualOperator, condense
+from unilateral.dual_norm import Gram
+from unilateral.infsup import InfSup, infsup
 from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov, on_cells, on_mesh
 from unilateral.partition import Partition
@@ -18,7 +20,10 @@ from unilateral.solve import Solution, Stop, pair, solve
 
 PER_RUN = (
     "h1_error",
+    "hm12_error_lower",
+    "hm12_error_upper",
     "hm12_discrete",
+    "hm12_best",
     "l2_error",
     "iterations",
     "operator_applications",
@@ -28,6 +33,7 @@ PER_RUN = (
     "balance",
     "quadrature_share",
 )
+PER_PAIR = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
 PER_CASE = ("u_norm", "interpolation_error", "ritz_error")
 
 
@@ -35,12 +41,14 @@ def sweep(
     mesh: Mesh,
     cases: Sequence[Case],
     partitions: Sequence[Partition],
+    grams: Mapping[int, Gram],
     H_over_h: tuple[float, float] = (0.0, np.inf),
     stop: Stop = Stop(),  # noqa: B008
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """The table of results, one level long in `mesh`, and that of times and memory.
 
-    Only pairs with H/h within the two limits are solved; the rest is NaN.
+    Only pairs with H/h within the two limits are solved; the rest is NaN. `grams` holds the dual norm's
+    forms by the partition's number, for these cases; it is needed wherever beta > 0.
     """
     begin = time.perf_counter()
     condensed = condense(mesh)
@@ -59,14 +67,21 @@ def sweep(
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
         both = pair(condensed, partition)
-        table["lambda_min"][0, k], table["lambda_max"][0, k] = (
-            both.operator.lambda_min,
-            both.operator.lambda_max,
-        )
+        stability = _stability(both.operator, grams.get(k))
+        values = (both.operator.lambda_min, both.operator.lambda_max, *stability)
+        for name, value in zip(PER_PAIR, values, strict=True):
+            table[name][0, k] = value
         for c, problem in enumerate(problems):
             begin = time.perf_counter()
-            _record(table, c, k, solve(problem, cells[c], both, sigma_1, stop))
+            solution = solve(problem, cells[c], both, stability.beta_lower, stop)
             seconds[c, 0, k] = time.perf_counter() - begin
+            _record(table, c, k, solution)
+            if not both.operator.singular:
+                difference = cells[c].lambda_means - solution.lambda_H
+                lower, upper = grams[k].error(c, difference[None])
+                table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), solution.hm12_discrete)
+                table["hm12_error_upper"][c, 0, k] = upper[0]
+                table["hm12_best"][c, 0, k] = grams[k].best_approximation(c)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
@@ -80,6 +95,15 @@ def sweep(
     return table, timings
 
 
+def _stability(operator: DualOperator, gram: Gram | None) -> InfSup:
+    """The constants of (3.4); where S is singular all are 0, and no Gram matrix is needed."""
+    if operator.singular:
+        return InfSup(0.0, 0.0, 0.0)
+    if gram is None:
+        raise ValueError("a pair with beta > 0 needs the Gram matrix of its partition")
+    return infsup(operator, gram.p0)
+
+
 def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -> xr.Dataset:
     n, p = len(cases), len(partitions)
     H = np.array([partition.H for partition in partitions])
@@ -91,7 +115,7 @@ def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -
 
     variables: dict[str, tuple] = {name: (run, unknown(n, 1, p)) for name in PER_RUN}
     variables |= {name: (("case", "mesh"), unknown(n, 1)) for name in PER_CASE}
-    variables |= {name: (grid, unknown(1, p)) for name in ("lambda_min", "lambda_max")}
+    variables |= {name: (grid, unknown(1, p)) for name in PER_PAIR}
     variables["projection_error"] = (("case", "partition"), unknown(n, p))
     variables["sigma_1"] = ("mesh", unknown(1))
     variables["algorithm"] = (run, np.full((n, 1, p), "", dtype=object))

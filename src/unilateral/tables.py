@@ -42,6 +42,7 @@ VARIABLES = {
     "hm12_error_lower": ("guaranteed lower bound of ||lambda - lambda_H||_{-1/2}", "1", "(4.12)"),
     "hm12_error_upper": ("guaranteed upper bound of ||lambda - lambda_H||_{-1/2}", "1", "(4.12)"),
     "hm12_discrete": ("||lambda - lambda_H||_{-1/2,h}, the supremum over V_h only", "1", "(3.4)"),
+    "hm12_best": ("lower bound of the distance of lambda from P0(T_H) in H^{-1/2}", "1", "(4.15)"),
     "l2_error": ("||lambda - lambda_H||_0", "1", "(4.13)"),
     "algorithm": ("algorithm that found lambda_H", "1", "(5.1)-(5.3)"),
     "iterations": ("steps of the algorithm", "1", "(5.1)-(5.3)"),
@@ -57,6 +58,29 @@ VARIABLES = {
     "projection_error": ("||lambda - Pi_H lambda||_0", "1", "(4.15)"),
     "lambda_min": ("smallest eigenvalue of S", "1", "(3.4)"),
     "lambda_max": ("largest eigenvalue of S", "1", "(5.2)"),
+    "beta_lower": ("guaranteed lower bound of beta", "1", "(3.4), first inequality"),
+    "beta_upper": ("guaranteed upper bound of beta", "1", "(3.4), first inequality"),
+    "beta_0": (
+        "(lambda_min(S)/H)^{1/2}, the constant of the other inequality",
+        "1",
+        "(3.4), second inequality",
+    ),
+    "norm_ratio_lower": ("lower bound of ||e||_{-1/2,h} / ||e||_{-1/2}, e = lambda - lambda_H", "1", "(3.4)"),
+    "norm_ratio_upper": ("upper bound of ||e||_{-1/2,h} / ||e||_{-1/2}, e = lambda - lambda_H", "1", "(3.4)"),
+    "lemma_4_3": (
+        "upper bound of ||lambda - lambda_H||_{-1/2} over (1 + 1/beta) inf ||lambda - mu_H||_{-1/2} "
+        "+ (1/beta) ||u - u_h||_1",
+        "1",
+        "(4.6)",
+    ),
+    "edges_per_cell": ("least number of boundary edges in a cell, parts as fractions", "1", "Lemma 3.1"),
+    "cell_over_edge": ("least H_i over the longest edge that meets the cell", "1", "Lemma 3.1"),
+    "nodes_per_cell": ("least number of mesh nodes inside a cell", "1", "Lemma 3.1"),
+    "worst": ("the multiplier at which (3.4) is sharp, its largest value 1", "1", "(3.4)"),
+    "points": ("ends of the cells of T_H, in arc length", "1", "section 2"),
+    "norm_lower": ("form on P0(T_H) and lambda - Pi_H lambda, from below", "1", "(3.5)"),
+    "norm_upper": ("form on P0(T_H) and lambda - Pi_H lambda, from above", "1", "(3.5)"),
+    "oscillation": ("what a reference flux does not carry, to be added above", "1", "(3.5)"),
     "sigma_1": ("first Steklov eigenvalue of -Delta + 1, by Ritz on V_h", "1", "(5.2)"),
     "lambda_H": ("the discrete multiplier on the cells of T_H", "1", "(P_h*)"),
     "seconds": ("wall-clock time of the solve", "s", ""),
@@ -74,6 +98,19 @@ VARIABLES = {
     "verdict": ("holds, exact, fails, or not judged", "1", ""),
     "why": ("why a verdict is not 'holds' or 'exact'", "1", ""),
 }
+
+
+def error_in(table: xr.Dataset, norm: str, bound: str | None = None) -> xr.DataArray:
+    """The error in a norm; in hm12 its "lower" or "upper" bound or, without one, their r.m.s. mean.
+
+    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed.
+    """
+    if norm != "hm12":
+        return table[f"{norm}_error"]
+    if bound:
+        return table[f"hm12_error_{bound}"]
+    square = 0.5 * (table["hm12_error_lower"] ** 2 + table["hm12_error_upper"] ** 2)
+    return square**0.5
 
 
 @contextmanager

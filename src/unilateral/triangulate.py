@@ -17,14 +17,11 @@ OPTIONS = {
 }
 
 
-def triangulate(
-    polygon: Polygon, s: Array, growth: float | None = None, fine: dict[float, float] | None = None
-) -> tuple[Array, NDArray[np.intp]]:
+def triangulate(polygon: Polygon, s: Array, growth: float | None = None) -> tuple[Array, NDArray[np.intp]]:
     """Points (n, 2) and anticlockwise triangles (m, 3), the boundary nodes exactly those at arc lengths s.
 
     `s` (nb,) starts at 0 and contains the vertices. The triangles' size follows the boundary edges' or,
-    with `growth`, is the longest boundary edge plus `growth` times the distance to the boundary, and at
-    most a `fine` size plus `growth` times the distance to a boundary node, given by its arc length.
+    with `growth`, is the smallest over the boundary of the edges' length plus `growth` times the distance.
     """
     side = np.searchsorted(polygon.starts, s, side="right") - 1
     exact = polygon.at(side, s - polygon.starts[side])
@@ -35,11 +32,7 @@ def triangulate(
             gmsh.option.setNumber(option, value)
         nodes = _boundary((exact - polygon.vertices[0]) / scale)
         if growth is not None:
-            sizes = [(nodes, float(np.diff(s, append=polygon.perimeter).max()) / scale)]
-            sizes += [
-                ([nodes[int(np.searchsorted(s, at))]], size / scale) for at, size in (fine or {}).items()
-            ]
-            _set_sizes(sizes, growth)
+            _set_sizes(nodes, np.diff(s, append=polygon.perimeter) / scale, growth)
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         cells = gmsh.model.mesh.getElementsByType(2)[1]
@@ -64,16 +57,19 @@ def _boundary(points: Array) -> list[int]:
     return nodes
 
 
-def _set_sizes(sizes: list[tuple[list[int], float]], growth: float) -> None:
-    """The smallest of size + growth * distance to nodes as the mesh size, instead of the boundary's."""
+def _set_sizes(nodes: list[int], edges: Array, growth: float) -> None:
+    """The mesh size from the boundary edges, each after its node: one distance per power of two of them."""
     for option in ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints"):
         gmsh.option.setNumber(option, 0)
     field = gmsh.model.mesh.field
+    near = np.minimum(edges, np.roll(edges, 1))
+    power = np.round(np.log2(near)).astype(int)
     formulas = []
-    for nodes, size in sizes:
+    for p in np.unique(power):
         distance = field.add("Distance")
-        field.setNumbers(distance, "PointsList", nodes)
+        field.setNumbers(distance, "PointsList", np.array(nodes)[power == p].tolist())
         formulas.append(field.add("MathEval"))
+        size = float(near[power == p].max())
         field.setString(formulas[-1], "F", f"{size!r} + {growth!r}*F{distance}")
     smallest = field.add("Min")
     field.setNumbers(smallest, "FieldsList", formulas)

@@ -1,14 +1,17 @@
 import re
+from fractions import Fraction
 from pathlib import Path
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
 PORTRAITS = config["portraits"]
+SURVEYS = config["surveys"]
 CASE_SCHEMA = "src/unilateral/case.schema.yaml"
 
 
 wildcard_constraints:
-    scene="[a-z][a-z0-9]*",
+    scene="|".join(SCENES),
+    survey="|".join(SURVEYS),
     level="[0-9]+",
     partition="[0-9]+",
 
@@ -44,5 +47,17 @@ def levels(wildcards):
     return range(scene_of(wildcards)["mesh"]["levels"])
 
 
-def partitions(wildcards):
-    return range(len(scene_of(wildcards)["H"]))
+def normed(wildcards):
+    """The partitions coarser than the finest mesh: at h >= H beta is 0, and no error of lambda is judged.
+
+    With `level` only those that this level can be solved on with beta > 0.
+    """
+    scene = scene_of(wildcards)
+    finest = getattr(wildcards, "level", scene["mesh"]["levels"] - 1)
+    h = Fraction(str(scene["mesh"]["h"])) / 2 ** int(finest)
+    return [k for k, H in enumerate(scene["H"]) if h < Fraction(str(H)) <= largest(scene) * h]
+
+
+def largest(scene):
+    """H/h at most."""
+    return Fraction(str(scene["H_over_h"].get("max", 10**6)))

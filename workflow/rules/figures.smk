@@ -9,6 +9,7 @@ FIGURES = [
 FIGURES += [
     f"figures/{portrait}{part}" for portrait in PORTRAITS for part in ("_mesh.csv", "_boundary.csv", ".svg")
 ]
+FIGURES += [f"figures/{name}.{ending}" for name in ("infsup", "multiplier") for ending in ("csv", "svg")]
 
 
 wildcard_constraints:
@@ -94,3 +95,85 @@ rule portrait_figure:
         "{wildcards.portrait}: its picture"
     script:
         "../scripts/draw_portrait.py"
+
+
+rule infsup_table:
+    input:
+        library("infsup_data", "tables"),
+        surveys=expand("results/{survey}/infsup.nc", survey=SURVEYS),
+    output:
+        update("figures/infsup.csv"),
+    params:
+        surveys=SURVEYS,
+    message:
+        "The table behind the figure of beta"
+    script:
+        "../scripts/table_infsup.py"
+
+
+rule multiplier_table:
+    input:
+        library("infsup_data", "tables", "expression"),
+        survey=f"results/{config['multiplier']['survey']}/infsup.nc",
+    output:
+        update("figures/multiplier.csv"),
+    params:
+        h_over_H=config["multiplier"]["h_over_H"],
+    message:
+        "The table behind the figure of the worst multipliers"
+    script:
+        "../scripts/table_multiplier.py"
+
+
+rule dual_table:
+    input:
+        library("infsup_data", "tables", "expression"),
+        errors="results/{scene}/errors.nc",
+        norms=lambda wildcards: expand(
+            "results/{scene}/dual_norms/{partition}.nc", scene=wildcards.scene, partition=normed(wildcards)
+        ),
+    output:
+        update("figures/dual_{scene}.csv"),
+    params:
+        normed=normed,
+        h_over_H=config["rates"]["judged_ratio"],
+    message:
+        "{wildcards.scene}: the table behind the figure of the dual norm"
+    script:
+        "../scripts/table_dual.py"
+
+
+rule infsup_figure:
+    input:
+        library("plots"),
+        table="figures/infsup.csv",
+    output:
+        update("figures/infsup.svg"),
+    message:
+        "The figure of beta"
+    script:
+        "../scripts/draw_infsup.py"
+
+
+rule multiplier_figure:
+    input:
+        library("plots"),
+        table="figures/multiplier.csv",
+    output:
+        update("figures/multiplier.svg"),
+    message:
+        "The figure of the worst multipliers"
+    script:
+        "../scripts/draw_multiplier.py"
+
+
+rule dual_figure:
+    input:
+        library("plots"),
+        table="figures/dual_{scene}.csv",
+    output:
+        update("figures/dual_{scene}.svg"),
+    message:
+        "{wildcards.scene}: the figure of the dual norm"
+    script:
+        "../scripts/draw_dual.py"

@@ -1,4 +1,4 @@
-# Scene -> coarsest mesh -> a solve per level -> dual norms per partition -> tables -> rates.
+# Scene -> coarsest mesh, and the dual norm per partition -> a solve per level -> tables -> rates.
 
 
 rule mesh:
@@ -15,17 +15,36 @@ rule mesh:
         "../scripts/make_mesh.py"
 
 
+rule dual_norms:
+    input:
+        library("dual_norm", "tables", "certificate"),
+        "workflow/scripts/scenes.py",
+        case_files,
+    output:
+        "results/{scene}/dual_norms/{partition}.nc",
+    params:
+        scene=scene_of,
+    message:
+        "{wildcards.scene}: the dual norm on partition {wildcards.partition}"
+    script:
+        "../scripts/measure_dual_norms.py"
+
+
 rule solve:
     input:
         library("sweep", "tables", "certificate"),
         "workflow/scripts/scenes.py",
         case_files,
         mesh="results/{scene}/mesh.vtu",
+        norms=lambda wildcards: expand(
+            "results/{scene}/dual_norms/{partition}.nc", scene=wildcards.scene, partition=normed(wildcards)
+        ),
     output:
         solutions="results/{scene}/levels/{level}.nc",
         timings="results/{scene}/levels/{level}_timings.nc",
     params:
         scene=scene_of,
+        normed=normed,
         stop=config["stop"],
     message:
         "{wildcards.scene}: all cases on level {wildcards.level}"
@@ -33,40 +52,18 @@ rule solve:
         "../scripts/solve_level.py"
 
 
-rule dual_norms:
-    input:
-        library("dual_norm", "tables", "mesh", "certificate"),
-        "workflow/scripts/scenes.py",
-        case_files,
-        solutions=lambda wildcards: expand(
-            "results/{scene}/levels/{level}.nc", scene=wildcards.scene, level=levels(wildcards)
-        ),
-    output:
-        "results/{scene}/dual_norms/{partition}.nc",
-    params:
-        scene=scene_of,
-    message:
-        "{wildcards.scene}: dual norms on partition {wildcards.partition}"
-    script:
-        "../scripts/measure_dual_norms.py"
-
-
 rule errors:
     input:
-        library("tables"),
+        library("tables", "infsup"),
         solutions=lambda wildcards: expand(
             "results/{scene}/levels/{level}.nc", scene=wildcards.scene, level=levels(wildcards)
         ),
         timings=lambda wildcards: expand(
             "results/{scene}/levels/{level}_timings.nc", scene=wildcards.scene, level=levels(wildcards)
         ),
-        norms=lambda wildcards: expand(
-            "results/{scene}/dual_norms/{partition}.nc",
-            scene=wildcards.scene,
-            partition=partitions(wildcards),
-        ),
     output:
         errors="results/{scene}/errors.nc",
+        infsup="results/{scene}/infsup.nc",
         timings="results/{scene}/timings.nc",
     message:
         "{wildcards.scene}: the table of errors"

@@ -1,14 +1,14 @@
-"""The tables of a scene from those of its levels and partitions."""
+"""The tables of a scene from those of its levels."""
 
 from sentences import speak_plainly
 
-from unilateral import tables
+from unilateral import infsup, tables
 
 
-def main(solutions, norms, timings, name, errors_path, timings_path):
-    levels = tables.along_mesh([tables.load(path) for path in solutions]).drop_vars("lambda_H")
-    dual = tables.along_partition([tables.load(path) for path in norms])
-    tables.save(levels.merge(dual, join="exact", compat="equals"), errors_path, name)
+def main(solutions, timings, name, errors_path, infsup_path, timings_path):
+    errors = tables.along_mesh([tables.load(path) for path in solutions]).drop_vars("lambda_H")
+    tables.save(errors, errors_path, name)
+    tables.save(infsup.of_runs(errors), infsup_path, name)
     tables.save(tables.along_mesh([tables.load(path) for path in timings]), timings_path, name)
 
 
@@ -16,9 +16,9 @@ if __name__ == "__main__":
     speak_plainly()
     main(
         snakemake.input.solutions,
-        snakemake.input.norms,
         snakemake.input.timings,
         snakemake.wildcards.scene,
         snakemake.output.errors,
+        snakemake.output.infsup,
         snakemake.output.timings,
     )

@@ -4,15 +4,17 @@ from scenes import cases, domain, limits, partitions
 from sentences import speak_plainly
 
 from unilateral import mesh, tables
+from unilateral.dual_norm import Gram
 from unilateral.solve import Stop
 from unilateral.sweep import sweep
 
 
-def main(coarse, scene, name, level, stop, results, timings):
+def main(coarse, norms, scene, name, level, stop, results, timings):
     refined = mesh.read(coarse, domain(scene))
     for _ in range(level):
         refined = mesh.refine(refined)
-    solved, timed = sweep(refined, cases(scene), partitions(scene), limits(scene), Stop(**stop))
+    grams = {k: Gram.of_table(tables.load(path)) for k, path in norms.items()}
+    solved, timed = sweep(refined, cases(scene), partitions(scene), grams, limits(scene), Stop(**stop))
     tables.save(solved, results, name)
     tables.save(timed, timings, name)
 
@@ -21,6 +23,7 @@ if __name__ == "__main__":
     speak_plainly()
     main(
         snakemake.input.mesh,
+        dict(zip(snakemake.params.normed, snakemake.input.norms, strict=True)),
         snakemake.params.scene,
         snakemake.wildcards.scene,
         int(snakemake.wildcards.level),

@@ -3,8 +3,11 @@
 Nothing is computed here: every number that a figure shows stands in its CSV file.
 """
 
+from unilateral.plots.dual_norm import dual_norm
 from unilateral.plots.grid import grid
+from unilateral.plots.infsup import infsup
+from unilateral.plots.multiplier import multiplier
 from unilateral.plots.portrait import portrait
 from unilateral.plots.rates import rates
 
-__all__ = ["grid", "portrait", "rates"]
+__all__ = ["dual_norm", "grid", "infsup", "multiplier", "portrait", "rates"]

@@ -46,7 +46,7 @@ NORMS = {
     "hm12": r"$\Vert\lambda-\lambda_H\Vert_{-1/2}$",
     "l2": r"$\Vert\lambda-\lambda_H\Vert_0$",
 }
-TEXT = ("scene", "case", "norm", "kind")
+TEXT = ("scene", "case", "norm", "kind", "label")
 ERROR_COLUMNS = ("case", "norm", "h", "H", "h_over_H", "error")
 
 

@@ -1,0 +1,185 @@
+"""The reference spaces of a partition: P2 and BDM1 on one mesh that is graded to the boundary.
+
+The mesh is made for T_H alone: every cell carries the same number of boundary edges, those at a singular
+point of lambda are halved towards it, and the triangles grow with the distance from the boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+from skfem.helpers import div, dot
+from skfem.models.poisson import laplace, mass
+
+from unilateral import mesh as meshes
+from unilateral.condense import elimination_order
+from unilateral.mesh import Mesh
+from unilateral.partition import Partition
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+EDGES_PER_CELL = 8
+HALVINGS = 8
+GROWTH = 0.45
+BLOCK = 64
+
+
+class Factor:
+    """A symmetric positive definite matrix, factorised."""
+
+    def __init__(self, A: sp.csr_array) -> None:
+        self.order = elimination_order(A, np.empty(0, dtype=np.intp))
+        self.lu = splu(
+            A[self.order][:, self.order].tocsc(),
+            permc_spec="NATURAL",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+
+    def products(self, F: sp.csc_array) -> Array:
+        """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
+        found = np.empty((F.shape[1], F.shape[1]))
+        permuted = F.tocsr()[self.order].tocsc()
+        transposed = permuted.T.tocsr()
+        for start in range(0, F.shape[1], BLOCK):
+            block = slice(start, start + BLOCK)
+            found[:, block] = transposed @ self.lu.solve(permuted[:, block].toarray())
+        return 0.5 * (found + found.T)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceSpaces:
+    """P2 and BDM1 on `mesh`, with the matrices of (v, w)_1 and of (q, r) + (div q, div r).
+
+    `nodes` (nb, 3) are the unknowns of P2 on each boundary edge: its start, its end, its midpoint;
+    `normal` (n_bdm1, 2 nb) takes the values of q.n at the starts and ends of the boundary edges, edge by
+    edge, to the unknowns of BDM1; `inner` are the other unknowns of BDM1. `triangle` (nb,) is the one at each
+    boundary edge.
+    """
+
+    mesh: Mesh
+    n_p2: int
+    nodes: Index
+    p2: Factor
+    normal: sp.csr_array
+    bdm1: sp.csr_array
+    inner: Index
+    bdm1_inner: Factor
+    triangle: Index
+
+    def suprema(self, loads: sp.csc_array) -> Array:
+        """(k, k) matrix of the form whose root is sup over P2 of <mu, v> / ||v||_1, loads (n_p2, k)."""
+        return self.p2.products(loads)
+
+    def least_fluxes(self, normal_fluxes: sp.csc_array) -> Array:
+        """(k, k) matrix of the form min (||q||^2 + ||div q||^2) over BDM1 with the q.n given (2 nb, k)."""
+        q = (self.normal @ normal_fluxes).tocsc()
+        response = (self.bdm1 @ q).tocsc()
+        direct = (q.T @ response).toarray()
+        return 0.5 * (direct + direct.T) - self.bdm1_inner.products(response.tocsr()[self.inner].tocsc())
+
+
+def reference_spaces(
+    partition: Partition, singular: Iterable[float] = (), edges_per_cell: int = EDGES_PER_CELL
+) -> ReferenceSpaces:
+    """The reference spaces of a partition, refined towards the given arc lengths too."""
+    from unilateral.triangulate import triangulate
+
+    polygon = partition.polygon
+    s = boundary_nodes(partition, singular, edges_per_cell)
+    mesh = meshes.from_arrays(polygon, *triangulate(polygon, s, GROWTH), "reference mesh")
+    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    facet = _boundary_facets(of_skfem, mesh)
+    p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
+    bdm1 = skfem.Basis(of_skfem, skfem.ElementTriBDM1())
+    A = sp.csr_array(_hdiv.assemble(bdm1))
+    inner = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facet])
+    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    return ReferenceSpaces(
+        mesh,
+        n_p2=p2.N,
+        nodes=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
+        p2=Factor(sp.csr_array(laplace.assemble(p2) + mass.assemble(p2))),
+        normal=_normal_fluxes(bdm1, mesh, facet),
+        bdm1=A,
+        inner=inner,
+        bdm1_inner=Factor(A[inner][:, inner].tocsr()),
+        triangle=of_skfem.f2t[0, facet],
+    )
+
+
+def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
+    """(nb,) arc lengths of the mesh's boundary nodes, nested in T_H and in the singular points.
+
+    A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
+    jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
+    those beside a shorter cell.
+    """
+    perimeter = partition.polygon.perimeter
+    points = np.array(sorted({s % perimeter for s in singular}))
+    cuts = np.union1d(partition.points, points)
+    cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
+    counts = np.ceil(np.diff(cuts) / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
+    both_ends = np.isin(cuts[:-1], points) & np.isin(cuts[1:], points)
+    counts = np.maximum(counts, np.where(both_ends, 2, 1))
+    index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
+    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(np.diff(cuts), counts)]
+    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * np.diff(cuts)
+    halves = 0.5 ** np.arange(1, HALVINGS + 1)
+    for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
+        nodes += [p + ends[i] * halves, p - ends[i - 1] * halves]
+    nodes += _graded_to_shorter_neighbours(cuts[:-1], ends)
+    return np.unique(np.concatenate(nodes) % perimeter)
+
+
+def _graded_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
+    """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
+    before, after = np.roll(ends, 1), ends
+    halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)
+    return [
+        cuts[i] + (after[i] if after[i] > before[i] else -before[i]) * 0.5 ** np.arange(1, halvings[i] + 1)
+        for i in np.flatnonzero(halvings)
+    ]
+
+
+@skfem.BilinearForm
+def _hdiv(q, r, _):  # type: ignore[no-untyped-def]
+    return dot(q, r) + div(q) * div(r)
+
+
+def _boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
+    """(nb,) skfem's facet of every boundary edge."""
+    n, facets = mesh.n_nodes, of_skfem.facets
+    keys = facets.min(axis=0) * n + facets.max(axis=0)
+    order = np.argsort(keys)
+    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    wanted = np.minimum(start, end) * n + np.maximum(start, end)
+    return order[np.searchsorted(keys, wanted, sorter=order)]
+
+
+def _normal_fluxes(bdm1: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
+    """(n_bdm1, 2 nb): the unknowns of BDM1 with given values of q.n at the ends of the boundary edges."""
+    ends = (np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
+    basis = skfem.FacetBasis(bdm1.mesh, bdm1.elem, facets=facet, quadrature=ends)
+    unknowns = bdm1.facet_dofs[:, facet]
+    values = np.stack(
+        [np.sum(np.asarray(shape[0]) * np.asarray(basis.normals), axis=0) for shape in basis.basis]
+    )
+    local = basis.element_dofs[:, None] == unknowns
+    traces = np.einsum("lnp,ldn->npd", values, local.astype(float))
+    first = np.asarray(basis.global_coordinates())[:, :, 0].T
+    flipped = np.any(np.abs(first - mesh.points[mesh.boundary]) > 0.5 * np.diff(mesh.s)[:, None], axis=1)
+    traces[flipped] = traces[flipped, ::-1]
+    to_unknowns = np.linalg.inv(traces)
+    rows, columns = np.broadcast_arrays(
+        unknowns.T[:, :, None], (2 * np.arange(len(facet))[:, None] + np.arange(2))[:, None, :]
+    )
+    shape = (bdm1.N, 2 * len(facet))
+    return sp.coo_array((to_unknowns.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
