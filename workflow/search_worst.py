@@ -10,7 +10,6 @@ of the best one found so far.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -30,6 +29,7 @@ from unilateral.infsup import infsup
 from unilateral.mesh import Mesh, with_boundary
 from unilateral.partition import Partition, from_points
 from unilateral.polygon import square
+from unilateral.tables import replacing
 
 Array = NDArray[np.float64]
 FOUND = Path(__file__).parent / "config" / "worst_infsup.yaml"
@@ -223,9 +223,8 @@ def write(finds: list[dict], path: Path) -> None:
         "# points, nodes: arc lengths of T_H (the perimeter last) and of the mesh (the perimeter left out).\n"
     )
     text = yaml.safe_dump({"finds": finds}, sort_keys=False, width=100, default_flow_style=None)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(header + text, encoding="utf-8")
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        temporary.write_text(header + text, encoding="utf-8")
 
 
 if __name__ == "__main__":

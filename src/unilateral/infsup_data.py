@@ -9,6 +9,7 @@ import pandas as pd
 import xarray as xr
 
 from unilateral.dual_norm import Gram
+from unilateral.errors import InputError
 from unilateral.tables import error_in
 
 PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "beta_lower", "beta_upper")
@@ -32,16 +33,23 @@ def infsup_frame(surveys: Mapping[str, tuple[str, str, xr.Dataset]]) -> pd.DataF
 
 
 def multiplier_frame(survey: xr.Dataset, h_over_H: Sequence[float]) -> pd.DataFrame:
-    """One row per h/H and cell of the survey's first partition: the worst multiplier on it."""
+    """One row per h/H and cell of the survey's first partition: the worst multiplier on it.
+
+    Raises InputError for a ratio that the survey does not have.
+    """
     of = survey.isel(partition=0)
     points = of["points"].values
     points = points[np.isfinite(points)]
     frames = []
     for ratio in h_over_H:
-        k = int(np.abs(of["h_over_H"].values - ratio).argmin())
+        same = np.flatnonzero(np.isclose(of["h_over_H"].values, ratio, rtol=1e-9))
+        if not same.size:
+            raise InputError(f"survey '{survey.attrs['scene']}' has no mesh with h/H = {ratio:g} to draw")
+        k = int(same[0])
         mu = of["worst"].values[k, : len(points) - 1]
         beta = float(0.5 * (of["beta_lower"][k] + of["beta_upper"][k]))
-        cells = {"side": np.floor(points[:-1] + 1e-9).astype(int), "s": points[:-1], "end": points[1:]}
+        side = of["side"].values[: len(points) - 1].astype(int)
+        cells = {"side": side, "s": points[:-1], "end": points[1:]}
         frames.append(pd.DataFrame({"h_over_H": float(of["h_over_H"][k]), "beta": beta, **cells, "mu": mu}))
     return pd.concat(frames)
 

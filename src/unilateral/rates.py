@@ -118,7 +118,7 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
     bound = _bound(runs, expected)
     if expected.rate is None:
         rate, levels = np.full_like(rate, np.nan), np.zeros_like(levels)
-        why = _why_not_zero(error, runs["u_norm"].values)
+        why = _why_not_zero(error_in(runs, norm, "upper").values, runs["u_norm"].values)
     else:
         why = [
             *_why_unfit(runs, norm, levels, expected),

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.condense import condense, dual_operator
+from unilateral.condense import SINGULAR, condense, dual_operator
 from unilateral.coupling import coupling
 from unilateral.dual_norm import dual_norm
 from unilateral.families import Spec, mesh_of
@@ -27,16 +27,19 @@ def survey(
     """The constants of (3.4) for every partition, on meshes with so many boundary edges in a cell.
 
     `meshes` holds the mapping of `families` that makes each partition's meshes. The dimension `mesh` counts
-    the numbers of edges. `worst` is the worst multiplier, NaN where beta = 0 on more than one of them.
+    the numbers of edges. `worst` is the worst multiplier, NaN where beta = 0 on more than one of them;
+    `side` the side of each cell.
     """
     shape = (len(edges_per_cell), len(partitions))
     longest = max(partition.n_cells for partition in partitions)
     values = {name: np.full(shape, np.nan) for name in OF_PAIR}
     worst = np.full((*shape, longest), np.nan)
     points = np.full((len(partitions), longest + 1), np.nan)
+    side = np.full((len(partitions), longest), np.nan)
     for p, (partition, spec) in enumerate(zip(partitions, meshes, strict=True)):
         gram = dual_norm(partition).gram().p0
         points[p, : len(partition.points)] = partition.points
+        side[p, : partition.n_cells] = partition.side
         for k, K in enumerate(edges_per_cell):
             mesh = mesh_of(partition, spec, K)
             operator = dual_operator(condense(mesh), partition, coupling(mesh, partition))
@@ -44,12 +47,13 @@ def survey(
             found = resolution(mesh, partition)._asdict() | infsup(operator, gram)._asdict()
             for name, value in (sizes | found).items():
                 values[name][k, p] = value
-            if np.count_nonzero(operator.spectrum <= 1e-12 * operator.lambda_max) <= 1:
+            if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
                 symmetries = _symmetries(mesh, partition, spec)
                 worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
     pair = ("mesh", "partition")
     table: dict[str, Any] = {name: (pair, value) for name, value in values.items()}
-    table |= {"worst": ((*pair, "cell"), worst), "points": (("partition", "point"), points)}
+    table |= {"worst": ((*pair, "cell"), worst), "side": (("partition", "cell"), side)}
+    table |= {"points": (("partition", "point"), points)}
     H = [partition.H for partition in partitions]
     regularity = [partition.H_over_Hi_max for partition in partitions]
     return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})

@@ -77,6 +77,7 @@ VARIABLES = {
     "cell_over_edge": ("least H_i over the longest edge that meets the cell", "1", "Lemma 3.1"),
     "nodes_per_cell": ("least number of mesh nodes inside a cell", "1", "Lemma 3.1"),
     "worst": ("the multiplier at which (3.4) is sharp, its largest value 1", "1", "(3.4)"),
+    "side": ("side of the polygon on which a cell lies", "1", "section 2"),
     "points": ("ends of the cells of T_H, in arc length", "1", "section 2"),
     "norm_lower": ("form on P0(T_H) and lambda - Pi_H lambda, from below", "1", "(3.5)"),
     "norm_upper": ("form on P0(T_H) and lambda - Pi_H lambda, from above", "1", "(3.5)"),

@@ -1,3 +1,4 @@
+import math
 import re
 from fractions import Fraction
 from pathlib import Path
@@ -54,10 +55,12 @@ def normed(wildcards):
     """
     scene = scene_of(wildcards)
     finest = getattr(wildcards, "level", scene["mesh"]["levels"] - 1)
-    h = Fraction(str(scene["mesh"]["h"])) / 2 ** int(finest)
-    return [k for k, H in enumerate(scene["H"]) if h < Fraction(str(H)) <= largest(scene) * h]
+    h = number(scene["mesh"]["h"]) / 2 ** int(finest)
+    most = number(scene["H_over_h"]["max"]) * h if "max" in scene["H_over_h"] else math.inf
+    return [k for k, H in enumerate(scene["H"]) if h < number(H) <= most]
 
 
-def largest(scene):
-    """H/h at most."""
-    return Fraction(str(scene["H_over_h"].get("max", 10**6)))
+def number(given):
+    """Exactly what the schema calls a number: 0.125, 1/64, 0.5/4."""
+    top, _, bottom = str(given).partition("/")
+    return Fraction(top) / Fraction(bottom or 1)
