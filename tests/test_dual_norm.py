@@ -21,6 +21,7 @@ from unilateral import case as cases
 from unilateral import partition as partitions
 from unilateral.atoms import Singular
 from unilateral.dual_norm import dual_norm
+from unilateral.errors import InputError
 from unilateral.norms import on_cells
 from unilateral.polygon import Polygon, lshape, square
 
@@ -259,6 +260,32 @@ def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name):
         for scale in (1.0, 1e-3, 0.0):
             found = gram.error(c, means - (means + scale * mu))
             assert_allclose(found, norm.of_error(case, means + scale * mu), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_the_forms_on_a_coarser_partition_are_those_of_its_functions(name):
+    """P0 of the coarser one lies in the finer P0: direct evaluations on the same reference mesh."""
+    norm, of, fine = with_gram(name, 4)
+    coarse = partitions.uniform(POLYGONS[name], 1 / 2)
+    gram = fine.on(coarse)
+    mu = np.random.default_rng(6).standard_normal((3, coarse.n_cells))
+    found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
+    assert_allclose(found, norm.of_p0(mu, coarse), rtol=1e-9)
+    for c, case in enumerate(of):
+        means = on_cells(case, coarse).lambda_means
+        assert_allclose(gram.means[c], means, atol=1e-12)
+        assert_allclose(gram.error(c, -mu), norm.of_error(case, means + mu, coarse), rtol=1e-8)
+
+
+def test_the_forms_of_a_partition_are_its_own():
+    norm, _, gram = with_gram("square", 4)
+    for found, given in zip(vars(gram.on(norm.partition)).values(), vars(gram).values(), strict=True):
+        assert_allclose(found, given, rtol=1e-12, atol=1e-15)
+
+
+def test_a_partition_that_is_not_nested_has_no_forms_here():
+    with pytest.raises(InputError, match="is not among the points of the finer partition"):
+        with_gram("square", 4)[2].on(partitions.uniform(POLYGONS["square"], 1 / 3))
 
 
 @pytest.mark.parametrize("name", ["square", "lshape"])

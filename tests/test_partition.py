@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
-from unilateral.partition import Partition, from_points, refine, shifted, uniform
+from unilateral.partition import (
+    Partition,
+    common_refinement,
+    from_points,
+    refine,
+    shifted,
+    uniform,
+)
 from unilateral.polygon import Polygon, lshape, square
 
 
@@ -35,7 +42,7 @@ def test_cells_tile_the_boundary(polygon, relative_H, percent, halved):
     assert_allclose(partition.lengths.sum(), polygon.perimeter, rtol=1e-13)
     assert np.isin(polygon.starts, partition.points).all()
     assert_allclose(np.bincount(partition.side, partition.lengths), polygon.lengths, rtol=1e-9)
-    assert partition.H <= H * (1 + 1e-9)
+    assert partition.H <= (1 + percent / 100) * H * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("k", range(10))
@@ -59,9 +66,9 @@ def test_thirds_are_not_split_by_round_off():
 
 def test_shifted_by_hand():
     partition = shifted(square(), 0.5, 0.25)
-    one_side = np.array([0, 0.125, 0.625])
+    one_side = np.array([0, 0.625])
     assert_array_equal(partition.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4))
-    assert partition.H_over_Hi_max == 4
+    assert_allclose(partition.H_over_Hi_max, 0.625 / 0.375, rtol=1e-14)
 
 
 def test_a_shift_by_nothing_is_uniform():
@@ -127,3 +134,27 @@ def test_sizes_have_to_be_positive(H):
 def test_shifts_are_fractions(fraction):
     with pytest.raises(InputError, match=r"not in \[0, 1\)"):
         shifted(square(), 0.5, fraction)
+
+
+def test_the_common_refinement_by_hand():
+    """Halves and thirds of a side; a point that is another up to round-off adds none."""
+    near = from_points(square(), np.append(uniform(square(), 1 / 2).points[:-1] + [0, 1e-16, *[0] * 6], 4))
+    found = common_refinement([uniform(square(), 1 / 3), uniform(square(), 1 / 2), near])
+    one_side = np.array([0, 1 / 3, 1 / 2, 2 / 3])
+    assert_allclose(found.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
+    assert common_refinement([near]).n_cells == 8
+
+
+@pytest.mark.parametrize("coarse", [uniform(square(), 1 / 2), uniform(square(), 1 / 3)])
+def test_the_cells_that_contain_those_of_a_refinement(coarse):
+    """By the middles of the finer cells, which lie inside one cell each."""
+    fine = common_refinement([uniform(square(), 1 / 3), uniform(square(), 1 / 2)])
+    cell = coarse.cells_of(fine.points)
+    middle = fine.points[:-1] + fine.lengths / 2
+    assert np.all((coarse.points[cell] < middle) & (middle < coarse.points[cell + 1]))
+    assert_allclose(np.bincount(cell, fine.lengths), coarse.lengths, rtol=1e-13)
+
+
+def test_a_partition_that_is_not_nested_has_no_such_cells():
+    with pytest.raises(InputError, match=r"point 1 \(0\.33333333333333331\) is not among the points"):
+        uniform(square(), 1 / 3).cells_of(uniform(square(), 1 / 2).points)

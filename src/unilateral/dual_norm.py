@@ -29,6 +29,7 @@ from unilateral.quadrature import BoundaryRule, boundary_rule
 from unilateral.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 
 Array = NDArray[np.float64]
+TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
 
 class Bounds(NamedTuple):
@@ -54,10 +55,12 @@ class Functionals(NamedTuple):
 class Gram:
     """Matrices (m + c, m + c) of the forms that bound ||.||_{-1/2}^2, and what oscillates of each case (c,).
 
-    The first m columns belong to the cells of T_H, the others to lambda - Pi_H lambda of c cases.
+    The first m columns belong to the cells between `points` (m + 1,), the others to lambda - Pi_H lambda of
+    c cases, whose cell means are `means` (c, m).
     """
 
-    n_cells: int
+    points: Array
+    means: Array
     lower: Array
     upper: Array
     oscillation: Array
@@ -65,21 +68,36 @@ class Gram:
     @classmethod
     def of_table(cls, table: xr.Dataset) -> Gram:
         """From the table that `table` makes."""
-        lower, upper, rest = (table[name].values for name in ("norm_lower", "norm_upper", "oscillation"))
-        return cls(len(lower) - len(rest), lower, upper, rest)
+        return cls(*(table[name].values for name in TABLE))
 
-    def table(self, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
-        """The forms with the partition's ends of cells and the cases' names."""
+    def table(self, cases: Sequence[Case]) -> xr.Dataset:
+        """The forms, the ends of their cells and what belongs to the cases, with their names."""
         form = ("functional", "functional_too")
-        return xr.Dataset(
-            {
-                "norm_lower": (form, self.lower),
-                "norm_upper": (form, self.upper),
-                "oscillation": ("case", self.oscillation),
-                "points": ("point", partition.points),
-            },
-            coords={"case": [case.name for case in cases]},
+        dimensions = (("point",), ("case", "cell"), form, form, ("case",))
+        values = (self.points, self.means, self.lower, self.upper, self.oscillation)
+        variables = dict(zip(TABLE, zip(dimensions, values, strict=True), strict=True))
+        return xr.Dataset(variables, coords={"case": [case.name for case in cases]})
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.points) - 1
+
+    def on(self, partition: Partition) -> Gram:
+        """The same forms on P0 of a coarser partition and on lambda - Pi_H lambda there.
+
+        P0 of the coarser one is a subspace, so nothing is lost. Raises InputError if it is none.
+        """
+        cell = partition.cells_of(self.points)
+        m, c = partition.n_cells, len(self.means)
+        shares = np.diff(self.points) / partition.lengths[cell]
+        to_means = sp.csr_array((shares, (cell, np.arange(len(cell)))), shape=(m, len(cell)))
+        prolong = sp.csr_array((np.ones(len(cell)), (np.arange(len(cell)), cell)), shape=(len(cell), m))
+        means = self.means @ to_means.T
+        to_finer = sp.block_array(
+            [[prolong, sp.csr_array(self.means - means[:, cell]).T], [None, sp.eye_array(c)]], format="csr"
         )
+        lower, upper = (to_finer.T @ (form @ to_finer) for form in (self.lower, self.upper))
+        return Gram(partition.points, means, lower, upper, self.oscillation)
 
     @property
     def p0(self) -> Bounds:
@@ -128,15 +146,16 @@ class DualNorm:
     def gram(self, cases: Sequence[Case] = ()) -> Gram:
         """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
         parts = [self._indicators()]
-        for case in cases:
+        means = [on_cells(case, self.partition).lambda_means for case in cases]
+        for case, mean in zip(cases, means, strict=True):
             rule, cell = self._rule(self.partition, case)
             flux = case.boundary(rule.side, rule.s)[1]
-            means = on_cells(case, self.partition).lambda_means
-            parts.append(self._functionals(rule, (flux - means[cell])[:, None]))
+            parts.append(self._functionals(rule, (flux - mean[cell])[:, None]))
         loads = sp.hstack([part.loads for part in parts], format="csc")
         fluxes = sp.hstack([part.fluxes for part in parts], format="csc")
         return Gram(
-            self.partition.n_cells,
+            self.partition.points,
+            np.array(means).reshape(len(means), self.partition.n_cells),
             self.spaces.suprema(loads),
             self.spaces.least_fluxes(fluxes),
             np.concatenate([part.oscillation for part in parts[1:]] or [np.empty(0)]),

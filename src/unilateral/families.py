@@ -17,7 +17,7 @@ from unilateral import mesh as meshes
 from unilateral.errors import InputError
 from unilateral.expression import real
 from unilateral.mesh import Mesh
-from unilateral.partition import Partition, from_points, uniform
+from unilateral.partition import Partition, from_points, shifted, uniform
 from unilateral.polygon import Array, Polygon
 
 Spec = Mapping[str, Any]
@@ -46,7 +46,7 @@ def partition_of(polygon: Polygon, spec: Spec) -> Partition:
     H = real(spec["H"], "partition: H")
     counts = polygon.counts(H)
     if "shift" in spec:
-        return _shifted(uniform(polygon, H), real(spec["shift"], "partition: shift"))
+        return shifted(polygon, H, real(spec["shift"], "partition: shift"))
     if "grading" in spec:
         return Partition(polygon, _graded(polygon, counts, _at_least_one(spec, "grading", "partition")))
     if "spread" in spec:
@@ -91,14 +91,6 @@ def _followed(partition: Partition, cells: Counts, counts: Counts) -> Array:
     side, index = _indices(counts)
     place = (np.cumsum(cells) - cells)[side] + index * cells[side] / counts[side]
     return np.interp(place, np.arange(partition.n_cells + 1), partition.points)
-
-
-def _shifted(cells: Partition, fraction: float) -> Partition:
-    if not 0 <= fraction < 1:
-        raise InputError(f"partition: the shift {fraction:g} is not in [0, 1), a fraction of a cell")
-    inside = ~np.isin(cells.points[:-1], cells.polygon.starts)
-    moved = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
-    return Partition(cells.polygon, np.append(moved, cells.polygon.perimeter))
 
 
 def _graded(polygon: Polygon, counts: Counts, q: float) -> Array:

@@ -10,6 +10,7 @@ import xarray as xr
 
 from unilateral.dual_norm import Gram
 from unilateral.errors import InputError
+from unilateral.partition import Partition
 from unilateral.tables import error_in
 
 PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "beta_lower", "beta_upper")
@@ -54,10 +55,12 @@ def multiplier_frame(survey: xr.Dataset, h_over_H: Sequence[float]) -> pd.DataFr
     return pd.concat(frames)
 
 
-def dual_norm_frame(errors: xr.Dataset, forms: Mapping[int, xr.Dataset], h_over_H: float) -> pd.DataFrame:
+def dual_norm_frame(
+    errors: xr.Dataset, gram: Gram, partitions: Mapping[int, Partition], h_over_H: float
+) -> pd.DataFrame:
     """||.||_{-1/2} with its bounds and the shortcut H^{1/2} ||.||_0: errors at one h/H, mu = 1, mu = +-1.
 
-    `forms` are the dual norm's tables by the partition's number. Errors that are 0 are left out.
+    `partitions` are those by their number on which the forms are evaluated. Errors that are 0 are left out.
     """
     rows = []
     for case in map(str, errors["case"].values):
@@ -67,12 +70,11 @@ def dual_norm_frame(errors: xr.Dataset, forms: Mapping[int, xr.Dataset], h_over_
             if bounds[1][i, j] > 1e-12 * float(of["u_norm"][i]):
                 lower, upper = (float(bound[i, j]) for bound in bounds)
                 rows.append(_row("error", case, of, i, j, lower, upper, float(of["l2_error"][i, j])))
-    for j, table in forms.items():
-        gram = Gram.of_table(table)
-        m = gram.n_cells
+    for j, partition in partitions.items():
+        m, p0 = partition.n_cells, gram.on(partition).p0
         for kind, mu in (("one", np.ones(m)), ("alternating", (-1.0) ** np.arange(m))):
-            lower, upper = (float(mu @ form @ mu) ** 0.5 for form in gram.p0)
-            l2 = float(np.sqrt(np.diff(table["points"].values) @ mu**2))
+            lower, upper = (float(mu @ form @ mu) ** 0.5 for form in p0)
+            l2 = float(np.sqrt(partition.lengths @ mu**2))
             rows.append(_row(kind, "", errors, None, j, lower, upper, l2))
     return pd.DataFrame(rows)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -47,6 +48,20 @@ class Partition:
         """(m,) the side of the polygon each cell lies on."""
         return np.searchsorted(self.polygon.starts, self.points[:-1], side="right") - 1
 
+    def cells_of(self, finer: Array) -> NDArray[np.intp]:
+        """(k,) the cell that contains each interval between the points (k + 1,) of a finer partition.
+
+        Raises InputError if a point of this one is not, up to round-off, among them.
+        """
+        distance = np.abs(finer[np.abs(finer[None] - self.points[:, None]).argmin(axis=1)] - self.points)
+        missed = np.flatnonzero(distance > VERTEX_TOLERANCE * self.polygon.perimeter)
+        if missed.size:
+            raise InputError(
+                f"partition: point {missed[0]} ({self.points[missed[0]]:.17g}) is not among the points of "
+                "the finer partition; it has to be nested in it"
+            )
+        return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
+
     @property
     def H(self) -> float:
         """The longest cell."""
@@ -79,17 +94,23 @@ def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
 def shifted(polygon: Polygon, H: float, fraction: float) -> Partition:
     """The uniform partition with the points inside each side moved forward by `fraction` of a cell.
 
-    The polygon's vertices stay, so a fraction in (0, 1) gives every side one cell more, the first.
+    The vertices stay: the first cell of a side grows and its last shrinks. Raises InputError for a fraction
+    outside [0, 1).
     """
     if not 0 <= fraction < 1:
-        raise InputError(
-            f"partition: the shift {fraction} is not in [0, 1), the fraction of a cell it has to be"
-        )
+        raise InputError(f"partition: the shift {fraction:g} is not in [0, 1), a fraction of a cell")
     cells = uniform(polygon, H)
-    if fraction == 0:
-        return cells
-    moved = cells.points[:-1] + fraction * cells.lengths
-    return Partition(polygon, np.sort(np.concatenate([polygon.starts, moved])))
+    inside = ~np.isin(cells.points[:-1], polygon.starts)
+    moved = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
+    return Partition(polygon, np.append(moved, polygon.perimeter))
+
+
+def common_refinement(partitions: Sequence[Partition]) -> Partition:
+    """The coarsest partition of which all are coarser ones, points up to round-off apart taken for one."""
+    polygon = partitions[0].polygon
+    points = np.unique(np.concatenate([polygon.starts, *(each.points for each in partitions)]))
+    new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
+    return from_points(polygon, points[new])
 
 
 def refine(partition: Partition) -> Partition:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
 from unilateral.case import Case
-from unilateral.condense import DualOperator, condense
+from unilateral.condense import condense
 from unilateral.dual_norm import Gram
 from unilateral.infsup import InfSup, infsup
 from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov, on_cells, on_mesh
 from unilateral.partition import Partition
-from unilateral.solve import Solution, Stop, pair, solve
+from unilateral.solve import Pair, Solution, Stop, pair, solve
 
 PER_RUN = (
     "h1_error",
@@ -41,14 +41,14 @@ def sweep(
     mesh: Mesh,
     cases: Sequence[Case],
     partitions: Sequence[Partition],
-    grams: Mapping[int, Gram],
+    gram: Gram | None,
     H_over_h: tuple[float, float] = (0.0, np.inf),
     stop: Stop = Stop(),  # noqa: B008
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """The table of results, one level long in `mesh`, and that of times and memory.
 
-    Only pairs with H/h within the two limits are solved; the rest is NaN. `grams` holds the dual norm's
-    forms by the partition's number, for these cases; it is needed wherever beta > 0.
+    Only pairs with H/h within the two limits are solved; the rest is NaN. `gram` holds the dual norm's
+    forms for these cases, on a partition that refines those given; it is needed where beta > 0.
     """
     begin = time.perf_counter()
     condensed = condense(mesh)
@@ -67,7 +67,8 @@ def sweep(
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
         both = pair(condensed, partition)
-        stability = _stability(both.operator, grams.get(k))
+        form = _form(both, gram)
+        stability = infsup(both.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
         values = (both.operator.lambda_min, both.operator.lambda_max, *stability)
         for name, value in zip(PER_PAIR, values, strict=True):
             table[name][0, k] = value
@@ -76,12 +77,12 @@ def sweep(
             solution = solve(problem, cells[c], both, stability.beta_lower, stop)
             seconds[c, 0, k] = time.perf_counter() - begin
             _record(table, c, k, solution)
-            if not both.operator.singular:
+            if form:
                 difference = cells[c].lambda_means - solution.lambda_H
-                lower, upper = grams[k].error(c, difference[None])
+                lower, upper = form.error(c, difference[None])
                 table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), solution.hm12_discrete)
                 table["hm12_error_upper"][c, 0, k] = upper[0]
-                table["hm12_best"][c, 0, k] = grams[k].best_approximation(c)
+                table["hm12_best"][c, 0, k] = form.best_approximation(c)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
@@ -95,13 +96,13 @@ def sweep(
     return table, timings
 
 
-def _stability(operator: DualOperator, gram: Gram | None) -> InfSup:
-    """The constants of (3.4); where S is singular all are 0, and no Gram matrix is needed."""
-    if operator.singular:
-        return InfSup(0.0, 0.0, 0.0)
+def _form(both: Pair, gram: Gram | None) -> Gram | None:
+    """The dual norm on the pair's partition; where S is singular beta is 0, and none is needed."""
+    if both.operator.singular:
+        return None
     if gram is None:
-        raise ValueError("a pair with beta > 0 needs the Gram matrix of its partition")
-    return infsup(operator, gram.p0)
+        raise ValueError("a pair with beta > 0 needs the dual norm's forms")
+    return gram.on(both.partition)
 
 
 def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -> xr.Dataset:

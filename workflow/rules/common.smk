@@ -14,7 +14,6 @@ wildcard_constraints:
     scene="|".join(SCENES),
     survey="|".join(SURVEYS),
     level="[0-9]+",
-    partition="[0-9]+",
 
 
 def library(*modules):
@@ -49,15 +48,12 @@ def levels(wildcards):
 
 
 def normed(wildcards):
-    """The partitions coarser than the finest mesh: at h >= H beta is 0, and no error of lambda is judged.
-
-    With `level` only those that this level can be solved on with beta > 0.
-    """
+    """The partitions with errors of lambda: those coarser than the finest mesh (else beta is 0) and solved."""
     scene = scene_of(wildcards)
-    finest = getattr(wildcards, "level", scene["mesh"]["levels"] - 1)
-    h = number(scene["mesh"]["h"]) / 2 ** int(finest)
-    most = number(scene["H_over_h"]["max"]) * h if "max" in scene["H_over_h"] else math.inf
-    return [k for k, H in enumerate(scene["H"]) if h < number(H) <= most]
+    coarsest = number(scene["mesh"]["h"])
+    finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
+    most = number(scene["H_over_h"]["max"]) * coarsest if "max" in scene["H_over_h"] else math.inf
+    return [k for k, H in enumerate(scene["H"]) if finest < number(H) <= most]
 
 
 def number(given):

@@ -127,14 +127,14 @@ rule multiplier_table:
 
 rule dual_table:
     input:
-        library("infsup_data", "tables", "expression"),
+        library("infsup_data", "dual_norm", "tables", "expression", "certificate"),
+        "workflow/scripts/scenes.py",
         errors="results/{scene}/errors.nc",
-        norms=lambda wildcards: expand(
-            "results/{scene}/dual_norms/{partition}.nc", scene=wildcards.scene, partition=normed(wildcards)
-        ),
+        norm="results/{scene}/dual_norm.nc",
     output:
         update("figures/dual_{scene}.csv"),
     params:
+        scene=scene_of,
         normed=normed,
         h_over_H=config["rates"]["judged_ratio"],
     message:

@@ -1,4 +1,4 @@
-# Scene -> coarsest mesh, and the dual norm per partition -> a solve per level -> tables -> rates.
+# Scene -> coarsest mesh, and the dual norm -> a solve per level -> tables -> rates.
 
 
 rule mesh:
@@ -15,19 +15,20 @@ rule mesh:
         "../scripts/make_mesh.py"
 
 
-rule dual_norms:
+rule dual_norm:
     input:
-        library("dual_norm", "tables", "certificate"),
+        library("dual_norm", "partition", "tables", "certificate"),
         "workflow/scripts/scenes.py",
         case_files,
     output:
-        "results/{scene}/dual_norms/{partition}.nc",
+        "results/{scene}/dual_norm.nc",
     params:
         scene=scene_of,
+        normed=normed,
     message:
-        "{wildcards.scene}: the dual norm on partition {wildcards.partition}"
+        "{wildcards.scene}: the dual norm"
     script:
-        "../scripts/measure_dual_norms.py"
+        "../scripts/measure_dual_norm.py"
 
 
 rule solve:
@@ -36,15 +37,12 @@ rule solve:
         "workflow/scripts/scenes.py",
         case_files,
         mesh="results/{scene}/mesh.vtu",
-        norms=lambda wildcards: expand(
-            "results/{scene}/dual_norms/{partition}.nc", scene=wildcards.scene, partition=normed(wildcards)
-        ),
+        norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if normed(wildcards) else [],
     output:
         solutions="results/{scene}/levels/{level}.nc",
         timings="results/{scene}/levels/{level}_timings.nc",
     params:
         scene=scene_of,
-        normed=normed,
         stop=config["stop"],
     message:
         "{wildcards.scene}: all cases on level {wildcards.level}"

@@ -9,12 +9,12 @@ from unilateral.solve import Stop
 from unilateral.sweep import sweep
 
 
-def main(coarse, norms, scene, name, level, stop, results, timings):
+def main(coarse, norm, scene, name, level, stop, results, timings):
     refined = mesh.read(coarse, domain(scene))
     for _ in range(level):
         refined = mesh.refine(refined)
-    grams = {k: Gram.of_table(tables.load(path)) for k, path in norms.items()}
-    solved, timed = sweep(refined, cases(scene), partitions(scene), grams, limits(scene), Stop(**stop))
+    gram = Gram.of_table(tables.load(norm)) if norm else None
+    solved, timed = sweep(refined, cases(scene), partitions(scene), gram, limits(scene), Stop(**stop))
     tables.save(solved, results, name)
     tables.save(timed, timings, name)
 
@@ -23,7 +23,7 @@ if __name__ == "__main__":
     speak_plainly()
     main(
         snakemake.input.mesh,
-        dict(zip(snakemake.params.normed, snakemake.input.norms, strict=True)),
+        snakemake.input.norm,
         snakemake.params.scene,
         snakemake.wildcards.scene,
         int(snakemake.wildcards.level),

@@ -1,14 +1,17 @@
 """The table behind a scene's figure of the dual norm."""
 
+from scenes import partitions
 from sentences import speak_plainly
 
 from unilateral import infsup_data, tables
+from unilateral.dual_norm import Gram
 from unilateral.expression import real
 
 
-def main(errors, forms, ratio, path):
-    loaded = {k: tables.load(form) for k, form in forms.items()}
-    frame = infsup_data.dual_norm_frame(tables.load(errors), loaded, real(ratio, "judged_ratio"))
+def main(errors, norm, scene, normed, ratio, path):
+    cells = {k: partitions(scene)[k] for k in normed}
+    gram = Gram.of_table(tables.load(norm))
+    frame = infsup_data.dual_norm_frame(tables.load(errors), gram, cells, real(ratio, "judged_ratio"))
     tables.save_csv(frame, path)
 
 
@@ -16,7 +19,9 @@ if __name__ == "__main__":
     speak_plainly()
     main(
         snakemake.input.errors,
-        dict(zip(snakemake.params.normed, snakemake.input.norms, strict=True)),
+        snakemake.input.norm,
+        snakemake.params.scene,
+        snakemake.params.normed,
         snakemake.params.h_over_H,
         snakemake.output[0],
     )

@@ -1,0 +1,25 @@
+"""||.||_{-1/2} of a scene: its forms on the common refinement of the partitions, and on the cases' multipliers."""
+
+from scenes import cases, partitions
+from sentences import speak_plainly
+
+from unilateral import tables
+from unilateral.dual_norm import dual_norm
+from unilateral.partition import common_refinement
+
+
+def main(scene, normed, name, path):
+    found = partitions(scene)
+    finest, problems = common_refinement([found[k] for k in normed]), cases(scene)
+    gram = dual_norm(finest, problems).gram(problems)
+    tables.save(gram.table(problems), path, name)
+
+
+if __name__ == "__main__":
+    speak_plainly()
+    main(
+        snakemake.params.scene,
+        snakemake.params.normed,
+        snakemake.wildcards.scene,
+        snakemake.output[0],
+    )
