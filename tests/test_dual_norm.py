@@ -59,6 +59,10 @@ class Flux:
 
     flux_singular = singular
 
+    @property
+    def flux_in_L2(self):
+        return self.alpha > Fraction(-1, 2)
+
     def boundary(self, side, s):
         with np.errstate(divide="ignore"):
             power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
@@ -238,6 +242,24 @@ def test_the_mesh_is_graded_to_a_re_entrant_vertex(name, vertex):
     edges, at = np.diff(mesh.s), np.searchsorted(mesh.s, mesh.polygon.starts[:-1])
     longer = np.maximum(edges[at], edges[at - 1])
     assert longer[vertex] < np.delete(longer, vertex).min() / 2**7
+
+
+@pytest.mark.parametrize("alpha", [Fraction(-1, 2), Fraction(-3, 5)])
+def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
+    """What oscillates has no bound in L2; nor have L2 norms a value. Control: alpha = -2/5 has all."""
+    cells = partitions.uniform(square(), 1 / 4)
+    for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
+        norm, on = dual_norm(cells, [case]), on_cells(case, cells)
+        for found in (
+            norm.of_error(case, on.lambda_means[None]),
+            norm.gram([case]).error(0, np.zeros((1, 16))),
+        ):
+            assert found.lower[0] > 0
+            assert np.isfinite(found.upper[0]) == in_L2
+        assert (
+            np.isfinite([on.lambda_norm, on.projection_error, on.l2_error(0 * on.lambda_means)]).all()
+            == in_L2
+        )
 
 
 @cache

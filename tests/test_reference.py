@@ -1,4 +1,4 @@
-"""The reference spaces: the mesh's gradings, the forms against dense algebra, and RT0 as a control."""
+"""The reference spaces: the forms against dense algebra, and RT0 as a control."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from scipy.spatial import cKDTree
 from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
+from unilateral import grading, reference
 from unilateral import partition as partitions
-from unilateral import reference
 from unilateral.dual_norm import dual_norm
+from unilateral.grading import boundary_nodes
+from unilateral.mesh import structured
 from unilateral.polygon import Polygon, lshape, square
-from unilateral.reference import Factor, boundary_nodes, reference_spaces
+from unilateral.reference import Factor, reference_spaces
 
 DART = Polygon(np.array([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]]), "dart")
 CELLS = {
@@ -68,52 +70,12 @@ def test_the_boundary_nodes_are_those_of_the_mesh_and_nested_in_the_cells(name):
     assert_allclose(s[:-1], boundary_nodes(cells, (), 4), rtol=0, atol=1e-14 * cells.polygon.perimeter)
 
 
-def test_the_edges_of_a_cell_are_chebyshev_s():
-    """(1 - cos(i pi / n)) / 2: the first edge of 8 is 0.038 of the cell; 1, 2 and 4 cells' edges by hand."""
-    cell = partitions.uniform(square(), 1.0)
-    assert_allclose(boundary_nodes(cell, (), 1), [0, 1, 2, 3])
-    assert_allclose(boundary_nodes(cell, (), 2)[:3], [0, 0.5, 1])
-    assert_allclose(boundary_nodes(cell, (), 4)[:4], [0, 0.5 - 8**-0.5, 0.5, 0.5 + 8**-0.5])
-
-
-@pytest.mark.parametrize("name", CELLS)
-@pytest.mark.parametrize("at", [0.0, 1.0, 0.3, 0.3 + 1e-3, 1.9999])
-def test_the_edges_at_a_singular_point_are_halved_from_both_sides(name, at):
-    """Also at a vertex, at 0 = perimeter, near a cell's end, or in a short part of a cell."""
-    cells = CELLS[name]
-    perimeter = cells.polygon.perimeter
-    plain, graded = boundary_nodes(cells, (), 8), boundary_nodes(cells, [at], 8)
-    assert np.isin(cells.points[:-1], graded).all()
-    assert np.abs(graded - at).min() == 0
-    others = np.union1d(plain[np.isin(plain, cells.points)], [at])
-    for sign in (-1, 1):
-        part = np.sort(sign * (others - at) % perimeter)[1]
-        away = np.sort(sign * (graded - at) % perimeter)[1 : reference.HALVINGS + 2]
-        assert_allclose(away[1:] / away[:-1], 2, rtol=1e-6)  # differences of arc lengths
-        assert away[-1] <= part * (1 + 1e-12)
-    assert np.diff(graded).max() <= cells.H / 4  # the longest of Chebyshev's 8 is sin(pi / 8) / 2 of the cell
-
-
-@pytest.mark.parametrize("lengths", [[0.3, 0.6, 0.1], [0.001, 0.699, 0.3], [0.5, 0.01, 0.49]])
-def test_the_edges_beside_a_shorter_cell_are_no_more_than_twice_its_own(lengths):
-    """From the longer side they are halved as often as that takes, and the shorter cell is left as it is."""
-    points = np.concatenate([[0], np.cumsum(lengths)[:-1], [1, 2, 3, 4]])
-    cells = partitions.from_points(square(), points)
-    s = np.append(boundary_nodes(cells, (), 4), 4.0)
-    edges = np.diff(s)
-    at = np.searchsorted(s, cells.points[:-1])
-    ratio = edges[at] / edges[at - 1]
-    assert np.all((ratio < 2 * (1 + 1e-9)) & (ratio > 0.5 * (1 - 1e-9)))
-    shortest = int(cells.lengths.argmin())
-    assert np.sum((s >= points[shortest]) & (s < points[shortest + 1])) == 4
-
-
 def test_two_singular_points_in_a_cell_are_both_graded_to():
     cells = partitions.uniform(square(), 1.0)
     s = boundary_nodes(cells, [0.4, 0.45], 8)
     at = np.searchsorted(s, [0.4, 0.45])
     assert_allclose(s[at], [0.4, 0.45])
-    between = 0.05 / 2 / 2**reference.HALVINGS
+    between = 0.05 / 2 / 2**grading.HALVINGS
     assert_allclose([s[at[0] + 1] - s[at[0]], s[at[1]] - s[at[1] - 1]], between, rtol=1e-9)
     assert np.all(np.diff(s) > 0)
 
@@ -162,6 +124,15 @@ def test_the_forms_against_dense_algebra(name):
     assert_array_equal(free, spaces.inner)
     q[free] = -np.linalg.solve(E[np.ix_(free, free)], (E @ q)[free])
     assert_allclose(spaces.least_fluxes(sp.csc_array(values)), q.T @ E @ q, rtol=1e-9)
+
+
+def test_the_facets_of_a_mesh_with_more_nodes_than_the_root_of_a_32_bit_number():
+    """Their keys, products of two node numbers, need 64 bits from 46341 nodes on."""
+    mesh = structured(square(), 1 / 220)
+    of_skfem = skfem_mesh(mesh)
+    facet = reference._boundary_facets(of_skfem, mesh)
+    pairs = np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    assert_array_equal(np.sort(of_skfem.facets[:, facet], axis=0), np.sort(pairs, axis=0))
 
 
 def test_products_with_more_columns_than_a_block():

@@ -71,6 +71,7 @@ class Smooth:
     u: sympy.Expr
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
+    flux_in_L2: bool = field(default=True, init=False)
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
@@ -135,6 +136,7 @@ class Tensor(Local):
     cutoff: sympy.Expr
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
+    flux_in_L2: bool = field(default=True, init=False)
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:

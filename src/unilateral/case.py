@@ -88,6 +88,11 @@ class Case:
         """The curves in Omega across which u is only finitely smooth."""
         return [kink for atom in self.atoms for kink in atom.kinks()]
 
+    @property
+    def flux_in_L2(self) -> bool:
+        """Whether lambda is square integrable; errors of lambda in L2 are NaN if not."""
+        return all(atom.flux_in_L2 for atom in self.atoms)
+
     def flux_singular(self) -> list[Singular]:
         """The points of sides at which lambda, and u in Omega, behave like a fractional power."""
         points = [point for atom in self.atoms for point in atom.singular()]

@@ -121,18 +121,22 @@ def condense(mesh: Mesh) -> Condensed:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    _check_constants(mesh, lu, mass.sum(axis=1)[order])
+    check_constants(mesh, lu.solve(mass.sum(axis=1)[order]))
     cholesky = _last_block(lu, len(mesh.boundary))
     return Condensed(mesh, A, cholesky.T @ cholesky, cholesky, lu, order)
 
 
-def _check_constants(mesh: Mesh, lu: SuperLU, integrals: Array) -> None:
-    """(u, v)_1 = (1, v)_0 is solved by 1; on small domains K + M loses M, and so the constants."""
-    if not np.max(np.abs(lu.solve(integrals) - 1)) <= CONSTANTS:
+def check_constants(mesh: Mesh, found: Array) -> None:
+    """`found`, the solution of (u, v)_1 = (1, v)_0, has to be 1: on small domains K + M loses M.
+
+    Raises InputError otherwise.
+    """
+    if not np.max(np.abs(found - 1)) <= CONSTANTS:
         polygon = mesh.polygon
         raise InputError(
-            f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} is too small for double precision "
-            "with this mesh; scale it to a diameter of about 1"
+            f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges down to "
+            f"{np.diff(mesh.s).min():.3g} is too small for double precision; scale it to a diameter of about "
+            "1, or take longer edges"
         )
 
 

@@ -127,7 +127,10 @@ def flux_load(case: Case, mesh: Mesh) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OnCells:
-    """A case on a partition: cell means (m,) of lambda and g, ||lambda||_0 and ||lambda - Pi_H lambda||_0."""
+    """A case on a partition: cell means (m,) of lambda and g, ||lambda||_0 and ||lambda - Pi_H lambda||_0.
+
+    The norms are NaN where lambda is not in L2.
+    """
 
     partition: Partition
     lambda_means: Array
@@ -151,12 +154,13 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
     u, flux, gap = case.boundary(rule.side, rule.s)
     lambda_means, g_means = (rule.integrate(values, m) / partition.lengths for values in (flux, u - gap))
     deviation = flux - lambda_means[rule.interval]
+    in_L2 = 1.0 if case.flux_in_L2 else math.nan
     return OnCells(
         partition,
         lambda_means,
         g_means,
-        lambda_norm=math.sqrt(rule.weight @ flux**2),
-        projection_error=math.sqrt(rule.weight @ deviation**2),
+        lambda_norm=in_L2 * math.sqrt(rule.weight @ flux**2),
+        projection_error=in_L2 * math.sqrt(rule.weight @ deviation**2),
     )
 
 

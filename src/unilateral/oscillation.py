@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unilateral.mesh import Mesh
+from unilateral.polygon import Polygon
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,12 +46,17 @@ def has_square(mesh: Mesh) -> Mask:
     lengths = np.diff(mesh.s)
     start = mesh.points[mesh.boundary]
     middle = 0.5 * (start + np.roll(start, -1, axis=0))
-    polygon = mesh.polygon
-    offset = middle[:, None] - polygon.vertices
+    distance = distance_to_other_sides(mesh.polygon, middle, mesh.side)
+    return distance > REACH * (lengths + lengths.max())
+
+
+def distance_to_other_sides(polygon: Polygon, points: Array, side: NDArray[np.intp]) -> Array:
+    """(k,) the distance of points (k, 2) on the sides (k,) from the other sides."""
+    offset = points[:, None] - polygon.vertices
     along = np.clip(np.sum(offset * polygon.tangents, axis=2), 0.0, polygon.lengths)
     distance = np.linalg.norm(offset - along[..., None] * polygon.tangents, axis=2)
-    distance[np.arange(len(middle)), mesh.side] = np.inf
-    return distance.min(axis=1) > REACH * (lengths + lengths.max())
+    distance[np.arange(len(points)), side] = np.inf
+    return np.asarray(distance.min(axis=1))
 
 
 def trace_constants(mesh: Mesh, triangle: NDArray[np.intp]) -> Array:

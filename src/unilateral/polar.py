@@ -98,6 +98,10 @@ class Polar(Local):
     def lipschitz(self) -> bool:
         return bool(self.beta >= 1)
 
+    @property
+    def flux_in_L2(self) -> bool:
+        return bool(self.beta > sympy.Rational(1, 2))
+
     def kinks(self) -> list[Kink]:
         if self.cutoff is None:
             return []

@@ -1,7 +1,7 @@
 """The reference spaces of a partition: P2 and BDM1 on one mesh that is graded to the boundary.
 
-The mesh is made for T_H alone: every cell carries the same number of boundary edges, those at a singular
-point of lambda are halved towards it, and the triangles grow with the distance from the boundary.
+The mesh is made for T_H alone, its boundary nodes by `grading`; the triangles grow with the distance from
+the boundary.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
 from unilateral import mesh as meshes
-from unilateral.condense import elimination_order
+from unilateral.condense import check_constants, elimination_order
+from unilateral.grading import boundary_nodes
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 EDGES_PER_CELL = 8
-HALVINGS = 8
 GROWTH = 0.45
-BLOCK = 64
+BLOCK = 16
 
 
 class Factor:
@@ -41,6 +41,10 @@ class Factor:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
+
+    def solve(self, rhs: Array) -> Array:
+        """A^{-1} rhs, (n,), its entries in the order of elimination."""
+        return self.lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
 
     def products(self, F: sp.csc_array) -> Array:
         """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
@@ -100,53 +104,21 @@ def reference_spaces(
     bdm1 = skfem.Basis(of_skfem, skfem.ElementTriBDM1())
     A = sp.csr_array(_hdiv.assemble(bdm1))
     inner = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facet])
+    M = mass.assemble(p2)
+    factor = Factor(sp.csr_array(laplace.assemble(p2) + M))
+    check_constants(mesh, factor.solve(M.sum(axis=1)))
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
     return ReferenceSpaces(
         mesh,
         n_p2=p2.N,
         nodes=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
-        p2=Factor(sp.csr_array(laplace.assemble(p2) + mass.assemble(p2))),
+        p2=factor,
         normal=_normal_fluxes(bdm1, mesh, facet),
         bdm1=A,
         inner=inner,
         bdm1_inner=Factor(A[inner][:, inner].tocsr()),
         triangle=of_skfem.f2t[0, facet],
     )
-
-
-def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
-    """(nb,) arc lengths of the mesh's boundary nodes, nested in T_H and in the singular points.
-
-    A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
-    jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
-    those beside a shorter cell.
-    """
-    perimeter = partition.polygon.perimeter
-    points = np.array(sorted({s % perimeter for s in singular}))
-    cuts = np.union1d(partition.points, points)
-    cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
-    counts = np.ceil(np.diff(cuts) / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
-    both_ends = np.isin(cuts[:-1], points) & np.isin(cuts[1:], points)
-    counts = np.maximum(counts, np.where(both_ends, 2, 1))
-    index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
-    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(np.diff(cuts), counts)]
-    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * np.diff(cuts)
-    halves = 0.5 ** np.arange(1, HALVINGS + 1)
-    for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
-        nodes += [p + ends[i] * halves, p - ends[i - 1] * halves]
-    nodes += _graded_to_shorter_neighbours(cuts[:-1], ends)
-    return np.unique(np.concatenate(nodes) % perimeter)
-
-
-def _graded_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
-    """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
-    before, after = np.roll(ends, 1), ends
-    halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)
-    return [
-        cuts[i] + (after[i] if after[i] > before[i] else -before[i]) * 0.5 ** np.arange(1, halvings[i] + 1)
-        for i in np.flatnonzero(halvings)
-    ]
 
 
 @skfem.BilinearForm
@@ -156,7 +128,7 @@ def _hdiv(q, r, _):  # type: ignore[no-untyped-def]
 
 def _boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
     """(nb,) skfem's facet of every boundary edge."""
-    n, facets = mesh.n_nodes, of_skfem.facets
+    n, facets = mesh.n_nodes, of_skfem.facets.astype(np.intp)
     keys = facets.min(axis=0) * n + facets.max(axis=0)
     order = np.argsort(keys)
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)

@@ -1,4 +1,4 @@
-"""||.||_{-1/2} of a scene: its forms on the common refinement of the partitions, and on the cases' multipliers."""
+"""||.||_{-1/2} of a scene: its forms on the partitions' common refinement and on the cases' multipliers."""
 
 from scenes import cases, partitions
 from sentences import speak_plainly
