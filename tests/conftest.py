@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from unilateral import case as cases
 from unilateral import mesh as meshes
@@ -63,3 +66,24 @@ def discrete(name: str, n: int, m: int, polygon: str = "square", degree: int | N
     both = coupled(polygon, n, m)
     beta = guarded_beta(both, sigma_1)
     return Discrete(on_mesh(case, on, degree), on_cells(case, both.partition), both, beta)
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Figure, Bbox]]:
+    """The figures as they are written, each with the box, in inches, of all that is seen of it."""
+    found: list[tuple[Figure, Bbox]] = []
+    savefig = Figure.savefig
+
+    def recording(figure: Figure, *arguments: Any, **options: Any) -> None:
+        savefig(figure, *arguments, **options)
+        figure.draw_without_rendering()
+        found.append((figure, figure.get_tightbbox()))
+
+    monkeypatch.setattr(Figure, "savefig", recording)
+    return found
+
+
+def texts(figure: Figure) -> list[Text]:
+    """What is written in a figure."""
+    found = [artist for artist in figure.findobj(Text) if isinstance(artist, Text)]
+    return [text for text in found if text.get_visible() and text.get_text()]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 import yaml
@@ -114,3 +115,38 @@ def test_the_readme_holds_the_table_of_the_stored_results():
     assert table.count("\n") == 1 + sum(len(study["scenes"][name]["cases"]) for name in scenes)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"\n{BEGIN}\n{table}\n{END}\n" in readme, "README.md is not up to date; run 'make'"
+
+
+def made_up_pairs():
+    """Two families at H/h = 2 and 4, and three other pairs, two of them with flat triangles."""
+    rows = [
+        ["square", "uniform", 0.5, 2.0, 2.0, 45.0, 0.7349, 0.74],
+        ["square", "uniform", 0.25, 4.0, 4.0, 45.0, 0.92, 0.93],
+        ["gmsh", "uniform", 0.5, 2.0, 2.0, 40.0, 0.77, 0.78],
+        ["gmsh", "uniform", 0.25, 4.0, 4.0, 40.0, 0.95, 0.96],
+        ["graded", "local", 0.5, 2.0, 2.0, 10.0, 0.5, 0.508],
+        ["random", "local", 0.7, 3.0, 1.5, 25.0, 0.8, 0.81],
+        ["found", "worst", 0.6, 2.0, 1.0, 1.14, 0.18, 0.187],
+    ]
+    columns = ["label", "kind", "h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle"]
+    return pd.DataFrame(rows, columns=[*columns, "beta_lower", "beta_upper"])
+
+
+def test_lower_bounds_of_beta_are_rounded_down():
+    lines = documents.infsup_table(made_up_pairs(), [2, 4]).splitlines()
+    assert lines[0] == "| β ≥ ... at H/h = | 2 | 4 |"
+    assert lines[2:] == ["| square | 0.73 | 0.92 |", "| gmsh | 0.77 | 0.95 |"]
+
+
+def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
+    """By hand: four pairs keep it; the ranks of h/H, of the edges and of H_i/edge against those of beta."""
+    text = " ".join(documents.infsup_rule(made_up_pairs(), 2, 20).split())
+    assert "β ≥ 0.73 in all 4 such pairs" in text
+    assert "With smaller angles it is down to 0.51 (graded)." in text
+    assert "leave 0.19 (found, angles down to 1.1°)" in text
+    assert "| 3 pairs that are not uniform | 0.50 | 0.87 | 0.50 |" in text
+
+
+def test_the_rule_follows_its_parameters():
+    """Control."""
+    assert "in all 2 such pairs" in documents.infsup_rule(made_up_pairs(), 2, 42).replace("\n", " ")

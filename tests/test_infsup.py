@@ -7,6 +7,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+import xarray as xr
 from conftest import condensed
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
@@ -18,7 +19,7 @@ from unilateral.condense import condense, dual_operator
 from unilateral.coupling import coupling
 from unilateral.dual_norm import Bounds, dual_norm
 from unilateral.forms import stiffness_and_mass
-from unilateral.infsup import infsup, resolution, worst_multiplier
+from unilateral.infsup import infsup, of_runs, resolution, worst_multiplier
 from unilateral.polygon import Polygon, lshape, named, square
 from unilateral.triangulate import triangulate
 
@@ -149,6 +150,34 @@ def test_beta_against_dense_algebra(polygon, n, m, fine):
     assert 0.99 * above <= found.beta_upper
 
 
+def runs(hm12, h1_error, beta=(0.5, 0.5)):
+    """A table of one run with the bounds hm12, of which 0.9 is the discrete norm, and the distance 0.1."""
+    grid, run = ("mesh", "partition"), ("case", "mesh", "partition")
+    values = {"hm12_error_lower": hm12[0], "hm12_error_upper": hm12[1], "h1_error": h1_error}
+    values |= {"hm12_discrete": 0.9, "hm12_best": 0.1}
+    of_pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}
+    table = {name: (run, [[[value]]]) for name, value in values.items()}
+    table |= {name: (grid, [[value]]) for name, value in of_pair.items()}
+    return xr.Dataset({**table, "u_norm": (("case", "mesh"), [[1.0]])})
+
+
+def test_the_ratios_of_a_run_by_hand():
+    """Every factor on its unfavourable side: the largest error over the smallest right side of (4.6)."""
+    found = of_runs(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
+    assert_allclose(found["norm_ratio_lower"], 0.9 / 1.2)
+    assert_allclose(found["norm_ratio_upper"], 0.9 / 1.0)
+    assert_allclose(found["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
+    assert float(found["lemma_4_3"]) > 1  # a run against the lemma would show
+    assert float(of_runs(runs((1.0, 1.2), 0.2, (0.1, 0.1)))["lemma_4_3"].squeeze()) < 1
+
+
+@pytest.mark.parametrize("table", [runs((1, 1.2), 0.2, (0, 0)), runs((0, 1e-13), 0.2)], ids=["beta", "error"])
+def test_without_a_beta_or_an_error_there_is_no_ratio(table):
+    found = of_runs(table)
+    for name in ("norm_ratio_lower", "norm_ratio_upper", "lemma_4_3"):
+        assert np.isnan(found[name]).all()
+
+
 def test_beta_is_at_most_1():
     """V_h may resolve the norm better than the reference spaces do: here D lies between the bounds' forms."""
     op = on("square", 8, 4)[0]
@@ -218,7 +247,19 @@ def brute_resolution(mesh, cells):
         edges.append(sum(part / length for part, length in parts))
         ratio.append((b - a) / max(length for _, length in parts))
         nodes.append(sum(a < s < b for s in mesh.s))
-    return min(edges), min(ratio), min(nodes)
+    return min(edges), min(ratio), min(nodes), min(map(smallest_angle, at_boundary(mesh)))
+
+
+def at_boundary(mesh):
+    """The corners of the triangles with an edge, or two ends of one, on the boundary."""
+    on = set(mesh.boundary.tolist())
+    return [mesh.points[t] for t in mesh.triangles if len(on & set(t.tolist())) >= 2]
+
+
+def smallest_angle(corners):
+    """By the law of cosines."""
+    a, b, c = sorted(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1))
+    return np.degrees(np.arccos((b**2 + c**2 - a**2) / (2 * b * c)))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -235,5 +276,5 @@ def test_the_resolution_against_brute_force(seed):
 
 def test_the_resolution_of_uniform_meshes_is_H_over_h():
     mesh = meshes.structured(square(), 1 / 12)
-    assert_allclose(resolution(mesh, uniform("square", 4)), (3, 3, 2), rtol=1e-12)
-    assert_allclose(resolution(mesh, uniform("square", 24)), (0.5, 0.5, 0), rtol=1e-12)
+    assert_allclose(resolution(mesh, uniform("square", 4)), (3, 3, 2, 45), rtol=1e-12)
+    assert_allclose(resolution(mesh, uniform("square", 24)), (0.5, 0.5, 0, 45), rtol=1e-12)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import texts
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from unilateral import plots
@@ -119,26 +119,6 @@ def draw(figure: str, folder: Path, target: str = "figure.svg") -> bytes:
 def folder(tmp_path: Path) -> Path:
     write(tmp_path)
     return tmp_path
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Figure, Bbox]]:
-    """The figures as they are written, each with the box, in inches, of all that is seen of it."""
-    found: list[tuple[Figure, Bbox]] = []
-    savefig = Figure.savefig
-
-    def recording(figure: Figure, *arguments: Any, **options: Any) -> None:
-        savefig(figure, *arguments, **options)
-        figure.draw_without_rendering()
-        found.append((figure, figure.get_tightbbox()))
-
-    monkeypatch.setattr(Figure, "savefig", recording)
-    return found
-
-
-def texts(figure: Figure) -> list[Text]:
-    found = [artist for artist in figure.findobj(Text) if isinstance(artist, Text)]
-    return [text for text in found if text.get_visible() and text.get_text()]
 
 
 @pytest.mark.parametrize("figure", TABLES)

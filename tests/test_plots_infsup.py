@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import texts
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from unilateral import plots
@@ -71,29 +71,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Figure, Bbox]]:
-    """The figures as they are written, each with the box, in inches, of all that is seen of it."""
-    found: list[tuple[Figure, Bbox]] = []
-    savefig = Figure.savefig
-
-    def recording(figure: Figure, *arguments: Any, **options: Any) -> None:
-        savefig(figure, *arguments, **options)
-        figure.draw_without_rendering()
-        found.append((figure, figure.get_tightbbox()))
-
-    monkeypatch.setattr(Figure, "savefig", recording)
-    return found
-
-
 def draw(figure: str, folder: Path, target: str = "figure.svg") -> bytes:
     getattr(plots, figure)(folder / f"{figure}.csv", folder / target)
     return (folder / target).read_bytes()
-
-
-def texts(figure: Figure) -> list[Text]:
-    found = [artist for artist in figure.findobj(Text) if isinstance(artist, Text)]
-    return [text for text in found if text.get_visible() and text.get_text()]
 
 
 def points(axes: Axes) -> set[tuple[float, float]]:

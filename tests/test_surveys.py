@@ -10,7 +10,8 @@ import yaml
 from unilateral import tables
 
 ROOT = Path(__file__).parents[1]
-SURVEYS = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["surveys"]
+STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+SURVEYS = STUDY["surveys"]
 FINDS = yaml.safe_load((ROOT / "workflow/config/worst_infsup.yaml").read_text())["finds"]
 
 
@@ -63,26 +64,52 @@ def test_on_uniform_meshes_beta_grows_with_the_edges_per_cell(name):
     """V_h of nested meshes, K = 1, 2, 4: each beta is between bounds."""
     table = survey(name)
     K = table["edges_per_cell"].values[:, 0]
-    nested = [int(np.abs(K - k).argmin()) for k in (1, 2, 4) if np.abs(K - k).min() < 1e-6]
-    assert len(nested) == 3
+    nested = [int(np.abs(K - k).argmin()) for k in (1, 2, 4)]
+    np.testing.assert_allclose(K[nested], (1, 2, 4), rtol=1e-6)
     if SURVEYS[name]["mesh"]["kind"] == "structured":
         assert np.all(table["beta_lower"].values[nested[:-1]] <= table["beta_upper"].values[nested[1:]])
     assert np.all(np.diff(table["beta_upper"].values[nested, 0]) > 0)
 
 
+def by_edges(name):
+    """beta by the number of edges per cell."""
+    of = survey(name).isel(partition=0)
+    return dict(zip(np.round(of["edges_per_cell"].values, 6), of["beta_lower"].values, strict=True))
+
+
 def test_at_a_fixed_ratio_beta_is_uniform_in_h():
     """H = 1/16 and 1/32: Lemma 3.1's constant depends on the ratio only; the corners' share is below 5 %."""
-    beta = survey("betasquare")["beta_lower"].values
-    positive = beta[:, 0] > 0
-    np.testing.assert_allclose(beta[positive, 1], beta[positive, 0], rtol=0.05)
-    control = beta[positive][0] / beta[positive][1]
-    assert np.all(np.abs(control - 1) > 0.05)
+    coarse, fine = (by_edges("betasquare"), by_edges("betasquarefine"))
+    common = sorted(K for K in coarse.keys() & fine.keys() if coarse[K] > 0)
+    assert len(common) >= 6
+    np.testing.assert_allclose([fine[K] for K in common], [coarse[K] for K in common], rtol=0.05)
+    control = np.array([coarse[K] for K in common])
+    assert np.all(control[1:] / control[:-1] > 1.05)
 
 
 def test_the_finds_are_as_bad_as_their_search_says():
     """Three digits, and a percent for another gmsh."""
     beta = survey("betaworst")["beta_upper"].values[0]
     np.testing.assert_allclose(beta, [find["beta"] for find in FINDS], rtol=0.01)
+
+
+def pairs(cell_over_edge):
+    """beta_lower and the smallest angle of all pairs whose edges are that short against their cells."""
+    found = [survey(name) for name in SURVEYS]
+    fine = [table["cell_over_edge"].values >= cell_over_edge * (1 - 1e-9) for table in found]
+    both = zip(found, fine, strict=True)
+    return np.concatenate(
+        [[t["beta_lower"].values[f], t["smallest_angle"].values[f]] for t, f in both], axis=1
+    )
+
+
+def test_the_rule_for_beta():
+    """A finding of the search, beta >= 0.7, on meshes that are not the search's. Control: flat triangles."""
+    beta, angle = pairs(STUDY["infsup"]["rule"]["cell_over_edge"])
+    flat = angle < STUDY["infsup"]["rule"]["smallest_angle"]
+    assert np.count_nonzero(~flat) > 30
+    assert beta[~flat].min() >= 0.7
+    assert beta[flat].min() < 0.7
 
 
 def test_two_edges_in_every_cell_are_not_enough():

@@ -5,11 +5,14 @@ A block stands between the lines `<!-- NAME: begin -->` and `<!-- NAME: end -->`
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from unilateral.errors import InputError
@@ -50,6 +53,71 @@ def rates_table(scenes: Mapping[str, xr.Dataset], ratio: float) -> str:
             cells = [_cell(rates.sel(case=case, norm=norm, h_over_H=ratio)) for norm in NORMS]
             lines.append(f"| {name} | `{case}` | " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+MEASURES = {
+    "h_over_H": "h/H",
+    "edges_per_cell": "fewest boundary edges in a cell",
+    "cell_over_edge": "smallest H_i over the longest edge at it",
+}
+
+
+LINE = 118
+ROUNDED = 1e-4
+"""Relative, of the numbers in a committed table."""
+
+
+def infsup_table(pairs: pd.DataFrame, ratios: Sequence[float]) -> str:
+    """A Markdown table: lower bounds of beta on uniform meshes, per family of meshes and H/h."""
+    uniform = pairs[pairs["kind"] == "uniform"]
+    lines = [
+        "| β ≥ ... at H/h = | " + " | ".join(f"{ratio:g}" for ratio in ratios) + " |",
+        "|---|" + "---|" * len(ratios),
+    ]
+    for label, of in uniform.groupby("label", sort=False):
+        at = [of.loc[np.isclose(of["h_over_H"] * ratio, 1, rtol=ROUNDED), "beta_lower"] for ratio in ratios]
+        lines.append(f"| {label} | " + " | ".join(_floor(each.min()) for each in at) + " |")
+    return "\n".join(lines)
+
+
+def infsup_rule(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> str:
+    """Sentences: what the pairs say of a rule for beta, and which measure of h/H predicts beta best."""
+    few = cell_over_edge * (1 - ROUNDED)
+    flat, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
+    kept, broken = pairs[fine & ~flat], _worst(pairs[fine & flat])
+    counted = _worst(pairs[pairs["edges_per_cell"] >= few])
+    other = pairs[(pairs["kind"] != "uniform") & (pairs["edges_per_cell"] > 0)]
+    round_ones = other[other["smallest_angle"] >= smallest_angle]
+    text = (
+        f"If every boundary edge that meets a cell is at most 1/{cell_over_edge:g} of it, and the triangles "
+        f"at the boundary have no angle below {smallest_angle:g}°, then "
+        f"β ≥ {_floor(kept['beta_lower'].min())} in all {len(kept)} such pairs of a mesh and a partition. "
+        f"With smaller angles it is down to {broken['beta_upper']:.2f} ({broken['label']}). Merely "
+        f"{cell_over_edge:g} edges in every cell, whatever their lengths, leave "
+        f"{counted['beta_upper']:.2f} ({counted['label']}, angles down to {counted['smallest_angle']:.1f}°)."
+    )
+    lines = [
+        textwrap.fill(text, LINE),
+        "",
+        "| rank correlation of β with | " + " | ".join(MEASURES.values()) + " |",
+        "|---|" + "---|" * len(MEASURES),
+        _correlations(other, "pairs that are not uniform"),
+        _correlations(round_ones, f"of them without angles below {smallest_angle:g}°"),
+    ]
+    return "\n".join(lines)
+
+
+def _worst(pairs: pd.DataFrame) -> pd.Series:
+    return pairs.nsmallest(1, "beta_upper").iloc[0]
+
+
+def _correlations(pairs: pd.DataFrame, what: str) -> str:
+    found = [pairs[name].corr(pairs["beta_lower"], method="spearman") for name in MEASURES]
+    return f"| {len(pairs)} {what} | " + " | ".join(f"{value:.2f}" for value in found) + " |"
+
+
+def _floor(value: float) -> str:
+    return f"{math.floor(100 * value) / 100:.2f}"
 
 
 def _cell(of: xr.Dataset) -> str:

@@ -2,7 +2,8 @@
 
 The first inequality of (3.4) holds with beta^2 the smallest eigenvalue of D x = beta^2 G x, D the dual
 operator and G the Gram matrix of ||.||_{-1/2} on P0(T_H). G is known from both sides as a form, and so is
-beta. The second holds with beta_0^2 = lambda_min(S) / H.
+beta; below 1e-6, where its square is rounding, it counts as 0. The second holds with
+beta_0^2 = lambda_min(S) / H.
 """
 
 from __future__ import annotations
@@ -105,12 +106,14 @@ class Resolution(NamedTuple):
     """How finely a mesh resolves a partition; the smallest over the cells T_i of each.
 
     `edges_per_cell` counts boundary edges, parts as fractions; `cell_over_edge` is H_i over the longest edge
-    that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i.
+    that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i; `smallest_angle` is that
+    of the triangles at the boundary, in degrees.
     """
 
     edges_per_cell: float
     cell_over_edge: float
     nodes_per_cell: int
+    smallest_angle: float
 
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
@@ -123,4 +126,16 @@ def resolution(mesh: Mesh, partition: Partition) -> Resolution:
     longest = np.zeros(partition.n_cells)
     np.maximum.at(longest, cell, lengths[edge])
     inside = np.bincount(cell, minlength=partition.n_cells) - 1
-    return Resolution(float(edges.min()), float((partition.lengths / longest).min()), int(inside.min()))
+    ratio = (partition.lengths / longest).min()
+    return Resolution(float(edges.min()), float(ratio), int(inside.min()), _smallest_angle(mesh))
+
+
+def _smallest_angle(mesh: Mesh) -> float:
+    at = np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2
+    a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
+    sides = [p - q for p, q in ((b, a), (c, b), (a, c))]
+    angles = [
+        np.arctan2(np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), -np.sum(p * q, axis=1))
+        for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
+    ]
+    return math.degrees(float(np.min(angles)))

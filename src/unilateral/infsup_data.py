@@ -13,7 +13,7 @@ from unilateral.errors import InputError
 from unilateral.partition import Partition
 from unilateral.tables import error_in
 
-PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "beta_lower", "beta_upper")
+PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle", "beta_lower", "beta_upper")
 
 
 def infsup_frame(surveys: Mapping[str, tuple[str, str, xr.Dataset]]) -> pd.DataFrame:

@@ -97,8 +97,10 @@ def unstructured(polygon: Polygon, h: float) -> Mesh:
     return with_boundary(polygon, polygon.divided(polygon.counts(h))[:-1])
 
 
-def with_boundary(polygon: Polygon, s: ArrayLike) -> Mesh:
+def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -> Mesh:
     """A mesh by gmsh whose boundary nodes have the arc lengths s (nb,): from 0, the vertices among them.
+
+    For the `growth` of its triangles see `triangulate`.
 
     Raises InputError unless they increase strictly and stay below the perimeter.
     """
@@ -106,7 +108,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike) -> Mesh:
 
     nodes = np.asarray(s, dtype=float)
     _check_nodes(polygon, nodes)
-    mesh = from_arrays(polygon, *triangulate(polygon, nodes), "gmsh")
+    mesh = from_arrays(polygon, *triangulate(polygon, nodes, growth), "gmsh")
     ends = np.append(nodes, polygon.perimeter)
     ends.setflags(write=False)
     return replace(mesh, s=ends)

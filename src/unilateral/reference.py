@@ -93,11 +93,9 @@ def reference_spaces(
     partition: Partition, singular: Iterable[float] = (), edges_per_cell: int = EDGES_PER_CELL
 ) -> ReferenceSpaces:
     """The reference spaces of a partition, refined towards the given arc lengths too."""
-    from unilateral.triangulate import triangulate
-
     polygon = partition.polygon
     s = boundary_nodes(partition, singular, edges_per_cell)
-    mesh = meshes.from_arrays(polygon, *triangulate(polygon, s, GROWTH), "reference mesh")
+    mesh = meshes.with_boundary(polygon, s, GROWTH)
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     facet = _boundary_facets(of_skfem, mesh)
     p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())

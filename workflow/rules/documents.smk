@@ -5,13 +5,15 @@ rule readme:
     input:
         library("documents", "tables", "rates"),
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
+        pairs="figures/infsup.csv",
         figures=FIGURES,
     output:
         update("README.md"),
     params:
         scenes=JUDGED,
         judged_ratio=config["rates"]["judged_ratio"],
+        infsup=config["infsup"],
     message:
-        "README.md: the table of rates"
+        "README.md: its tables"
     script:
         "../scripts/fill_readme.py"

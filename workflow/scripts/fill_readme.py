@@ -1,16 +1,31 @@
-"""README.md: its table of rates."""
+"""README.md: its tables of rates and of beta."""
 
+import pandas as pd
 from sentences import speak_plainly
 
 from unilateral import documents, tables
 from unilateral.expression import real
 
 
-def main(paths, scenes, ratio, readme):
+def main(paths, scenes, ratio, pairs, uniform_ratios, rule, readme):
     found = {name: tables.load(path) for name, path in zip(scenes, paths, strict=True)}
-    documents.fill(readme, {"rates": documents.rates_table(found, real(ratio, "judged_ratio"))})
+    beta = pd.read_csv(pairs)
+    blocks = {
+        "rates": documents.rates_table(found, real(ratio, "judged_ratio")),
+        "beta": documents.infsup_table(beta, [real(each, "uniform_ratios") for each in uniform_ratios]),
+        "rule": documents.infsup_rule(beta, **rule),
+    }
+    documents.fill(readme, blocks)
 
 
 if __name__ == "__main__":
     speak_plainly()
-    main(snakemake.input.rates, snakemake.params.scenes, snakemake.params.judged_ratio, snakemake.output[0])
+    main(
+        snakemake.input.rates,
+        snakemake.params.scenes,
+        snakemake.params.judged_ratio,
+        snakemake.input.pairs,
+        snakemake.params.infsup["uniform_ratios"],
+        snakemake.params.infsup["rule"],
+        snakemake.output[0],
+    )

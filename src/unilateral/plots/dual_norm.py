@@ -41,8 +41,8 @@ KINDS = ("error", *FUNCTIONS)
 COMPARED = 2
 DASH = 2.6
 NOTE = (
-    "Markers: r.m.s. means of the guaranteed bounds; bars on the left: from the lower to the upper bound, "
-    "their gap in the middle."
+    "Markers: r.m.s. means of the guaranteed bounds, with bars from one to the other; the shortcuts of "
+    r"$\mu=1$ and $\mu=\pm1$ are one line."
 )
 
 

@@ -17,7 +17,7 @@ from unilateral.plots.style import COLOURS, SMALL, WIDTH, FilePath, as_fraction,
 
 NUMBERS = ("H", "h_over_H", "edges_per_cell", "beta_lower", "beta_upper")
 INFSUP_COLUMNS = ("scene", "label", "kind", *NUMBERS)
-TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "worst found"}
+TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
 UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(COLOURS) if i != 1)
 WORST_MARKERS = ("x", "+", (6, 2, 0), "1", "2", "3")
 BACKGROUND: dict[str, Any] = {"color": "0.72", "lw": 1.0, "zorder": 1.5}
