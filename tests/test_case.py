@@ -372,7 +372,7 @@ BAD_FIELDS: dict[str, tuple[dict[str, Any], str]] = {
     "field of another atom": ({"u": [HARMONIC | {"profile": 1}]}, "field u[0]: Additional properties"),
     "missing in an atom": ({"u": [{"atom": "tensor", "side": 0}]}, "field u[0]: 'profile' is a required"),
     "wrong type": ({"hypotheses": {"j": 1, "jj": True, "jjj": True}}, "field hypotheses.j: 1 is not of type"),
-    "negative side": ({"u": [HARMONIC | {"side": -1}]}, "field u[0].side: -1 is less than the minimum"),
+    "negative side": ({"u": [HARMONIC | {"side": -2}]}, "field u[0].side: -2 is less than the minimum"),
     "at a vertex": ({"u": [HARMONIC | {"at": 1}]}, "case 'mine', u[0], at: 1 must lie between 0 and 1"),
     "no cutoff": ({"u": [HARMONIC | {"cutoff": 0}]}, "u[0], cutoff: 0 must be positive"),
     "irrational": ({"u": [HARMONIC | {"alpha": "sqrt(2)"}]}, "u[0], alpha: sqrt(2) must be a fraction"),

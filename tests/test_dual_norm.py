@@ -63,7 +63,7 @@ class Flux:
     def flux_in_L2(self):
         return self.alpha > Fraction(-1, 2)
 
-    def boundary(self, side, s):
+    def boundary(self, side, s, near=None):
         with np.errstate(divide="ignore"):
             power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
         return 0 * s, np.sin(5 * s) + power, 0 * s

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import sympy
@@ -55,6 +56,18 @@ class Kink:
         return found
 
 
+class Along(NamedTuple):
+    """Points (k,) of a side, `t` = `anchor` + `offset` in side lengths; the sum rounds, the parts do not."""
+
+    t: Array
+    anchor: Array
+    offset: Array
+
+    def minus(self, t: float) -> Array:
+        """The signed distance from the point t, exact near it if the anchors are that point."""
+        return (self.anchor - t) + self.offset
+
+
 @dataclass(frozen=True)
 class Singular:
     """A boundary point at which functions behave like r to the power of multiples of 1 / `grading`."""
@@ -80,14 +93,18 @@ class Smooth:
             [self.u - sympy.diff(du[0], X) - sympy.diff(du[1], Y)], (X, Y)
         )
 
-    def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
-        """(k,) values and (k, 2) gradients at the points (k, 2)."""
-        value, dx, dy = self._values[0](points[:, 0], points[:, 1])
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
+        value, dx, dy = self._values[0](*(points + offset).T)
         return value, np.column_stack([dx, dy])
 
-    def source(self, points: Array) -> Array:
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         """(k,) values of -Delta u + u."""
-        return self._values[1](points[:, 0], points[:, 1])[0]
+        return self._values[1](*(points + offset).T)[0]
+
+    def touches(self, side: int) -> bool:
+        """Whether `trace_and_flux` knows the side."""
+        return False
 
     def kinks(self) -> list[Kink]:
         return []
@@ -117,9 +134,12 @@ class Local:
         """(2, 2): rows the side's direction and its inward normal."""
         return np.stack([self.polygon.tangents[self.side], -self.polygon.normals[self.side]])
 
-    def local(self, points: Array) -> tuple[Array, Array]:
-        """Coordinates (k,), (k,) of the points along the side from the centre and into Omega."""
-        x, y = (points[:, i] - self.centre[i] for i in range(2))
+    def touches(self, side: int) -> bool:
+        return side == self.side
+
+    def local(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """Coordinates (k,), (k,) along the side from the centre and into Omega of points + offset."""
+        x, y = ((points - self.centre) + offset).T
         along, into = self.frame / self.length
         return x * along[0] + y * along[1], x * into[0] + y * into[1]
 
@@ -147,15 +167,16 @@ class Tensor(Local):
             [scale * v - laplacian / scale], (T, D)
         )
 
-    def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
-        v, v_t, v_d = self._values[0](*self.local(points))
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        v, v_t, v_d = self._values[0](*self.local(points, offset))
         return self.length * v, self.to_xy(v_t, v_d)
 
-    def source(self, points: Array) -> Array:
-        return self._values[1](*self.local(points))[0]
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        return self._values[1](*self.local(points, offset))[0]
 
-    def trace_and_flux(self, t: Array) -> tuple[Array, Array]:
-        v, _, v_d = self._values[0](t, np.zeros_like(t))
+    def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
+        """(k,) values of u and of its outward normal derivative on the side."""
+        v, _, v_d = self._values[0](along.t, np.zeros_like(along.t))
         return self.length * v, -v_d
 
     @cached_property

@@ -21,10 +21,10 @@ import sympy
 import yaml
 from numpy.typing import NDArray
 
-from unilateral.atoms import Kink, Singular, Smooth, T, Tensor, X, Y
+from unilateral.atoms import Along, Kink, Singular, Smooth, T, Tensor, X, Y
 from unilateral.errors import InputError
 from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, kinks, number, parse, pos
-from unilateral.polar import Polar, harmonic
+from unilateral.polar import Polar, corner, harmonic
 from unilateral.polygon import Polygon
 
 Array = NDArray[np.float64]
@@ -44,36 +44,47 @@ class Case:
     atoms: tuple[Atom, ...]
     gaps: tuple[sympy.Expr, ...]
 
-    def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
-        """u (k,) and grad u (k, 2) at the points (k, 2) of Omega."""
-        values, gradients = zip(*(atom.value_and_gradient(points) for atom in self.atoms), strict=True)
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
+
+        Near a singular point give that point and the offset from it, which the sum would round away.
+        """
+        found = (atom.value_and_gradient(points, offset) for atom in self.atoms)
+        values, gradients = zip(*found, strict=True)
         return sum(values[1:], start=values[0]), sum(gradients[1:], start=gradients[0])
 
-    def source(self, points: Array) -> Array:
-        """f = -Delta u + u (k,) at the points (k, 2) of Omega, (1.1)."""
-        first, *others = (atom.source(points) for atom in self.atoms)
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        """f = -Delta u + u (k,) at the places points + offset (k, 2) of Omega, (1.1)."""
+        first, *others = (atom.source(points, offset) for atom in self.atoms)
         return sum(others, start=first)
 
-    def boundary(self, side: NDArray[np.intp], s: Array) -> tuple[Array, Array, Array]:
-        """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides."""
+    def boundary(
+        self, side: NDArray[np.intp], s: Array, near: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array, Array]:
+        """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides.
+
+        `near`: for every place a point t of its side, in side lengths, and the arc length from there.
+        """
+        lengths = self.polygon.lengths[side]
+        anchor, offset = near or (s / lengths, np.zeros(len(s)))
         u, flux, gap = (np.zeros(len(s)) for _ in range(3))
         for i in np.unique(side):
             here = np.flatnonzero(side == i)
-            u[here], flux[here], gap[here] = self._on_side(int(i), s[here])
+            along = Along((s / lengths)[here], anchor[here], (offset / lengths)[here])
+            u[here], flux[here], gap[here] = self._on_side(int(i), s[here], along)
         return u, flux, gap
 
-    def _on_side(self, side: int, s: Array) -> tuple[Array, Array, Array]:
-        t = s / self.polygon.lengths[side]
+    def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array, Array]:
         points = self.polygon.at(np.full(len(s), side), s)
         u, flux = np.zeros(len(s)), np.zeros(len(s))
         for atom in self.atoms:
-            if isinstance(atom, Smooth) or atom.side != side:
+            if not isinstance(atom, Smooth) and atom.touches(side):
+                value, normal = atom.trace_and_flux(side, along)
+            else:
                 value, gradient = atom.value_and_gradient(points)
                 normal = gradient @ self.polygon.normals[side]
-            else:
-                value, normal = atom.trace_and_flux(t)
             u, flux = u + value, flux + normal
-        return u, flux, self._gap_functions[side](t)[0]
+        return u, flux, self._gap_functions[side](along.t)[0]
 
     @cached_property
     def _gap_functions(self) -> list[Compiled]:
@@ -153,7 +164,7 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
     if fault is not None:
         place = ", field " + fault.json_path.removeprefix("$.") if fault.path else ""
         raise InputError(f"{name}{place}: {fault.message}")
-    return declaration, Path(name).stem
+    return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
 
 
 def _catalogue() -> Traversable:
@@ -203,7 +214,11 @@ class _Builder:
             if u.has(pos, sympy.log) or any(not power.exp.is_integer for power in u.atoms(sympy.Pow)):
                 raise InputError(f"{where}: a smooth atom has no pos, log or fractional power")
             return Smooth(u)
-        side = self.side(entry["side"])
+        side = entry["vertex"] if "vertex" in entry else self.side(entry["side"])
+        if side >= self.polygon.n_sides:
+            raise InputError(
+                f"{where}, vertex: '{self.polygon.name}' has the vertices 0 to {self.polygon.n_sides - 1}"
+            )
         cutoff = number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
         if cutoff is not None and cutoff <= 0:
             raise InputError(f"{where}, cutoff: {cutoff} must be positive")
@@ -212,14 +227,23 @@ class _Builder:
             if any(k <= sympy.Rational(3, 2) for _, k in kinks(profile, T)):
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
             return Tensor(self.polygon, side, 0.0, profile, cutoff)
-        at, alpha = (number(entry[key], f"{where}, {key}") for key in ("at", "alpha"))
+        times = number(entry.get("times", 1), f"{where}, times")
+        alpha = self._alpha(entry, where)
+        if entry["atom"] == "corner":
+            return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
+        at = number(entry["at"], f"{where}, at")
         if not 0 < at < 1:
             raise InputError(f"{where}, at: {at} must lie between 0 and 1")
+        return harmonic(self.polygon, side, at, alpha, cutoff, times)
+
+    def _alpha(self, entry: Mapping[str, Any], where: str) -> sympy.Expr | None:
+        if "alpha" not in entry:
+            return None
+        alpha = number(entry["alpha"], f"{where}, alpha")
         if not (alpha.is_Rational and alpha.q <= MAX_DENOMINATOR):
             limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
             raise InputError(f"{where}, alpha: {alpha} must be {limit}")
-        times = number(entry.get("times", 1), f"{where}, times")
-        return harmonic(self.polygon, side, at, alpha, cutoff, times)
+        return alpha
 
     def gaps(self, entry: Mapping[str, Any]) -> tuple[sympy.Expr, ...]:
         result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides

@@ -70,7 +70,8 @@ def _on_side(case: Case, side: int, t: Array) -> tuple[Array, Array]:
     with np.errstate(all="ignore"):
         _, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
     scale_flux, scale_gap = max(1.0, np.max(np.abs(flux))), max(1.0, np.max(np.abs(gap)))
-    empty = (flux <= VANISHES * scale_flux) & (gap <= VANISHES * scale_gap)
+    typical = max(1.0, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else 1.0
+    empty = (flux <= VANISHES * typical) & (gap <= VANISHES * scale_gap)
     interval = np.flatnonzero(empty[1:] & empty[:-1] & (np.diff(t) > 0.1 / SAMPLES))
     for bad, what in (
         (~np.isfinite(flux) | ~np.isfinite(gap), "lambda or the gap is not finite"),

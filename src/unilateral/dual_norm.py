@@ -167,7 +167,7 @@ class DualNorm:
     def _differences(self, case: Case, mu_H: Array, partition: Partition) -> Functionals:
         """Of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here."""
         rule, cell = self._rule(partition, case)
-        flux = case.boundary(rule.side, rule.s)[1]
+        flux = case.boundary(rule.side, rule.s, rule.near)[1]
         found = self._functionals(rule, flux[:, None] - mu_H.T[cell])
         return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
 

@@ -102,12 +102,12 @@ def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Ar
     square = u_square = 0.0
     for rule in triangle_rules(mesh, case, degree):
         w, phi = rule.weight, rule.barycentric
-        u, grad_u = case.value_and_gradient(rule.points)
+        u, grad_u = case.value_and_gradient(rule.origin, rule.offset)
         u_square += float(w.ravel() @ (u**2 + grad_u[:, 0] ** 2 + grad_u[:, 1] ** 2))
         value = u.reshape(w.shape) - np.einsum("kb,kqb->kq", nodal[rule.triangle], phi)
         slope = grad_u.reshape(*w.shape, 2) - slope_of_v[rule.triangle][:, None]
         square += float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
-        f = case.source(rule.points).reshape(w.shape)
+        f = case.source(rule.origin, rule.offset).reshape(w.shape)
         np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
         np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
         np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))
@@ -117,7 +117,7 @@ def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Ar
 def flux_load(case: Case, mesh: Mesh) -> Array:
     """<lambda, phi_j> (nb,) of the boundary hats."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular())
-    _, flux, _ = case.boundary(rule.side, rule.s)
+    _, flux, _ = case.boundary(rule.side, rule.s, rule.near)
     edge, nb = rule.interval, len(mesh.boundary)
     position = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
     weighted = rule.weight * flux
@@ -151,7 +151,7 @@ class OnCells:
 def on_cells(case: Case, partition: Partition) -> OnCells:
     """Means and norms by quadrature split at the case's singular points, to round-off."""
     rule, m = boundary_rule(case.polygon, partition.points, case.singular()), partition.n_cells
-    u, flux, gap = case.boundary(rule.side, rule.s)
+    u, flux, gap = case.boundary(rule.side, rule.s, rule.near)
     lambda_means, g_means = (rule.integrate(values, m) / partition.lengths for values in (flux, u - gap))
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if case.flux_in_L2 else math.nan

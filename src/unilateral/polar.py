@@ -7,15 +7,16 @@ side's direction into Omega. Values are computed from them, never from x and y.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 import sympy
 from numpy.typing import NDArray
 
-from unilateral.atoms import Array, Kink, Local, Singular
+from unilateral.atoms import Along, Array, Kink, Local, Singular
 from unilateral.errors import InputError
-from unilateral.expression import Compiled, compile_numpy, pos
+from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, pos
 from unilateral.polygon import Polygon
 
 ON_SIDE = 1e-12
@@ -26,13 +27,15 @@ R, THETA = sympy.Symbol("r", real=True), sympy.Symbol("theta", real=True)
 class Polar(Local):
     """times * factor rho^beta cos(beta (theta - theta_0)) (1 - (rho / cutoff)^2)_+^4, rho = r / L.
 
-    No cutoff factor where `cutoff` is None.
+    No cutoff factor where `cutoff` is None. `omega` is Omega's angle at the centre: pi inside the side, or
+    that of the vertex at which the side begins.
     """
 
     beta: sympy.Expr
     theta_0: sympy.Expr
     factor: sympy.Expr
     cutoff: sympy.Expr | None
+    omega: sympy.Expr = sympy.pi
 
     @cached_property
     def symbolic(self) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
@@ -51,9 +54,9 @@ class Polar(Local):
             [scale * v - laplacian / scale], (R, THETA)
         )
 
-    def _polar(self, points: Array) -> tuple[Array, Array]:
-        """rho (k,) and theta (k,) in [0, 2 pi); a rounding error outside the side counts as on it."""
-        along, into = self.local(points)
+    def _polar(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
+        """rho (k,) and theta (k,) in [0, 2 pi); a rounding error outside the sides counts as on them."""
+        along, into = self.local(points, offset)
         into = np.where(np.abs(into) < ON_SIDE, np.abs(into), into)  # arctan2(-0.0, -1) is -pi
         theta = np.arctan2(into, along)
         return np.hypot(along, into), np.where(theta < 0, theta + 2 * np.pi, theta)
@@ -64,8 +67,8 @@ class Polar(Local):
         inside = (r < limit) & (r > 0)
         return slice(None) if inside.all() else np.flatnonzero(inside)
 
-    def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
-        r, theta = self._polar(points)
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        r, theta = self._polar(points, offset)
         inside = self._inside(r)
         value, gradient = np.zeros(len(r)), np.zeros((len(r), 2))
         v, v_r, v_theta = self._values[0](r[inside], theta[inside])
@@ -74,20 +77,36 @@ class Polar(Local):
         gradient[inside] = self.to_xy(v_r * cos - v_theta * sin, v_r * sin + v_theta * cos)
         return value, gradient
 
-    def source(self, points: Array) -> Array:
-        r, theta = self._polar(points)
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        r, theta = self._polar(points, offset)
         inside = self._inside(r)
         result = np.zeros(len(r))
         result[inside] = self._values[1](r[inside], theta[inside])[0]
         return result
 
-    def trace_and_flux(self, t: Array) -> tuple[Array, Array]:
-        """(k,) values of u and of its outward normal derivative on the own side, from r and theta exactly."""
-        r, theta = np.abs(t - self.t), np.where(t < self.t, np.pi, 0.0)
+    @property
+    def at_vertex(self) -> bool:
+        return self.t == 0
+
+    def touches(self, side: int) -> bool:
+        return side == self.side or (self.at_vertex and side == self._before)
+
+    @property
+    def _before(self) -> int:
+        return (self.side - 1) % self.polygon.n_sides
+
+    def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
+        """(k,) values of u and of its outward normal derivative on the side, from r and theta exactly."""
+        if side == self.side:
+            distance = along.minus(self.t)
+        else:
+            distance = along.minus(1.0) * (self.polygon.lengths[side] / self.length)
+        r, first = np.abs(distance), distance >= 0
         inside = self._inside(r)
+        theta = np.where(first, 0.0, float(self.omega))[inside]
         value, flux = np.zeros(len(r)), np.zeros(len(r))
-        v, _, v_theta = self._values[0](r[inside], theta[inside])
-        value[inside], flux[inside] = self.length * v, np.where(theta[inside] > 0, v_theta, -v_theta)
+        v, _, v_theta = self._values[0](r[inside], theta)
+        value[inside], flux[inside] = self.length * v, np.where(first[inside], -v_theta, v_theta)
         return value, flux
 
     @property
@@ -96,7 +115,9 @@ class Polar(Local):
 
     @property
     def lipschitz(self) -> bool:
-        return bool(self.beta >= 1)
+        """Whether u is, on the sides; its trace there is like cos(beta (theta - theta_0)) rho^beta."""
+        ends = (sympy.cos(self.beta * (theta - self.theta_0)) for theta in (0, self.omega))
+        return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
 
     @property
     def flux_in_L2(self) -> bool:
@@ -110,6 +131,8 @@ class Polar(Local):
     def singular(self) -> list[Singular]:
         """The centre, and the cutoff's ends on the own side, where only smoothness is lost."""
         points = [Singular(self.side, self.t, int(sympy.Rational(self.beta).q))]
+        if self.at_vertex:
+            points.append(Singular(self._before, 1.0, points[0].grading))
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
@@ -135,3 +158,36 @@ def harmonic(
     if cutoff is None and np.any(atom.local(polygon.vertices)[1] < -ON_SIDE):
         raise InputError(f"a harmonic atom on side {side} of '{polygon.name}' needs a cutoff")
     return atom
+
+
+def corner(
+    polygon: Polygon,
+    side: int,
+    kind: str,
+    alpha: sympy.Expr | None = None,
+    cutoff: sympy.Expr | None = None,
+    times: sympy.Expr = sympy.S.One,
+) -> Polar:
+    """An atom at the vertex of angle omega at which the side begins, by its kind.
+
+    `free`: rho^(pi/omega) cos(pi theta/omega), without flux on both sides. `held`:
+    -rho^(pi/omega) sin(pi theta/omega), without trace, lambda = (pi/omega) rho^(pi/omega - 1) on both.
+    `transition`: lambda = rho^alpha on the side that begins there and 0 on the one before.
+    Raises InputError where omega is no simple fraction of pi, or the transition would need a logarithm.
+    """
+    share = sympy.Rational(Fraction(polygon.angles[side] / np.pi).limit_denominator(MAX_DENOMINATOR))
+    if abs(float(share) * np.pi - polygon.angles[side]) > ON_SIDE:
+        raise InputError(
+            f"the angle at vertex {side} of '{polygon.name}' is no fraction of pi with a denominator of at "
+            f"most {MAX_DENOMINATOR}, as an atom there needs"
+        )
+    omega = share * sympy.pi
+    if kind != "transition":
+        beta, theta_0, factor = (1 / share, sympy.S.Zero, 1) if kind == "free" else (1 / share, omega / 2, -1)
+    elif alpha is None or ((1 + alpha) * share).is_integer or alpha <= -1:
+        raise InputError(
+            f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
+        )
+    else:
+        beta, theta_0, factor = 1 + alpha, omega, -1 / ((1 + alpha) * sympy.sin(omega * (1 + alpha)))
+    return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega)

@@ -10,7 +10,7 @@ it are split there and mapped (Duffy) with r = tau^k.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from math import lcm
 from typing import NamedTuple
@@ -32,16 +32,23 @@ DEGREE = 8
 FINE_DEGREE = 5
 FINE = 1 / 64
 """Of the shortest side: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
+STRONG, TOWARDS = 2, 6
+"""Gradings above which the rule is cut towards a point, and how often."""
 BLOCK = 1 << 13
 
 
 class BoundaryRule(NamedTuple):
-    """Points by side (Q,) and arc length from the side's start s (Q,); weight (Q,); the cut interval (Q,)."""
+    """Points by side (Q,) and arc length from the side's start s (Q,); weight (Q,); the cut interval (Q,).
+
+    `near`: the nearest vertex or singular point t (Q,) of the side, in side lengths, and the arc length (Q,)
+    from it, which s rounds.
+    """
 
     side: Index
     s: Array
     weight: Array
     interval: Index
+    near: tuple[Array, Array]
 
     def integrate(self, values: Array, n_intervals: int) -> Array:
         """(n_intervals,) integrals of the values (Q,) over the intervals."""
@@ -54,9 +61,9 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
     are made of.
     """
-    anchors, grading = _anchors(polygon, singular)
+    anchors, grading, place = _anchors(polygon, singular)
     between = 0.5 * (anchors[1:] + anchors[:-1])
-    edges = np.union1d(cuts, np.concatenate([anchors, between]))
+    edges = np.union1d(cuts, np.concatenate([anchors, between, *_towards(anchors, between, grading)]))
     edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
     a, b = edges[:-1], edges[1:]
     middle = 0.5 * (a + b)
@@ -67,26 +74,44 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     x, w = np.polynomial.legendre.leggauss(GAUSS)
     low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
     tau = low + 0.5 * (high - low) * (x + 1)
-    s = p[:, None] + sign * tau**k
+    offset = sign * tau**k
+    s = p[:, None] + offset
     weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
     side = np.searchsorted(polygon.starts, middle, side="right") - 1
     interval = np.searchsorted(cuts, middle, side="right") - 1
+    t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
     return BoundaryRule(
         np.repeat(side, GAUSS),
         (s - polygon.starts[side][:, None]).ravel(),
         weight.ravel(),
         np.repeat(interval, GAUSS),
+        (np.repeat(t, GAUSS), offset.ravel()),
     )
 
 
-def _anchors(polygon: Polygon, singular: Iterable[Singular]) -> tuple[Array, Array]:
-    """Arc lengths of the vertices and singular points, increasing, and their gradings."""
-    gradings = dict.fromkeys(polygon.starts.tolist(), 1)
+def _anchors(polygon: Polygon, singular: Iterable[Singular]) -> tuple[Array, Array, Array]:
+    """Arc lengths of the vertices and singular points, increasing, their gradings, and places t on a side."""
+    found = {s: (1, 0.0) for s in polygon.starts.tolist()}
     for p in singular:
         s = polygon.arc_length(p.side, p.t)
-        gradings[s] = lcm(gradings.get(s, 1), p.grading)
-    anchors = np.array(sorted(gradings))
-    return anchors, np.array([gradings[s] for s in anchors.tolist()], dtype=float)
+        found[s] = (lcm(found.get(s, (1, 0.0))[0], p.grading), p.t)
+    anchors = np.array(sorted(found))
+    grading, place = np.array([found[s] for s in anchors.tolist()], dtype=float).T
+    return anchors, grading, place
+
+
+def _towards(anchors: Array, between: Array, grading: Array) -> list[Array]:
+    """Points at fractions 2^-j of the way from strongly graded anchors to the middles beside them.
+
+    What multiplies the power there is then all but constant on the first interval.
+    """
+    shares = 0.5 ** np.arange(1, TOWARDS + 1)
+    strong = grading > STRONG
+    after, before = strong[:-1], strong[1:]
+    return [
+        (a[:, None] + (m - a)[:, None] * shares).ravel()
+        for a, m in ((anchors[:-1][after], between[after]), (anchors[1:][before], between[before]))
+    ]
 
 
 @dataclass(frozen=True)
@@ -94,13 +119,19 @@ class TriangleRule:
     """q points in each of k pieces of triangles.
 
     `triangle` (k,) says whose pieces they are; `barycentric` (k, q, 3) and `weight` (k, q) belong to the
-    points, whose places are `points` (k q, 2).
+    points, whose places are `origin` + `offset` (k q, 2); where there is a singular point it is the origin.
     """
 
     triangle: Index
     barycentric: Array
-    points: Array
     weight: Array
+    origin: Array
+    offset: Array | float = 0.0
+
+    @property
+    def points(self) -> Array:
+        """(k q, 2) the places, rounded."""
+        return self.origin + self.offset
 
 
 def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterator[TriangleRule]:
@@ -111,8 +142,8 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
     split = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
     special[split.parent] = True
-    for _, index, _ in split.singular:
-        special[index] = True
+    for apart in split.singular:
+        special[apart.parent] = True
     regular = np.flatnonzero(~special)
     whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
     fine = mesh.h <= FINE * mesh.polygon.lengths.min()
@@ -121,8 +152,11 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
         for start in range(0, len(index), BLOCK):
             block = slice(start, start + BLOCK)
             yield _place(mesh, corners[block], index[block], *_symmetric(exact))
-    for corners, index, grading in split.singular:
-        yield _place(mesh, corners, index, *_duffy(of_pieces, grading))
+    for apart in split.singular:
+        rule = _place(mesh, apart.corners, apart.parent, *_duffy(of_pieces, apart.grading))
+        edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point
+        weights = _duffy(of_pieces, apart.grading)[0][:, 1:]
+        yield replace(rule, origin=apart.point[None], offset=(weights @ edges).reshape(-1, 2))
 
 
 @cache
@@ -149,4 +183,4 @@ def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Arr
     vertices = corners @ mesh.points[mesh.triangles[index]]
     a, b, c = np.moveaxis(corners, 1, 0)
     share = np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[index]
-    return TriangleRule(index, points @ corners, (points @ vertices).reshape(-1, 2), np.outer(share, weights))
+    return TriangleRule(index, points @ corners, np.outer(share, weights), (points @ vertices).reshape(-1, 2))

@@ -35,7 +35,7 @@ ZERO = 1e-12
 class Expectation:
     """What is expected of a case in a norm, and how it is judged.
 
-    `rate` is None where the exact error is 0; a level is asymptotic if h <= `start` and H <= 2 `start`;
+    `rate` is None where the exact error is 0, and NaN where nothing is judged; a level is asymptotic if h <= `start` and H <= 2 `start`;
     rates compare levels a factor `factor` (2 or 4) apart; the finest error may be `bound` times
     (H ** `power`) times the table's variable `reference`.
     """
@@ -62,7 +62,7 @@ class Expectation:
         bound, where = general["bound"], f"the expected rate of '{case}' in {norm}"
         return cls(
             proved=real(general["proved"], where),
-            rate=None if special["rate"] == "exact" else real(special["rate"], where),
+            rate=_rate(special["rate"], where),
             tolerance=real(general["tolerance"], where),
             start=real(asymptotic[norm]["from"], where),
             factor=int(asymptotic[norm].get("factor", 2)),
@@ -91,9 +91,11 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        if self.why:
-            return "fails"
-        return "exact" if self.expected.rate is None else "holds"
+        if self.expected.rate is None:
+            return "fails" if self.why else "exact"
+        if math.isnan(self.expected.rate):
+            return "not judged"
+        return "fails" if self.why else "holds"
 
     def __str__(self) -> str:
         lines = [f"{'h':>12} {'H':>12} {'error':>12}"]
@@ -119,6 +121,8 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
     if expected.rate is None:
         rate, levels = np.full_like(rate, np.nan), np.zeros_like(levels)
         why = _why_not_zero(error_in(runs, norm, "upper").values, runs["u_norm"].values)
+    elif math.isnan(expected.rate):
+        why = []
     else:
         why = [
             *_why_unfit(runs, norm, levels, expected),
@@ -129,6 +133,12 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
             why.append(f"the finest error {finest:.4g} is above its bound {bound:.4g}")
     fitted = _fit(h[levels], error[levels])
     return Judgement(h, H, error, h[coarse], h[fine], rate, asymptotic, fitted, bound, expected, tuple(why))
+
+
+def _rate(given: object, where: str) -> float | None:
+    if given == "exact":
+        return None
+    return math.nan if given == "none" else real(given, where)
 
 
 def _along(table: xr.Dataset, h_over_H: float) -> xr.Dataset:

@@ -27,15 +27,25 @@ ON_CORNER = 1e-10
 
 
 @dataclass(frozen=True)
+class Apart:
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), whose first corner is a singular point (2,)."""
+
+    corners: Array
+    parent: Index
+    point: Array
+    grading: int
+
+
+@dataclass(frozen=True)
 class Split:
-    """Pieces: corners (k, 3, 3) of the triangles parent (k,); (corners, parent, grading) per singular point.
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at each singular point.
 
     Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
 
     corners: Array
     parent: Index
-    singular: list[tuple[Array, Index, int]]
+    singular: list[Apart]
 
 
 def split_triangles(mesh: Mesh, case: Case) -> Split:
@@ -46,7 +56,7 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
     singular = []
     for point, grading in points:
         holds = _contains(mesh, corners, parent, point)
-        singular.append((*_at_corner(mesh, corners[holds], parent[holds], point), grading))
+        singular.append(Apart(*_at_corner(mesh, corners[holds], parent[holds], point), point, grading))
         corners, parent = corners[~holds], parent[~holds]
     done: list[tuple[Array, Index]] = []
     for level in range(NEAR_LEVELS):
