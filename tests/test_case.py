@@ -349,7 +349,7 @@ def test_natural_is_refused_on_other_sides(side: int) -> None:
 def test_wrong_places() -> None:
     assert "is for square, not for 'lshape'" in refusal("natural", "lshape")
     assert "'square' has the sides 0 to 3, not 4" in refusal("thirds", "square", 4)
-    assert "case 'unnatural' is unknown; the catalogue has full_contact," in refusal("unnatural")
+    assert "case 'unnatural' is unknown; the catalogue has borderline_0.05," in refusal("unnatural")
     assert "there is no file nowhere.yaml" in refusal("nowhere.yaml")
     with pytest.raises(InputError, match="polygon 'circle' is unknown"):
         named("circle")

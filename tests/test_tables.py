@@ -112,11 +112,6 @@ def test_levels_are_put_along_mesh():
     assert table["H"].values.tolist() == [0.5, 0.25]
 
 
-def test_partitions_are_put_along_partition():
-    parts = [level(0.5).isel(partition=[k]) for k in range(2)]
-    xr.testing.assert_equal(tables.along_partition(parts), level(0.5))
-
-
 def test_levels_of_different_cases_are_refused():
     with pytest.raises(ValueError, match="case"):
         tables.along_mesh([level(0.5), level(0.25, case="another")])

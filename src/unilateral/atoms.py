@@ -85,6 +85,7 @@ class Smooth:
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
     flux_in_L2: bool = field(default=True, init=False)
+    finite: bool = field(default=True, init=False)
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
@@ -157,6 +158,7 @@ class Tensor(Local):
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
     flux_in_L2: bool = field(default=True, init=False)
+    finite: bool = field(default=True, init=False)
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:

@@ -22,13 +22,15 @@ import yaml
 from numpy.typing import NDArray
 
 from unilateral.atoms import Along, Kink, Singular, Smooth, T, Tensor, X, Y
+from unilateral.cantor import Cantor
+from unilateral.cantor import gap as cantor_gap
 from unilateral.errors import InputError
 from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, kinks, number, parse, pos
 from unilateral.polar import Polar, corner, harmonic
 from unilateral.polygon import Polygon
 
 Array = NDArray[np.float64]
-Atom = Smooth | Tensor | Polar
+Atom = Smooth | Tensor | Polar | Cantor
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,12 +231,21 @@ class _Builder:
             return Tensor(self.polygon, side, 0.0, profile, cutoff)
         times = number(entry.get("times", 1), f"{where}, times")
         alpha = self._alpha(entry, where)
+        if entry["atom"] == "cantor":
+            return Cantor(self.polygon, side, 0.0, *self.family(entry, where), alpha)
         if entry["atom"] == "corner":
             return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
         at = number(entry["at"], f"{where}, at")
         if not 0 < at < 1:
             raise InputError(f"{where}, at: {at} must lie between 0 and 1")
         return harmonic(self.polygon, side, at, alpha, cutoff, times)
+
+    def family(self, entry: Mapping[str, Any], where: str) -> tuple[sympy.Expr, int]:
+        """The share that a Cantor set keeps at either end, and its generations."""
+        keep = number(entry["keep"], f"{where}, keep")
+        if not 0 < keep < sympy.Rational(1, 2):
+            raise InputError(f"{where}, keep: {keep} must lie between 0 and 1/2")
+        return keep, entry["generations"]
 
     def _alpha(self, entry: Mapping[str, Any], where: str) -> sympy.Expr | None:
         if "alpha" not in entry:
@@ -249,5 +260,10 @@ class _Builder:
         result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
-            result[self.side(item["side"])] = self.along_side(item["formula"], place)
+            if "cantor" in item:
+                numbers = self.family(item["cantor"], f"{place}, cantor")
+                formula = cantor_gap(*numbers, number(item["cantor"]["at_vertices"], f"{place}, at_vertices"))
+            else:
+                formula = self.along_side(item["formula"], place)
+            result[self.side(item["side"])] = formula
         return tuple(result)

@@ -56,7 +56,7 @@ def certify(case: Case) -> Certificate:
         j=all(atom.in_H2 for atom in case.atoms),
         jj=all(atom.lipschitz for atom in case.atoms)
         and all(k >= 1 for side in case.gap_kinks for _, k in side),
-        jjj=True,
+        jjj=all(atom.finite for atom in case.atoms),
         contact=tuple(contact),
         lambda_max=float(largest_flux),
         gap_max=float(largest_gap),

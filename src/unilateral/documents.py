@@ -124,6 +124,8 @@ def _cell(of: xr.Dataset) -> str:
     verdict = of["verdict"].item()
     if verdict == "exact":
         return "error 0, as exact"
+    if verdict == "not judged":
+        return verdict
     pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
     suffix = "" if verdict == "holds" else f", **{verdict}**"
     return f"{smallest_rate(of):.2f} of {float(of['expected']):g} ({pairs} pairs){suffix}"

@@ -129,7 +129,7 @@ def flux_load(case: Case, mesh: Mesh) -> Array:
 class OnCells:
     """A case on a partition: cell means (m,) of lambda and g, ||lambda||_0 and ||lambda - Pi_H lambda||_0.
 
-    The norms are NaN where lambda is not in L2.
+    The norms are NaN where lambda is not in L2. `consistency` is <Pi_H lambda, u - g> of (4.16).
     """
 
     partition: Partition
@@ -137,6 +137,7 @@ class OnCells:
     g_means: Array
     lambda_norm: float
     projection_error: float
+    consistency: float
 
     def l2_error(self, lambda_H: Array) -> float:
         """||lambda - lambda_H||_0, exact: the projection's error and that of the means are orthogonal."""
@@ -152,7 +153,9 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
     """Means and norms by quadrature split at the case's singular points, to round-off."""
     rule, m = boundary_rule(case.polygon, partition.points, case.singular()), partition.n_cells
     u, flux, gap = case.boundary(rule.side, rule.s, rule.near)
-    lambda_means, g_means = (rule.integrate(values, m) / partition.lengths for values in (flux, u - gap))
+    lambda_means, gap_means, g_means = (
+        rule.integrate(values, m) / partition.lengths for values in (flux, gap, u - gap)
+    )
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if case.flux_in_L2 else math.nan
     return OnCells(
@@ -161,6 +164,7 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
         g_means,
         lambda_norm=in_L2 * math.sqrt(rule.weight @ flux**2),
         projection_error=in_L2 * math.sqrt(rule.weight @ deviation**2),
+        consistency=float(partition.lengths @ (lambda_means * gap_means)),
     )
 
 

@@ -120,6 +120,11 @@ class Polar(Local):
         return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
 
     @property
+    def finite(self) -> bool:
+        """Whether contact begins and ends at finitely many points."""
+        return True
+
+    @property
     def flux_in_L2(self) -> bool:
         return bool(self.beta > sympy.Rational(1, 2))
 

@@ -31,7 +31,7 @@ GAUSS = 16
 DEGREE = 8
 FINE_DEGREE = 5
 FINE = 1 / 64
-"""Of the shortest side: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
+"""Of the shortest side and four times a cutoff's radius: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
 STRONG, TOWARDS = 2, 6
 """Gradings above which the rule is cut towards a point, and how often."""
 BLOCK = 1 << 13
@@ -146,7 +146,8 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
         special[apart.parent] = True
     regular = np.flatnonzero(~special)
     whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
-    fine = mesh.h <= FINE * mesh.polygon.lengths.min()
+    radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
+    fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
     of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
     for corners, index, exact in ((whole, regular, of_whole), (split.corners, split.parent, of_pieces)):
         for start in range(0, len(index), BLOCK):

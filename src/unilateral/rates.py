@@ -35,9 +35,9 @@ ZERO = 1e-12
 class Expectation:
     """What is expected of a case in a norm, and how it is judged.
 
-    `rate` is None where the exact error is 0, and NaN where nothing is judged; a level is asymptotic if h <= `start` and H <= 2 `start`;
-    rates compare levels a factor `factor` (2 or 4) apart; the finest error may be `bound` times
-    (H ** `power`) times the table's variable `reference`.
+    `rate` is None where the exact error is 0, and NaN where nothing is judged; a level is asymptotic if
+    h <= `start` and H <= 2 `start`; rates compare levels a factor `factor` (2 or 4) apart; the finest error
+    may be `bound` times (H ** `power`) times the table's variable `reference`.
     """
 
     proved: float

@@ -49,7 +49,7 @@ def collect(judgements: Mapping[tuple[str, str, float], Judgement], judged_ratio
 
 def summary(found: xr.Dataset, ratio: float) -> str:
     """Observed against expected rates at one h/H, a line per case and norm."""
-    lines = [f"{'case':14} {'norm':5} {'proved':>7} {'expected':>9} {'smallest':>9} {'fitted':>7}  verdict"]
+    lines = [f"{'case':15} {'norm':5} {'proved':>7} {'expected':>9} {'smallest':>9} {'fitted':>7}  verdict"]
     for case in found["case"].values:
         for norm in found["norm"].values:
             of = found.sel(case=case, norm=norm, h_over_H=ratio)
@@ -57,7 +57,7 @@ def summary(found: xr.Dataset, ratio: float) -> str:
             numbers = (
                 f"{float(of.proved):7.3g} {float(of.expected):9.3g} {smallest:9.3f} {float(of.fitted):7.3f}"
             )
-            lines.append(f"{case:14} {norm:5} {numbers}  {of.verdict.item()} {of.why.item()}".rstrip())
+            lines.append(f"{case:15} {norm:5} {numbers}  {of.verdict.item()} {of.why.item()}".rstrip())
     return "\n".join(lines)
 
 

@@ -2,9 +2,9 @@
 
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh.
 Pieces that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than
-KINK_SIZE of the shortest side. Towards a singular point pieces are quartered until they are small against
-their distance from it; the piece that contains the point is split there into pieces that have it as their
-first corner.
+KINK_SIZE of the shortest side and than KINK_SHARE of a circle's radius. Towards a singular point pieces are
+quartered until they are small against their distance from it; the piece that contains the point is split
+there into pieces that have it as their first corner, after it is small against the distance of other points.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
+KINK_SHARE = 1 / 64
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
@@ -54,6 +55,7 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
     points, kinks = _singular_points(case), case.kinks()
     smallest = KINK_SIZE * case.polygon.lengths.min()
     singular = []
+    corners, parent = _one_point_each(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
         holds = _contains(mesh, corners, parent, point)
         singular.append(Apart(*_at_corner(mesh, corners[holds], parent[holds], point), point, grading))
@@ -64,14 +66,32 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
         marked = np.zeros(len(parent), dtype=bool)
         for point, _ in points:
             marked |= np.hypot(*(centre - point).T) < NEAR * radius
-        coarse = radius > (0.0 if level < KINK_LEVELS else smallest)
         for kink in kinks:
+            fine = min(smallest, KINK_SHARE * kink.radius) if kink.radius else smallest
+            coarse = radius > (0.0 if level < KINK_LEVELS else fine)
             marked |= coarse & (np.abs(kink.level(centre)) < radius)
         if level > 0:
             done.append((corners[~marked], parent[~marked]))
         corners, parent = _quarter(corners[marked]), np.repeat(parent[marked], 4)
     done.append((corners, parent))
     return Split(np.concatenate([c for c, _ in done]), np.concatenate([p for _, p in done]), singular)
+
+
+def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Array]) -> tuple[Array, Index]:
+    """Pieces quartered until those that contain a point have no other one near."""
+    for _ in range(NEAR_LEVELS):
+        centre, radius = _circle(mesh, corners, parent)
+        holds, near = (np.zeros(len(parent), dtype=np.intp) for _ in range(2))
+        for point in points:
+            close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR * radius)
+            near[close] += 1
+            holds[close] += _contains(mesh, corners[close], parent[close], point)
+        crowded = (holds > 0) & (near > 1)
+        if not crowded.any():
+            break
+        corners = np.concatenate([corners[~crowded], _quarter(corners[crowded])])
+        parent = np.concatenate([parent[~crowded], np.repeat(parent[crowded], 4)])
+    return corners, parent
 
 
 def _singular_points(case: Case) -> list[tuple[Array, int]]:

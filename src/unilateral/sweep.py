@@ -34,6 +34,7 @@ PER_RUN = (
     "quadrature_share",
 )
 PER_PAIR = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
+PER_CELLS = ("projection_error", "consistency")
 PER_CASE = ("u_norm", "interpolation_error", "ritz_error")
 
 
@@ -63,7 +64,8 @@ def sweep(
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
         cells = [on_cells(case, partition) for case in cases]
-        table["projection_error"][:, k] = [each.projection_error for each in cells]
+        for name in PER_CELLS:
+            table[name][:, k] = [getattr(each, name) for each in cells]
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
         both = pair(condensed, partition)
@@ -117,7 +119,7 @@ def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -
     variables: dict[str, tuple] = {name: (run, unknown(n, 1, p)) for name in PER_RUN}
     variables |= {name: (("case", "mesh"), unknown(n, 1)) for name in PER_CASE}
     variables |= {name: (grid, unknown(1, p)) for name in PER_PAIR}
-    variables["projection_error"] = (("case", "partition"), unknown(n, p))
+    variables |= {name: (("case", "partition"), unknown(n, p)) for name in PER_CELLS}
     variables["sigma_1"] = ("mesh", unknown(1))
     variables["algorithm"] = (run, np.full((n, 1, p), "", dtype=object))
     variables["lambda_H"] = ((*run, "cell"), unknown(n, 1, p, largest))

@@ -56,6 +56,7 @@ VARIABLES = {
     "interpolation_error": ("||u - r_h u||_1", "1", "(4.14)"),
     "ritz_error": ("||u - z_h||_1, z_h the Ritz projection of u", "1", "(4.14)"),
     "projection_error": ("||lambda - Pi_H lambda||_0", "1", "(4.15)"),
+    "consistency": ("<Pi_H lambda, u - g>", "1", "(4.16)"),
     "lambda_min": ("smallest eigenvalue of S", "1", "(3.4)"),
     "lambda_max": ("largest eigenvalue of S", "1", "(5.2)"),
     "beta_lower": ("guaranteed lower bound of beta", "1", "(3.4), first inequality"),
@@ -78,6 +79,8 @@ VARIABLES = {
     "nodes_per_cell": ("least number of mesh nodes inside a cell", "1", "Lemma 3.1"),
     "worst": ("the multiplier at which (3.4) is sharp, its largest value 1", "1", "(3.4)"),
     "side": ("side of the polygon on which a cell lies", "1", "section 2"),
+    "smallest_angle": ("smallest angle of the triangles at the boundary", "degree", "section 2"),
+    "lambda_means": ("cell means of lambda", "1", "(4.15)"),
     "points": ("ends of the cells of T_H, in arc length", "1", "section 2"),
     "norm_lower": ("form on P0(T_H) and lambda - Pi_H lambda, from below", "1", "(3.5)"),
     "norm_upper": ("form on P0(T_H) and lambda - Pi_H lambda, from above", "1", "(3.5)"),
@@ -156,18 +159,9 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset:
 
 def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
     """One table from those of single levels, coarse to fine."""
-    return _along(levels, "mesh")
-
-
-def along_partition(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """One table from those of single partitions, coarse to fine."""
-    return _along(parts, "partition")
-
-
-def _along(parts: Sequence[xr.Dataset], dimension: str) -> xr.Dataset:
     return xr.concat(
-        parts,
-        dimension,
+        levels,
+        "mesh",
         data_vars="minimal",
         coords="minimal",
         compat="override",
