@@ -1,8 +1,8 @@
 """How sharp Theorem 4.1 is within a family: lambda ~ s_+^alpha and a gap ~ s_-^gamma at a transition.
 
-The transition is put at `positions` places (k + 1/2) / positions of a cell, the same on every level, and errors
-are averaged over them: a rate between levels is then not one of the position. u is a harmonic atom whose
-cutoff ends contact; on its exponents depends what the hypotheses (j) and (jj) say.
+The transition is put at n places (k + 1/2)/n of a cell, the same on every level, and errors are averaged over
+them: a rate between levels is then not one of the position. u is a harmonic atom whose cutoff ends contact;
+on the exponents depends what the hypotheses (j) and (jj) say.
 """
 
 from __future__ import annotations
