@@ -22,6 +22,7 @@ include: "workflow/rules/common.smk"
 include: "workflow/rules/scenes.smk"
 include: "workflow/rules/surveys.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"
 
 
@@ -30,6 +31,7 @@ rule all:
     input:
         expand("results/{scene}/rates.nc", scene=JUDGED),
         FIGURES,
+        "results/claims.json",
         "README.md",
 
 

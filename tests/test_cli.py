@@ -224,7 +224,7 @@ def test_a_size_must_be_a_positive_number(capsys, option, text):
         (("solve", "natural", "--h", "1/8"), "required: --H"),
         (("solve", "natural", *SIZES, "--levels", "3"), "unrecognized arguments: --levels 3"),
         (("solve", "natural", *SIZES, "--js"), "unrecognized arguments: --js"),
-        (("solve", "unknown", *SIZES), "case 'unknown' is unknown; the catalogue has full_contact,"),
+        (("solve", "unknown", *SIZES), "case 'unknown' is unknown; the catalogue has borderline_0.05,"),
         (("solve", "two\nlines", *SIZES), "case 'two lines' is unknown"),
         (
             ("solve", "natural", "--h", "1/2000", "--H", "1/4"),

@@ -85,6 +85,7 @@ class Smooth:
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
     flux_in_L2: bool = field(default=True, init=False)
+    flux_bounded: bool = field(default=True, init=False)
     finite: bool = field(default=True, init=False)
 
     @cached_property
@@ -158,6 +159,7 @@ class Tensor(Local):
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
     flux_in_L2: bool = field(default=True, init=False)
+    flux_bounded: bool = field(default=True, init=False)
     finite: bool = field(default=True, init=False)
 
     @cached_property

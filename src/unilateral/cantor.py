@@ -59,6 +59,7 @@ class Cantor(Local):
     in_H2: bool = field(default=True, init=False)
     lipschitz: bool = field(default=True, init=False)
     flux_in_L2: bool = field(default=True, init=False)
+    flux_bounded: bool = field(default=True, init=False)
     finite: bool = field(default=False, init=False)
 
     @cached_property

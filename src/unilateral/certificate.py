@@ -7,6 +7,7 @@ for it cannot be read off a formula.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,7 @@ def certify(case: Case) -> Certificate:
         and all(k >= 1 for side in case.gap_kinks for _, k in side),
         jjj=all(atom.finite for atom in case.atoms),
         contact=tuple(contact),
-        lambda_max=float(largest_flux),
+        lambda_max=float(largest_flux) if all(atom.flux_bounded for atom in case.atoms) else math.inf,
         gap_max=float(largest_gap),
     )
     _as_declared(case, result)

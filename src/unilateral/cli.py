@@ -1,6 +1,7 @@
-"""The command line: `unilateral cases` and `unilateral solve`.
+"""The command line: `unilateral cases`, `unilateral solve` and `unilateral claims`.
 
-Exit codes: 0 done, 2 bad input, 3 not converged. Results go to standard output, messages to standard error.
+Exit codes: 0 done, 1 a claim fails, 2 bad input, 3 not converged. Results go to
+standard output, messages to standard error.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from unilateral.expression import real
 from unilateral.solve import ALGORITHMS, Stop
 
 LARGEST_BOUNDARY = 4096
-BAD_INPUT, NOT_CONVERGED = 2, 3
+CLAIM_FAILS, BAD_INPUT, NOT_CONVERGED = 1, 2, 3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,6 +66,12 @@ def _parser() -> _Parser:
         "cases", allow_abbrev=False, help="list the manufactured cases with their certificates"
     )
     cases.set_defaults(run=_cases)
+    claims = commands.add_parser(
+        "claims", allow_abbrev=False, help="judge the paper's statements by the study's results"
+    )
+    claims.set_defaults(run=_claims)
+    claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
+    claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
     solve = commands.add_parser("solve", allow_abbrev=False, help="solve one case and measure its errors")
     solve.set_defaults(run=_solve)
     solve.add_argument("problem", metavar="PROBLEM", help="a case's name, or the YAML file that declares one")
@@ -104,29 +111,24 @@ def _count(text: str) -> int:
 
 
 def _cases(_: argparse.Namespace) -> int:
-    from unilateral import case, polygon
-    from unilateral.certificate import ROUND_OFF, certify
+    from unilateral.catalogue import listing
 
-    print(f"{'case':14} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'lambda <=':10} {'u - g <=':9} {'contact':31} on")
-    for name in case.names():
-        declaration, _name = case.declared(name)
-        polygons = polygon.NAMED if declaration["polygons"] == "any" else declaration["polygons"]
-        for domain in polygons:
-            certificate = certify(case.load(name, polygon.named(domain)))
-            holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]
-            flux, gap = (x if x > ROUND_OFF else 0 for x in (certificate.lambda_max, certificate.gap_max))
-            row = f"{flux:<10.3g} {gap:<9.3g} {_contact(certificate.contact):31} {domain}"
-            print(f"{name:14} {holds[0]:4} {holds[1]:5} {holds[2]:6} {row}")
-        print(f"{'':14} {declaration['title']}")
+    for line in listing():
+        print(line)
     return 0
 
 
-def _contact(contact: Sequence[tuple[int, float, float]]) -> str:
-    whole = [side for side, start, end in contact if (start, end) == (0.0, 1.0)]
-    parts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in contact if side not in whole]
-    if whole:
-        parts.append(f"sides {', '.join(map(str, whole))}")
-    return "; ".join(parts) or "none"
+def _claims(options: argparse.Namespace) -> int:
+    from unilateral import claims
+
+    results = claims.Results(options.results)
+    if options.claim is None:
+        found = claims.judge(results)
+        print(claims.summary(found))
+    else:
+        found = claims.judge(results, [claims.find(options.claim)])
+        print(claims.explanation(found[0]))
+    return 0 if all(each.holds for each in found) else CLAIM_FAILS
 
 
 def _solve(options: argparse.Namespace) -> int:

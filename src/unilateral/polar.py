@@ -128,6 +128,12 @@ class Polar(Local):
     def flux_in_L2(self) -> bool:
         return bool(self.beta > sympy.Rational(1, 2))
 
+    @property
+    def flux_bounded(self) -> bool:
+        """On the sides, where it is like sin(beta (theta - theta_0)) rho^(beta - 1)."""
+        ends = (sympy.sin(self.beta * (theta - self.theta_0)) for theta in (0, self.omega))
+        return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
+
     def kinks(self) -> list[Kink]:
         if self.cutoff is None:
             return []

@@ -3,6 +3,8 @@ import re
 from fractions import Fraction
 from pathlib import Path
 
+import yaml
+
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
 PORTRAITS = config["portraits"]
@@ -54,6 +56,19 @@ def normed(wildcards):
     finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
     most = number(scene["H_over_h"]["max"]) * coarsest if "max" in scene["H_over_h"] else math.inf
     return [k for k, H in enumerate(scene["H"]) if finest < number(H) <= most]
+
+
+def claimed():
+    """The tables that the ledger's claims read."""
+    with open("src/unilateral/ledger.yaml", encoding="utf-8") as file:
+        claims = yaml.safe_load(file)["claims"]
+    names = [
+        name.format(scene=scene)
+        for claim in claims
+        for name in claim["reads"]
+        for scene in claim.get("parameters", {}).get("scenes", [""])
+    ]
+    return sorted(set(names))
 
 
 def number(given):

@@ -1,0 +1,177 @@
+"""The ledger: every statement of the paper, a check on the study's results, and a verdict.
+
+The statements are declared in `ledger.yaml`; `checks` holds what is measured. A check gives an observed
+number and the one it has to reach or to stay below; its margin is what is left, relative to the latter. A
+claim whose margin is not negative gets the verdict that the ledger declares for that case, any other one
+fails. A control is a spoilt result on which the check has to fail.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+import yaml
+
+from unilateral.checks import algorithm, estimates, stability
+from unilateral.checks.found import Found, Tables
+from unilateral.errors import InputError
+from unilateral.tables import load
+
+FAILS = "fails"
+CHECKS = {"algorithm": algorithm, "estimates": estimates, "stability": stability}
+
+
+class Results(dict[str, xr.Dataset]):
+    """The tables below a folder by name, such as "square/errors", read when they are asked for."""
+
+    def __init__(self, folder: str | Path, tables: Mapping[str, xr.Dataset] | None = None) -> None:
+        super().__init__(tables or {})
+        self.folder = Path(folder)
+
+    def __missing__(self, name: str) -> xr.Dataset:
+        self[name] = load(self.folder / f"{name}.nc")
+        return self[name]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement: where it stands, what the study says if the check passes, and how it is checked.
+
+    `reads` names the tables it depends on; `control` spoils one of them.
+    """
+
+    id: str
+    statement: str
+    where: str
+    verdict: str
+    check: str
+    parameters: Mapping[str, Any]
+    reads: tuple[str, ...]
+    source: str
+    control: Mapping[str, Any]
+
+    def measure(self, results: Tables) -> Found:
+        """The check's finding. Raises InputError for a table that is missing."""
+        module, function = self.check.split(".")
+        found: Found = getattr(CHECKS[module], function)(results, **self.parameters)
+        return found
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A claim with what was found."""
+
+    claim: Claim
+    found: Found
+
+    @property
+    def holds(self) -> bool:
+        return self.margin >= 0
+
+    @property
+    def margin(self) -> float:
+        """NaN, which is no pass, where the observed number is."""
+        slack = self.found.observed - self.found.required
+        slack = slack if self.found.at_least else -slack
+        return slack / abs(self.found.required) if self.found.required else slack
+
+    @property
+    def verdict(self) -> str:
+        return self.claim.verdict if self.holds else FAILS
+
+    def record(self) -> dict[str, Any]:
+        """What `results/claims.json` holds of a claim."""
+        found, claim = self.found, self.claim
+        sign = ">=" if found.at_least else "<="
+        return {
+            "id": claim.id,
+            "statement": claim.statement,
+            "where": claim.where,
+            "scene": sorted({name.split("/")[0] for name in claim.reads}),
+            "expected": f"{found.quantity} {sign} {found.required:.4g}",
+            "source": claim.source,
+            "observed": float(f"{found.observed:.4g}"),
+            "margin": float(f"{self.margin:.2g}"),
+            "verdict": self.verdict,
+            "control": claim.control["what"],
+        }
+
+
+@cache
+def ledger() -> tuple[Claim, ...]:
+    """All claims, in the order of the paper."""
+    text = (resources.files("unilateral") / "ledger.yaml").read_text(encoding="utf-8")
+    found = []
+    for entry in yaml.safe_load(text)["claims"]:
+        parameters = entry.get("parameters", {})
+        scenes = parameters.get("scenes", [""])
+        reads = [name.format(scene=scene) for name in entry["reads"] for scene in scenes]
+        fields = entry | {"parameters": parameters, "reads": tuple(dict.fromkeys(reads))}
+        found.append(Claim(**fields))
+    return tuple(found)
+
+
+def judge(results: Tables, claims: Iterable[Claim] | None = None) -> list[Judgement]:
+    """The claims' judgements by those tables."""
+    return [Judgement(claim, claim.measure(results)) for claim in claims or ledger()]
+
+
+def spoilt(results: Results, control: Mapping[str, Any]) -> Results:
+    """The results with one variable of some tables changed, as a control says.
+
+    `tables` names them; the `variable` is multiplied by a `factor` or put to a `value`, everywhere or `at`
+    the positions given by dimension.
+    """
+    changed = Results(results.folder, results)
+    for name in control["tables"]:
+        table = results[name].copy(deep=True)
+        place = {d: i for d, i in control.get("at", {}).items() if d in table[control["variable"]].dims}
+        here = table[control["variable"]]
+        here[place] = control["value"] if "value" in control else here[place] * control["factor"]
+        changed[name] = table
+    return changed
+
+
+def find(wanted: str) -> Claim:
+    """The claim with that id. Raises InputError, with the ids there are."""
+    for claim in ledger():
+        if claim.id == wanted:
+            return claim
+    known = ", ".join(claim.id for claim in ledger())
+    raise InputError(f"there is no claim '{wanted}'; the ledger has {known}")
+
+
+def summary(judgements: Iterable[Judgement]) -> str:
+    """A line per claim: id, observed against required, margin, verdict."""
+    lines = [f"{'claim':9} {'observed':>10}    {'required':>10} {'margin':>8}  verdict"]
+    for each in judgements:
+        found = each.found
+        sign = ">=" if found.at_least else "<="
+        margin = f"{100 * each.margin:.3g} %" if math.isfinite(each.margin) else "none"
+        numbers = f"{found.observed:10.4g} {sign} {found.required:10.4g} {margin:>8}"
+        lines.append(f"{each.claim.id:9} {numbers}  {each.verdict}")
+    return "\n".join(lines)
+
+
+def explanation(judgement: Judgement) -> str:
+    """Everything about one claim, with its numbers."""
+    claim, found = judgement.claim, judgement.found
+    sign = "at least" if found.at_least else "at most"
+    lines = [
+        f"{claim.id}: {claim.statement}",
+        f"where: {claim.where}",
+        f"check: {found.quantity} has to be {sign} {found.required:.4g} ({claim.source})",
+        f"observed: {found.observed:.4g}, margin {100 * judgement.margin:.3g} %",
+        f"verdict: {judgement.verdict}",
+        f"control: {claim.control['what']}",
+        f"tables: {', '.join(claim.reads)}",
+        *found.lines,
+    ]
+    return "\n".join(lines)

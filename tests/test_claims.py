@@ -1,0 +1,172 @@
+"""The ledger: every claim judged on the stored results, every control seen to fail, and the arithmetic."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from unilateral import claims, cli
+from unilateral.checks.found import Found
+from unilateral.claims import Claim, Judgement, Results
+from unilateral.dual_norm import Bounds, Gram
+from unilateral.errors import InputError
+
+ROOT = Path(__file__).parents[1]
+LEDGER = {claim.id: claim for claim in claims.ledger()}
+STATEMENTS = [  # of the paper, that the ledger must not leave out
+    *("1.2", "R1.1", "1.8", "3.1a", "3.1b", "3.1c", "3.5", "3.6", "3.th", "4.5", "4.6", "4.7", "4.9", "4.10"),
+    *(
+        "4.11",
+        "4.12",
+        "4.13",
+        "4.14",
+        "4.15",
+        "4.16a",
+        "4.16b",
+        "R4.1a",
+        "R4.1b",
+        "5.1",
+        "5.2a",
+        "5.2b",
+        "5.2c",
+    ),
+    *("5.3", "5.A"),
+]
+
+
+@cache
+def results() -> Results:
+    return Results(ROOT / "results")
+
+
+class Recording(Results):
+    """Results that remember which tables were asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(ROOT / "results")
+        self.asked: set[str] = set()
+
+    def __getitem__(self, name: str):
+        self.asked.add(name)
+        return results()[name]
+
+
+def test_the_ledger_has_every_statement_once():
+    ids = [claim.id for claim in claims.ledger()]
+    assert len(ids) == len(set(ids))
+    assert set(STATEMENTS) <= set(ids)
+
+
+@pytest.mark.parametrize("name", LEDGER)
+def test_the_claim_has_its_verdict(name):
+    judgement = claims.judge(results(), [LEDGER[name]])[0]
+    assert judgement.holds, "\n" + claims.explanation(judgement)
+
+
+@pytest.mark.parametrize("name", LEDGER)
+def test_the_control_turns_it_to_fails(name):
+    spoilt = claims.spoilt(results(), LEDGER[name].control)
+    judgement = claims.judge(spoilt, [LEDGER[name]])[0]
+    assert judgement.verdict == claims.FAILS, "\n" + claims.explanation(judgement)
+
+
+@pytest.mark.parametrize("name", LEDGER)
+def test_it_reads_the_tables_that_it_names_and_no_others(name):
+    """The pipeline feeds the ledger by these names."""
+    recording = Recording()
+    LEDGER[name].measure(recording)
+    assert recording.asked == set(LEDGER[name].reads)
+
+
+def failing(changed: Results) -> set[str]:
+    return {each.claim.id for each in claims.judge(changed) if not each.holds}
+
+
+def with_variant(variant: str) -> Results:
+    """The results of an algorithm that is that variant."""
+    table = results()["algorithm/steps"].copy(deep=True)
+    table["distance"].loc[{"variant": "as meant"}] = table["distance"].sel(variant=variant).values
+    return Results(ROOT / "results", {**results(), "algorithm/steps": table})
+
+
+def test_without_the_clip_only_its_claim_fails():
+    assert failing(with_variant("without the clip")) == {"5.3"}
+
+
+def test_with_the_printed_index_only_its_claims_fail():
+    assert failing(with_variant("as printed")) == {"5.1", "5.2a"}
+
+
+def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claim_fails(monkeypatch):
+    """H^{1/2} ||.||_0 in place of ||.||_{-1/2} on P0(T_H): an inverse estimate holds for it, trivially."""
+
+    def shortcut(gram):
+        lengths = np.diff(gram.points)
+        return Bounds(*2 * [np.diag(lengths.max() * lengths)])
+
+    monkeypatch.setattr(Gram, "p0", property(shortcut))
+    assert failing(results()) == {"3.5"}
+
+
+def made_up(observed: float, required: float, at_least: bool) -> Judgement:
+    fields = dict.fromkeys(("statement", "where", "check", "source"), "x")
+    claim = Claim(
+        "x",
+        verdict="holds",
+        parameters={},
+        reads=(),
+        control={"what": "x"},
+        **{k: v for k, v in fields.items()},
+    )
+    return Judgement(claim, Found("number", observed, required, at_least, []))
+
+
+@pytest.mark.parametrize(
+    ("observed", "required", "at_least", "margin"),
+    [
+        (1.2, 1.0, True, 0.2),
+        (0.8, 1.0, True, -0.2),
+        (0.8, 1.0, False, 0.2),
+        (-0.05, -0.1, True, 0.5),
+        (1, 0, True, 1),
+    ],
+)
+def test_margins_by_hand(observed, required, at_least, margin):
+    found = made_up(observed, required, at_least)
+    assert found.margin == pytest.approx(margin)
+    assert found.holds == (margin >= 0)
+
+
+def test_what_is_not_a_number_does_not_hold():
+    assert made_up(np.nan, 1.0, True).verdict == claims.FAILS
+    assert made_up(np.nan, 1.0, False).verdict == claims.FAILS
+
+
+def test_the_table_and_one_claim_on_the_command_line(capsys):
+    assert cli.main(["claims", "--results", str(ROOT / "results")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + len(LEDGER)
+    assert cli.main(["claims", "4.12", "--results", str(ROOT / "results")]) == 0
+    text = capsys.readouterr().out
+    assert "Theorem 4.1, (4.12)" in text
+    assert "irregular, borderline_0.05: " in text
+
+
+def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
+    """Control."""
+    spoilt = claims.spoilt(results(), LEDGER["4.14"].control)
+    monkeypatch.setattr(claims, "Results", lambda _: spoilt)
+    assert cli.main(["claims", "4.14"]) == 1
+    assert "verdict: fails" in capsys.readouterr().out
+
+
+def test_unknown_claims_and_missing_tables_are_bad_input(capsys, tmp_path):
+    assert cli.main(["claims", "9.9"]) == 2
+    assert "there is no claim '9.9'; the ledger has 1.2," in capsys.readouterr().err
+    assert cli.main(["claims", "1.2", "--results", str(tmp_path)]) == 2
+    assert "there is no table" in capsys.readouterr().err
+    with pytest.raises(InputError):
+        Results(tmp_path)["square/errors"]

@@ -1,0 +1,115 @@
+"""Uzawa's algorithm tried: against the linear recursions that it is in full contact, and by hand."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from conftest import condensed, coupled, load
+
+from unilateral import experiments
+from unilateral import mesh as meshes
+from unilateral import partition as partitions
+from unilateral.norms import on_cells, on_mesh
+from unilateral.polygon import square
+
+SHARES = (0.25, 0.45, 0.49, 0.51, 0.99, 1.01)
+STEPS = 400
+
+
+@cache
+def tried():
+    cases = [load(name) for name in ("full_contact", "natural")]
+    mesh, cells = meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    return experiments.algorithm(mesh, cells, cases, SHARES, STEPS)
+
+
+@cache
+def spectrum():
+    """Eigenvalues of S, ascending, and the share of each eigenvector in lambda_H of full contact."""
+    both, case = coupled("square", 16, 8), load("full_contact")
+    problem = on_mesh(case, condensed("square", 16)[0])
+    offset = both.B @ problem.trace / both.partition.lengths - on_cells(case, both.partition).g_means
+    values, vectors = np.linalg.eigh(both.operator.S)
+    y = np.linalg.solve(both.operator.S, -np.sqrt(both.partition.lengths) * offset)
+    return values, vectors.T @ y / np.linalg.norm(y)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.45, 0.49])
+def test_in_full_contact_the_distance_is_that_of_the_linear_iteration(share):
+    """(1 - rho sigma)^n in every eigenvector; the clip never acts, for lambda stays positive."""
+    sigma, y = spectrum()
+    left = (1 - share * 2 / sigma[-1] * sigma) ** STEPS * y
+    found = float(tried()["distance"].sel(case="full_contact", variant="as meant", share=share))
+    assert found == pytest.approx(np.linalg.norm(left), rel=1e-6)
+
+
+def test_the_printed_index_gives_the_quadratic_recursion():
+    """z^2 - z + rho sigma = 0, from lambda^0 = lambda^(-1) = 0."""
+    sigma, y = spectrum()
+    now, before = -y, -y
+    for _ in range(STEPS):
+        now, before = now - 0.25 * 2 / sigma[-1] * sigma * before, now
+    found = float(tried()["distance"].sel(case="full_contact", variant="as printed", share=0.25))
+    assert found == pytest.approx(np.linalg.norm(now), rel=1e-6)
+
+
+def test_the_ranges_of_rho():
+    """Full contact: 2/lambda_max(S) as meant, half of it as printed; on both sides of either limit."""
+    of = tried()["distance"].sel(case="full_contact")
+    meant, printed = of.sel(variant="as meant"), of.sel(variant="as printed")
+    assert np.all(meant.sel(share=[0.45, 0.49, 0.51, 0.99]) < 0.05)
+    assert float(meant.sel(share=1.01)) > 0.5
+    assert np.all(printed.sel(share=[0.25, 0.45, 0.49]) < 0.05)
+    assert float(printed.sel(share=0.51)) > 0.5
+
+
+def test_without_the_clip_another_multiplier_is_reached():
+    """In partial contact; in full contact, as a control, the same one."""
+    of = tried()["distance"].sel(share=0.49)
+    assert float(of.sel(case="natural", variant="without the clip")) > 0.01
+    full = of.sel(case="full_contact")
+    assert float(full.sel(variant="without the clip")) == pytest.approx(float(full.sel(variant="as meant")))
+
+
+def test_the_pair_is_a_saddle_point_and_no_other_is():
+    found = tried()
+    assert np.all(found["saddle_in_v"] > 0)
+    assert np.all(found["saddle_in_mu"] >= -1e-12)
+    both, case, on = coupled("square", 16, 8), load("natural"), condensed("square", 16)[0]
+    problem, cells = on_mesh(case, on), on_cells(case, both.partition)
+    wrong = cells.lambda_means + 1.0
+    rng = np.random.default_rng(0)
+    in_mu = experiments._saddle(on, both, problem.load, cells.g_means, wrong, rng)[1]
+    assert in_mu < 0
+
+
+def test_the_printed_lagrangian_doubles_the_multiplier():
+    """J = ||v||^2 - 2 (f, v) is twice section 5's, the constraint's term is not."""
+    np.testing.assert_allclose(tried()["multiplier_factor"], 2, rtol=1e-9)
+
+
+def test_two_multipliers_at_equal_sizes_and_one_at_others():
+    equal = experiments.uniqueness(meshes.structured(square(), 1 / 8), partitions.uniform(square(), 1 / 8))
+    assert float(equal["violation"]) < 1e-12
+    assert float(equal["same_u"]) < 1e-12
+    assert float(equal["multiplier_distance"]) == pytest.approx(
+        0.5 * 2
+    )  # (-1)^e / 2 on a boundary of length 4
+    finer = experiments.uniqueness(meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8))
+    assert float(finer["violation"]) > 1e-3
+
+
+def test_the_counts_and_the_iterates_of_both_ways():
+    sizes = (1 / 8, 1 / 16)
+    on = [meshes.structured(square(), h) for h in sizes]
+    cells = [partitions.uniform(square(), 2 * h) for h in sizes]
+    found = experiments.elimination(on, cells, 20)
+    assert float(found["difference"]) < 1e-12
+    np.testing.assert_array_equal(found["with_S"], [2 * (16 * 2) ** 2 / 4, 2 * 32**2])
+    for k, n in enumerate((8, 16)):
+        lu = condensed("square", n)[0].lu
+        coupling = 4 * coupled("square", n, n // 2).B.nnz
+        assert float(found["with_A"][k]) == 2 * (lu.L.nnz + lu.U.nnz) + coupling
+        assert float(found["with_A_3"][k]) == 2 * (4 * n) ** 2 + coupling

@@ -1,0 +1,34 @@
+# Uzawa's algorithm, tried; and the ledger: every statement of the paper judged by the results.
+
+
+rule algorithm:
+    input:
+        library("experiments", "partition", "tables", "expression", "mesh", "certificate"),
+        "workflow/scripts/scenes.py",
+        CASE_SCHEMA,
+        [f"manufactured/{case}.yaml" for case in config["algorithm"]["cases"]],
+    output:
+        steps="results/algorithm/steps.nc",
+        uniqueness="results/algorithm/uniqueness.nc",
+        elimination="results/algorithm/elimination.nc",
+    params:
+        study=config["algorithm"],
+    message:
+        "Uzawa's algorithm with steps inside and outside its range"
+    script:
+        "../scripts/try_algorithm.py"
+
+
+rule claims:
+    input:
+        library("claims", "tables"),
+        "src/unilateral/ledger.yaml",
+        tables=[f"results/{name}.nc" for name in claimed()],
+    output:
+        "results/claims.json",
+    params:
+        results="results",
+    message:
+        "The ledger: every statement judged"
+    script:
+        "../scripts/judge_claims.py"

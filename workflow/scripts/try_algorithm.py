@@ -1,0 +1,32 @@
+"""Uzawa's algorithm on one mesh, and what its steps cost on several."""
+
+from scenes import cases, domain
+from sentences import speak_plainly
+
+from unilateral import experiments, mesh, partition, tables
+from unilateral.expression import real
+
+
+def main(study, steps, uniqueness, elimination):
+    polygon = domain(study)
+    h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
+    on, cells = mesh.structured(polygon, h), partition.uniform(polygon, H)
+    problems = cases(study)
+    shares = [float(share) for share in study["shares"]]
+    tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm")
+    tables.save(experiments.uniqueness(on, partition.uniform(polygon, h)), uniqueness, "algorithm")
+    sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
+    meshes = [mesh.structured(polygon, size) for size in sizes]
+    partitions = [partition.uniform(polygon, size * H / h) for size in sizes]
+    found = experiments.elimination(meshes, partitions, study["compared_steps"])
+    tables.save(found, elimination, "algorithm")
+
+
+if __name__ == "__main__":
+    speak_plainly()
+    main(
+        snakemake.params.study,
+        snakemake.output.steps,
+        snakemake.output.uniqueness,
+        snakemake.output.elimination,
+    )
