@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick test lock clean help git FORCE
+.PHONY: study quick paper test lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -20,18 +20,21 @@ study: .venv/ready  ## the whole study: results/, figures/, README.md (default)
 quick: .venv/ready  ## the small scene `quick` only
 	$(snakemake) quick
 
+paper: .venv/ready  ## paper.md as HTML and PDF: results/paper/, with what it shows and no more
+	$(snakemake) paper
+
 test: git study  ## the study, linters, types, tests; then: are the committed results reproduced?
 	ruff check
 	ruff format --check
 	mypy
 	snakefmt --check Snakefile workflow/rules
 	pytest
-	@changes=$$(git status --porcelain -- figures README.md) || exit 1; \
+	@changes=$$(git status --porcelain -- figures README.md paper.md) || exit 1; \
 	if [ -n "$$changes" ]; then \
-	    echo "The study changed files in figures or README.md that git does not hold; look at them, then commit:" >&2; \
-	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md >&2; exit 1; \
+	    echo "The study changed files in figures, README.md or paper.md that git does not hold; look at them, then commit:" >&2; \
+	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md >&2; exit 1; \
 	fi
-	@echo "figures and README.md are as committed."
+	@echo "figures, README.md and paper.md are as committed."
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }

@@ -1,4 +1,4 @@
-# The study: `snakemake -j2` builds everything, `snakemake -j2 figures` the figures, `snakemake -j2 quick` a trial.
+# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial.
 import os
 
 from snakemake.utils import min_version, validate
@@ -24,6 +24,7 @@ include: "workflow/rules/surveys.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"
+include: "workflow/rules/paper.smk"
 
 
 rule all:
@@ -33,6 +34,7 @@ rule all:
         FIGURES,
         "results/claims.json",
         "README.md",
+        rules.paper.output,
 
 
 rule figures:

@@ -112,7 +112,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claim_fails(monkeyp
 
 
 def made_up(observed: float, required: float, at_least: bool) -> Judgement:
-    fields = dict.fromkeys(("statement", "where", "check", "source"), "x")
+    fields = dict.fromkeys(("section", "statement", "where", "check", "source"), "x")
     claim = Claim(
         "x",
         verdict="holds",

@@ -9,6 +9,7 @@ fails. A control is a spoilt result on which the check has to fail.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -25,6 +26,12 @@ from unilateral.errors import InputError
 from unilateral.tables import load
 
 FAILS = "fails"
+LETTERS = {
+    r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
+    r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
+    r"\|": "‖", r"\le ": "<= ", r"\ge ": ">= ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
+    r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\,": " ", "$": "",
+}  # fmt: skip
 CHECKS = {"algorithm": algorithm, "estimates": estimates, "stability": stability}
 
 
@@ -44,10 +51,11 @@ class Results(dict[str, xr.Dataset]):
 class Claim:
     """A statement: where it stands, what the study says if the check passes, and how it is checked.
 
-    `reads` names the tables it depends on; `control` spoils one of them.
+    `section` is where this study reports it; `reads` names the tables it depends on; `control` spoils one.
     """
 
     id: str
+    section: str
     statement: str
     where: str
     verdict: str
@@ -92,10 +100,12 @@ class Judgement:
         sign = ">=" if found.at_least else "<="
         return {
             "id": claim.id,
+            "section": claim.section,
             "statement": claim.statement,
             "where": claim.where,
             "scene": sorted({name.split("/")[0] for name in claim.reads}),
-            "expected": f"{found.quantity} {sign} {found.required:.4g}",
+            "quantity": found.quantity,
+            "expected": f"{sign} {found.required:.4g}",
             "source": claim.source,
             "observed": float(f"{found.observed:.4g}"),
             "margin": float(f"{self.margin:.2g}"),
@@ -148,6 +158,13 @@ def find(wanted: str) -> Claim:
     raise InputError(f"there is no claim '{wanted}'; the ledger has {known}")
 
 
+def plain(text: str) -> str:
+    """A statement for the terminal: TeX's commands as letters, and its groups in parentheses."""
+    for command, letter in LETTERS.items():
+        text = text.replace(command, letter)
+    return re.sub(r"\{(.)\}", r"\1", text).replace("{", "(").replace("}", ")")
+
+
 def summary(judgements: Iterable[Judgement]) -> str:
     """A line per claim: id, observed against required, margin, verdict."""
     lines = [f"{'claim':9} {'observed':>10}    {'required':>10} {'margin':>8}  verdict"]
@@ -165,7 +182,7 @@ def explanation(judgement: Judgement) -> str:
     claim, found = judgement.claim, judgement.found
     sign = "at least" if found.at_least else "at most"
     lines = [
-        f"{claim.id}: {claim.statement}",
+        f"{claim.id}: {plain(claim.statement)}",
         f"where: {claim.where}",
         f"check: {found.quantity} has to be {sign} {found.required:.4g} ({claim.source})",
         f"observed: {found.observed:.4g}, margin {100 * judgement.margin:.3g} %",

@@ -17,3 +17,21 @@ rule readme:
         "README.md: its tables"
     script:
         "../scripts/fill_readme.py"
+
+
+rule filled_paper:
+    input:
+        library("documents", "verdicts", "tables", "expression"),
+        claims="results/claims.json",
+        rates=expand("results/{scene}/rates.nc", scene=JUDGED),
+        pairs="figures/infsup.csv",
+    output:
+        update("paper.md"),
+    params:
+        scenes=JUDGED,
+        judged_ratio=config["rates"]["judged_ratio"],
+        infsup=config["infsup"],
+    message:
+        "paper.md: its tables"
+    script:
+        "../scripts/fill_paper.py"

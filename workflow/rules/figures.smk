@@ -9,7 +9,7 @@ FIGURES = [
 FIGURES += [
     f"figures/{portrait}{part}" for portrait in PORTRAITS for part in ("_mesh.csv", "_boundary.csv", ".svg")
 ]
-FIGURES += [f"figures/{name}.{ending}" for name in ("infsup", "multiplier") for ending in ("csv", "svg")]
+FIGURES += [f"figures/{name}.{ending}" for name in ("infsup", "multiplier", "verdict") for ending in ("csv", "svg")]
 
 
 wildcard_constraints:
@@ -177,3 +177,27 @@ rule dual_figure:
         "{wildcards.scene}: the figure of the dual norm"
     script:
         "../scripts/draw_dual.py"
+
+
+rule verdict_table:
+    input:
+        library("verdicts", "tables"),
+        claims="results/claims.json",
+    output:
+        update("figures/verdict.csv"),
+    message:
+        "The table behind the figure of all verdicts"
+    script:
+        "../scripts/table_verdict.py"
+
+
+rule verdict_figure:
+    input:
+        library("plots"),
+        table="figures/verdict.csv",
+    output:
+        update("figures/verdict.svg"),
+    message:
+        "The figure of all verdicts"
+    script:
+        "../scripts/draw_verdict.py"

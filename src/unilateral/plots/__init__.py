@@ -9,5 +9,6 @@ from unilateral.plots.infsup import infsup
 from unilateral.plots.multiplier import multiplier
 from unilateral.plots.portrait import portrait
 from unilateral.plots.rates import rates
+from unilateral.plots.verdict import verdict
 
-__all__ = ["dual_norm", "grid", "infsup", "multiplier", "portrait", "rates"]
+__all__ = ["dual_norm", "grid", "infsup", "multiplier", "portrait", "rates", "verdict"]

@@ -1,0 +1,72 @@
+"""The ledger's verdicts for readers: Markdown tables, and the rows of the figure of all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+ROUND_OFF = 1e-12
+LEAST, PLENTY = 1e-4, 10.0
+"""Margins that are told apart."""
+KINDS = {
+    "fails": "fails",
+    "is an error": "is an error of the source",
+    "needs": "needs a condition that is left out",
+    "is supported": "supported beyond the paper",
+}
+
+
+def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """A Markdown table per section of the ledger, by the block's name; from `results/claims.json`."""
+    head = ["| claim | statement | what counts | observed | margin | verdict |", "|---|---|---|---|---|---|"]
+    tables: dict[str, list[str]] = {}
+    for each in records:
+        cells = [
+            each["id"],
+            f"{each['statement']} [{each['where']}]",
+            each["quantity"],
+            f"{_observed(each)} {each['expected']}".replace(">=", "≥").replace("<=", "≤"),
+            _percent(each["margin"]),
+            each["verdict"],
+        ]
+        tables.setdefault(f"claims-{each['section']}", head.copy()).append(f"| {' | '.join(cells)} |")
+    return {name: "\n".join(lines) for name, lines in tables.items()}
+
+
+def _observed(record: Mapping[str, Any]) -> str:
+    """Three digits, but none of what is round-off, or a thousand times what is required."""
+    value = record["observed"]
+    if abs(value) <= ROUND_OFF:
+        return "0"
+    return f"{value:.3g}" if abs(record["margin"]) < PLENTY else "much more"
+
+
+def _percent(margin: float) -> str:
+    if margin >= PLENTY:
+        return "> 1000 %"
+    return (
+        "< 0.01 %"
+        if 0 <= margin < 1e-4
+        else f"{100 * margin:.2f} %"
+        if margin < 0.01
+        else f"{100 * margin:.0f} %"
+    )
+
+
+def verdict_frame(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """One row per claim, for the figure of all: label, section, kind of its verdict, margin within limits."""
+    rows = []
+    for each in records:
+        of = {"label": each["id"], "section": each["section"], "kind": _kind(each["verdict"])}
+        rows.append(of | {"margin": min(max(each["margin"], LEAST), PLENTY)})
+    return pd.DataFrame(rows)
+
+
+def _kind(verdict: str) -> str:
+    for start, kind in KINDS.items():
+        if verdict.startswith(start):
+            return kind
+    return "holds, and is sharp" if re.search(r"(?<!not )\bsharp\b", verdict) else "holds"

@@ -1,0 +1,134 @@
+-- Numbers sections, figures and tables, the same in every output, and refuses a link such as [Figure 3](#fig-rates)
+-- with another number: so the text can be read unprocessed, too. Gives wide tables their columns' widths. And repairs
+-- what pandoc does to \tag (dropped silently), to \| (taken for a relation) and to && and the & of cases (no space).
+
+local LINE = 112 -- letters in a line of a wide table's print
+local LONGEST_WORD = 16 -- longer ones are hyphenated
+local names = {}
+local sections, figures, tables = {}, 0, 0
+
+local function number_section(header)
+  if header.classes:includes("unnumbered") then return nil end
+  for level = #sections + 1, header.level do sections[level] = 0 end
+  for level = #sections, header.level + 1, -1 do sections[level] = nil end
+  sections[header.level] = sections[header.level] + 1
+  local number = table.concat(sections, ".")
+  names[header.identifier] = "Section " .. number
+  header.content:insert(1, pandoc.Space())
+  header.content:insert(1, pandoc.Str(number))
+  return header
+end
+
+local function number_caption(element, name)
+  names[element.identifier] = name
+  local first = element.caption.long[1]
+  if not first then return nil end
+  first.content:insert(1, pandoc.Space())
+  first.content:insert(1, pandoc.Strong(name .. "."))
+  return element
+end
+
+-- Every column takes its longest word; what is left is shared so that the longest cells have equally many lines.
+local function share(words, cells, room)
+  local few, many = 0.5, 100
+  local widths = {}
+  for _ = 1, 40 do
+    local lines, total = (few + many) / 2, 0
+    for column, word in ipairs(words) do
+      widths[column] = math.max(word, cells[column] / lines)
+      total = total + widths[column]
+    end
+    if total > room then few = lines else many = lines end
+  end
+  return widths
+end
+
+local function letters(text)
+  local shown = text:gsub("\\%a+", "x"):gsub("[%^{}$]", "")
+  return utf8.len(shown)
+end
+
+local function set_widths(wide)
+  local words, cells, total = {}, {}, 0
+  local function measure(row)
+    for column, cell in ipairs(row.cells) do
+      local text = pandoc.utils.stringify(cell.contents)
+      cells[column] = math.max(cells[column] or 0, letters(text))
+      for word in text:gmatch("[^%s/_=-]+") do
+        words[column] = math.min(LONGEST_WORD, math.max(words[column] or 0, letters(word) + 2))
+      end
+      words[column] = words[column] or 2
+    end
+  end
+  wide.head.rows:map(measure)
+  for _, body in ipairs(wide.bodies) do body.body:map(measure) end
+  for _, cell in ipairs(cells) do total = total + cell + 2 end
+  if total <= LINE then return end
+  local widths, sum = share(words, cells, LINE), 0
+  for _, width in ipairs(widths) do sum = sum + width end
+  for column, spec in ipairs(wide.colspecs) do
+    wide.colspecs[column] = { spec[1], widths[column] / math.max(sum, LINE) }
+  end
+end
+
+-- For HTML the bars of norms in pairs, opening and closing; in print paper.typ sees to their spacing.
+local function norm_bars(tex)
+  local plain, bars = tex:gsub("\\|", "\\Vert ")
+  if FORMAT == "typst" or bars % 2 == 1 or tex:find("\\left\\|") then return plain end
+  return (tex:gsub("\\|(.-)\\|", "\\lVert %1\\rVert "))
+end
+
+local number = {
+  traverse = "topdown",
+  Header = number_section,
+  Figure = function(figure)
+    figures = figures + 1
+    return number_caption(figure, "Figure " .. figures)
+  end,
+  Table = function(numbered)
+    set_widths(numbered)
+    if numbered.identifier == "" and #numbered.caption.long == 0 then return numbered end
+    tables = tables + 1
+    return number_caption(numbered, "Table " .. tables)
+  end,
+  Math = function(formula)
+    if FORMAT == "typst" then
+      formula.text = formula.text:gsub("\\begin{cases}.-\\end{cases}", function(cases)
+        return (cases:gsub("&", "&\\quad "))
+      end)
+    end
+    formula.text = norm_bars(formula.text)
+      :gsub("&%s*&", "&&\\quad ")
+      :gsub("\\tag%s*{([^}]*)}", "\\qquad\\text{(%1)}")
+    return formula
+  end,
+}
+
+local finish = {
+  Meta = function(meta)
+    local date = pandoc.utils.normalize_date(pandoc.utils.stringify(meta.date or ""))
+    if not date then error("the title block needs a date such as 21 November 2026", 0) end
+    local year, month, day = date:match("(%d+)-0?(%d+)-0?(%d+)")
+    meta.dated = { year = year, month = month, day = day }
+    return meta
+  end,
+  Link = function(link)
+    local says, aim = pandoc.utils.stringify(link.content), link.target:match("^#(.*)$")
+    if not aim then return nil end
+    local name = names[aim]
+    if not (says == "" or says:find("^Section%s") or says:find("^Figure%s") or says:find("^Table%s")) then return nil end
+    if not name then error("[" .. says .. "](" .. link.target .. ") leads to no section, figure or table", 0) end
+    if says ~= name then error("[" .. says .. "](" .. link.target .. ") should say " .. name, 0) end
+    link.content = { pandoc.Str((name:gsub(" ", "\u{a0}"))) }
+    return link
+  end,
+  Div = function(div)
+    if FORMAT ~= "typst" or not div.classes:includes("theorem") then return nil end
+    local label = div.identifier ~= "" and " <" .. div.identifier .. ">" or ""
+    div.content:insert(1, pandoc.RawBlock("typst", "#statement["))
+    div.content:insert(pandoc.RawBlock("typst", "]" .. label))
+    return div.content
+  end,
+}
+
+return { number, finish }
