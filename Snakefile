@@ -21,6 +21,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 include: "workflow/rules/common.smk"
 include: "workflow/rules/scenes.smk"
 include: "workflow/rules/surveys.smk"
+include: "workflow/rules/sharpness.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"
@@ -31,6 +32,7 @@ rule all:
     default_target: True
     input:
         expand("results/{scene}/rates.nc", scene=JUDGED),
+        expand("results/{scene}/floors.nc", scene=GRIDS),
         FIGURES,
         "results/claims.json",
         "README.md",

@@ -20,7 +20,13 @@ from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
 from unilateral.polygon import named
 from unilateral.solve import Pair, Solution, Stop, guarded_beta, pair, solve
 
-NEED_RESULTS = ("test_claims.py", "test_results.py", "test_surveys.py", "test_documents.py")
+NEED_RESULTS = (
+    "test_claims.py",
+    "test_documents.py",
+    "test_results.py",
+    "test_results_sharpness.py",
+    "test_surveys.py",
+)
 RESULTS = Path(__file__).parents[1] / "results"
 
 

@@ -41,7 +41,7 @@ def test_in_full_contact_the_distance_is_that_of_the_linear_iteration(share):
     """(1 - rho sigma)^n in every eigenvector; the clip never acts, for lambda stays positive."""
     sigma, y = spectrum()
     left = (1 - share * 2 / sigma[-1] * sigma) ** STEPS * y
-    found = float(tried()["distance"].sel(case="full_contact", variant="as meant", share=share))
+    found = float(tried()["distance"].sel(case="full_contact", variant="as meant", rho_share=share))
     assert found == pytest.approx(np.linalg.norm(left), rel=1e-6)
 
 
@@ -51,7 +51,7 @@ def test_the_printed_index_gives_the_quadratic_recursion():
     now, before = -y, -y
     for _ in range(STEPS):
         now, before = now - 0.25 * 2 / sigma[-1] * sigma * before, now
-    found = float(tried()["distance"].sel(case="full_contact", variant="as printed", share=0.25))
+    found = float(tried()["distance"].sel(case="full_contact", variant="as printed", rho_share=0.25))
     assert found == pytest.approx(np.linalg.norm(now), rel=1e-6)
 
 
@@ -59,15 +59,15 @@ def test_the_ranges_of_rho():
     """Full contact: 2/lambda_max(S) as meant, half of it as printed; on both sides of either limit."""
     of = tried()["distance"].sel(case="full_contact")
     meant, printed = of.sel(variant="as meant"), of.sel(variant="as printed")
-    assert np.all(meant.sel(share=[0.45, 0.49, 0.51, 0.99]) < 0.05)
-    assert float(meant.sel(share=1.01)) > 0.5
-    assert np.all(printed.sel(share=[0.25, 0.45, 0.49]) < 0.05)
-    assert float(printed.sel(share=0.51)) > 0.5
+    assert np.all(meant.sel(rho_share=[0.45, 0.49, 0.51, 0.99]) < 0.05)
+    assert float(meant.sel(rho_share=1.01)) > 0.5
+    assert np.all(printed.sel(rho_share=[0.25, 0.45, 0.49]) < 0.05)
+    assert float(printed.sel(rho_share=0.51)) > 0.5
 
 
 def test_without_the_clip_another_multiplier_is_reached():
     """In partial contact; in full contact, as a control, the same one."""
-    of = tried()["distance"].sel(share=0.49)
+    of = tried()["distance"].sel(rho_share=0.49)
     assert float(of.sel(case="natural", variant="without the clip")) > 0.01
     full = of.sel(case="full_contact")
     assert float(full.sel(variant="without the clip")) == pytest.approx(float(full.sel(variant="as meant")))

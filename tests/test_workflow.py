@@ -79,6 +79,16 @@ def test_the_study_satisfies_its_schema():
         ("scenes.quick.judged", "no"),
         ("scenes.quick.figures", ["rate"]),
         ("scenes.square.grid_cases", REMOVED),
+        ("sharpness", REMOVED),
+        ("sharpness.alphas", ["1"]),
+        ("sharpness.alphas", ["1/21"]),
+        ("sharpness.alphas", [0.25]),
+        ("sharpness.gammas", [0]),
+        ("sharpness.gammas", ["-1/2"]),
+        ("sharpness.gammas", [1, 1]),
+        ("sharpness.positions", 0),
+        ("sharpness.H", ["1/8", "1/16"]),
+        ("sharpness.h_over_H", "0/1"),
         ("portraits.natural.levels", 3),
         ("portraits.natural.H", REMOVED),
         ("rates.judged_ratio", "0"),
@@ -164,6 +174,19 @@ def test_a_figure_plans_its_own_scene_only(tree):
     }
 
 
+def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
+    text, jobs = plan(tree, "figures/sharpness.svg")
+    chain = ("sharpness", "sharpness_rates", "sharpness_table", "sharpness_figure")
+    assert jobs == {"sharpness_level": len(STUDY["sharpness"]["H"])} | dict.fromkeys(chain, 1)
+    assert built(text) == {"sharpness"}
+
+
+def test_floors_plan_their_scene_without_rates(tree):
+    text, jobs = plan(tree, "results/square/floors.nc")
+    assert jobs == {**jobs_of("square"), "floors": 1}
+    assert built(text) == {"square"}
+
+
 def test_quick_plans_the_quick_scene_only(tree):
     text, jobs = plan(tree, "quick")
     assert jobs == {**jobs_of("quick"), "rates": 1, "quick": 1}
@@ -229,9 +252,10 @@ def closure(module):
     return sorted(str(file.relative_to(ROOT)) for file in found)
 
 
-@pytest.mark.parametrize(
-    "module", ["sweep", "dual_norm", "tables", "rates", "figure_data", "documents", "mesh", "plots", "cli"]
-)
+MODULES = "sweep dual_norm sharpness surfaces floors tables rates figure_data documents mesh plots cli"
+
+
+@pytest.mark.parametrize("module", MODULES.split())
 def test_a_rule_depends_on_all_that_its_modules_import_and_on_no_more(library, module):
     assert library(module) == closure(module)
 

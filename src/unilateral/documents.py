@@ -55,6 +55,18 @@ def rates_table(scenes: Mapping[str, xr.Dataset], ratio: float) -> str:
     return "\n".join(lines)
 
 
+def floors_table(floors: xr.Dataset) -> str:
+    """A Markdown table: the fit of the errors over the whole (h, H) grid, by case."""
+    lines = ["| case | C₁ | C₂ | s | errors fitted | largest misfit |", "|---|---|---|---|---|---|"]
+    for case in floors["case"].values:
+        of = floors.sel(case=case)
+        C1, C2 = (f"{float(of[name]):.3g}" for name in ("C1", "C2"))
+        s = f"{float(of['s']):.2f} ± {float(of['s_uncertainty']):.2f}"
+        misfit = f"{100 * float(of['residual']):.2g} %"
+        lines.append(f"| `{case}` | {C1} | {C2} | {s} | {int(of['pairs'])} | {misfit} |")
+    return "\n".join(lines)
+
+
 MEASURES = {
     "h_over_H": "h/H",
     "edges_per_cell": "fewest boundary edges in a cell",

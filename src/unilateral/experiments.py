@@ -52,12 +52,12 @@ def algorithm(
         factor[c] = np.sqrt(partition.lengths @ doubled**2 / (partition.lengths @ lambda_H**2))
     return xr.Dataset(
         {
-            "distance": (("case", "variant", "share"), distance),
+            "distance": (("case", "variant", "rho_share"), distance),
             "saddle_in_v": ("case", primal),
             "saddle_in_mu": ("case", dual),
             "multiplier_factor": ("case", factor),
         },
-        coords={"case": [case.name for case in cases], "variant": list(VARIANTS), "share": list(shares)},
+        coords={"case": [case.name for case in cases], "variant": list(VARIANTS), "rho_share": list(shares)},
     ).assign(steps=((), steps))
 
 

@@ -18,6 +18,7 @@ from unilateral.atoms import T
 from unilateral.case import Case
 from unilateral.condense import condense
 from unilateral.dual_norm import dual_norm
+from unilateral.errors import InputError
 from unilateral.expression import pos
 from unilateral.infsup import infsup
 from unilateral.mesh import Mesh
@@ -27,7 +28,7 @@ from unilateral.polar import harmonic
 from unilateral.polygon import Polygon
 from unilateral.solve import Stop, pair, solve
 
-START, CUTOFF = sympy.Rational(5, 16), sympy.Rational(1, 4)
+START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
 END = sympy.Rational(3, 2)
 """Of the gap beyond the cutoff, where lambda ends like s^4: that transition adds nothing of lower order."""
 MEASURED = (
@@ -51,7 +52,14 @@ def transition(polygon: Polygon, at: sympy.Expr, alpha: sympy.Expr, gamma: sympy
 
 
 def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
-    """The transitions: in the cell that begins at START, which is one of a uniform partition of that H."""
+    """The transitions, inside the cell of size H that begins at START, in side lengths.
+
+    Raises InputError where no cell of a uniform partition begins there.
+    """
+    if not (START / H).is_integer:
+        raise InputError(
+            f"sharpness, H: {H} does not divide {START}, where the cell of the transitions begins"
+        )
     return [START + H * sympy.Rational(2 * k + 1, 2 * positions) for k in range(positions)]
 
 

@@ -46,14 +46,11 @@ def _observed(record: Mapping[str, Any]) -> str:
 
 def _percent(margin: float) -> str:
     if margin >= PLENTY:
-        return "> 1000 %"
-    return (
-        "< 0.01 %"
-        if 0 <= margin < 1e-4
-        else f"{100 * margin:.2f} %"
-        if margin < 0.01
-        else f"{100 * margin:.0f} %"
-    )
+        return f"> {100 * PLENTY:.0f} %"
+    if 0 <= margin < LEAST:
+        return f"< {100 * LEAST:g} %"
+    digits = 2 if abs(margin) < 0.01 else 0
+    return f"{100 * margin:.{digits}f} %"
 
 
 def verdict_frame(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

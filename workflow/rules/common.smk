@@ -7,8 +7,10 @@ import yaml
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
+GRIDS = [name for name, scene in SCENES.items() if "grid" in scene["figures"]]
 PORTRAITS = config["portraits"]
 SURVEYS = config["surveys"]
+SHARPNESS = config["sharpness"]
 CASE_SCHEMA = "src/unilateral/case.schema.yaml"
 
 

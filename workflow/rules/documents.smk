@@ -25,6 +25,7 @@ rule filled_paper:
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
         pairs="figures/infsup.csv",
+        floors="results/square/floors.nc",
     output:
         update("paper.md"),
     params:

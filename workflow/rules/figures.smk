@@ -9,7 +9,11 @@ FIGURES = [
 FIGURES += [
     f"figures/{portrait}{part}" for portrait in PORTRAITS for part in ("_mesh.csv", "_boundary.csv", ".svg")
 ]
-FIGURES += [f"figures/{name}.{ending}" for name in ("infsup", "multiplier", "verdict") for ending in ("csv", "svg")]
+FIGURES += [
+    f"figures/{name}.{ending}"
+    for name in ("infsup", "multiplier", "sharpness", "verdict")
+    for ending in ("csv", "svg")
+]
 
 
 wildcard_constraints:
@@ -201,3 +205,27 @@ rule verdict_figure:
         "The figure of all verdicts"
     script:
         "../scripts/draw_verdict.py"
+
+
+rule sharpness_table:
+    input:
+        library("surfaces", "tables"),
+        rates="results/sharpness/rates.nc",
+    output:
+        update("figures/sharpness.csv"),
+    message:
+        "The table behind the figure of sharpness"
+    script:
+        "../scripts/table_sharpness.py"
+
+
+rule sharpness_figure:
+    input:
+        library("plots"),
+        table="figures/sharpness.csv",
+    output:
+        update("figures/sharpness.svg"),
+    message:
+        "The figure of sharpness"
+    script:
+        "../scripts/draw_sharpness.py"

@@ -83,3 +83,16 @@ rule rates:
         "{wildcards.scene}: rates, judged"
     script:
         "../scripts/judge_rates.py"
+
+
+rule floors:
+    input:
+        library("floors", "tables", "case", "expression"),
+        case_files,
+        errors="results/{scene}/errors.nc",
+    output:
+        "results/{scene}/floors.nc",
+    message:
+        "{wildcards.scene}: the floors that h and H leave in H1"
+    script:
+        "../scripts/fit_floors.py"

@@ -10,7 +10,7 @@ from unilateral import documents, tables, verdicts
 from unilateral.expression import real
 
 
-def main(claims, rates, scenes, ratio, pairs, infsup, paper):
+def main(claims, rates, scenes, ratio, pairs, infsup, floors, paper):
     found = {name: tables.load(path) for name, path in zip(scenes, rates, strict=True)}
     beta = pd.read_csv(pairs)
     ratios = [real(each, "uniform_ratios") for each in infsup["uniform_ratios"]]
@@ -19,6 +19,7 @@ def main(claims, rates, scenes, ratio, pairs, infsup, paper):
         "rates": documents.rates_table(found, real(ratio, "judged_ratio")),
         "beta": documents.infsup_table(beta, ratios),
         "rule": documents.infsup_rule(beta, **infsup["rule"]),
+        "floors": documents.floors_table(tables.load(floors)),
     }
     documents.fill(paper, blocks)
 
@@ -32,5 +33,6 @@ if __name__ == "__main__":
         snakemake.params.judged_ratio,
         snakemake.input.pairs,
         snakemake.params.infsup,
+        snakemake.input.floors,
         snakemake.output[0],
     )

@@ -15,7 +15,7 @@ def steps(
     """The distance from lambda_H after the recorded steps, as a share of it."""
     of = tables[table]["distance"].sel(case=list(cases), variant="as meant")
     rows = {
-        f"{case}, rho = {share:g} of 2/lambda_max(S)": float(of.sel(case=case, share=share))
+        f"{case}, rho = {share:g} of 2/lambda_max(S)": float(of.sel(case=case, rho_share=share))
         for case in cases
         for share in shares
     }
@@ -24,7 +24,7 @@ def steps(
 
 def printed_index(tables: Tables, table: str, cases: Sequence[str], share: float, least: float) -> Found:
     """With u^n of lambda^(n-1): the distance that is left where the corrected algorithm converges."""
-    of = tables[table]["distance"].sel(case=list(cases), share=share)
+    of = tables[table]["distance"].sel(case=list(cases), rho_share=share)
     rows = {
         case: float(of.sel(case=case, variant="as printed") / of.sel(case=case, variant="as meant"))
         for case in cases

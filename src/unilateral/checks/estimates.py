@@ -159,3 +159,30 @@ def quasi_optimal(tables: Tables, scenes: Sequence[str], most: float) -> Found:
         right = table["ritz_error"] ** 2 + table["hm12_best"] ** 2 + table["consistency"]
         found[scene] = float((table["h1_error"] ** 2 / right).where(table["beta_lower"] > 0.5).max())
     return worst(found, "the largest constant c of (4.10)", most, False)
+
+
+def surface(
+    tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
+) -> Found:
+    """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
+    of = tables[table].sel(norm=norm, gamma=list(gammas))
+    excess = (of["rate"] - of["predicted"]).isel(pair=[-2, -1]).min("pair")
+    rows = {
+        f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
+        for alpha in of["alpha"].values
+        for gamma in gammas
+        if alpha >= least_alpha
+    }
+    return worst(rows, "the smallest rate less the predicted one", -tolerance, True)
+
+
+def consistency_surface(tables: Tables, table: str, most: float) -> Found:
+    """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
+    of = tables[table]
+    distance = abs(of["consistency_rate"].isel(pair=-1) - of["consistency_predicted"])
+    rows = {
+        f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
+        for alpha in of["alpha"].values
+        for gamma in of["gamma"].values
+    }
+    return worst(rows, "the largest distance from alpha + gamma + 1", most, False)

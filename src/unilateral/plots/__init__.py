@@ -9,6 +9,16 @@ from unilateral.plots.infsup import infsup
 from unilateral.plots.multiplier import multiplier
 from unilateral.plots.portrait import portrait
 from unilateral.plots.rates import rates
+from unilateral.plots.sharpness import sharpness
 from unilateral.plots.verdict import verdict
 
-__all__ = ["dual_norm", "grid", "infsup", "multiplier", "portrait", "rates", "verdict"]
+__all__ = [
+    "dual_norm",
+    "grid",
+    "infsup",
+    "multiplier",
+    "portrait",
+    "rates",
+    "sharpness",
+    "verdict",
+]

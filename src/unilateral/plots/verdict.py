@@ -29,9 +29,9 @@ def verdict(csv_path: FilePath, svg_path: FilePath) -> None:
     if unknown:
         raise InputError(f"{csv_path}, column 'kind': '{min(unknown)}' is none of {', '.join(KINDS)}")
     rows = len(table)
-    height = 2.2 + 0.42 * rows
+    height = 2.9 + 0.42 * rows
     with figure_in(svg_path, height) as figure:
-        axes = axes_at(figure, 1.6, 1.35, 9.6, 0.42 * rows)
+        axes = axes_at(figure, 1.6, 2.0, 9.6, 0.42 * rows)
         for y, row in enumerate(table[::-1].itertuples()):
             marker, colour = KINDS[row.kind]
             axes.plot(row.margin, y, marker, color=colour, ms=5.5, mec="white", mew=0.5)

@@ -1,0 +1,18 @@
+"""The floors that h and H leave in the H1 errors of a scene."""
+
+from sentences import speak_plainly
+
+from unilateral import case, floors, tables
+from unilateral.expression import real
+
+
+def main(errors, name, path):
+    table = tables.load(errors)
+    declared = {c: case.declared(c)[0]["asymptotic"]["h1"]["from"] for c in table["case"].values}
+    starts = {c: real(start, f"case '{c}', asymptotic.h1.from") for c, start in declared.items()}
+    tables.save(floors.floors(table, starts), path, name)
+
+
+if __name__ == "__main__":
+    speak_plainly()
+    main(snakemake.input.errors, snakemake.wildcards.scene, snakemake.output[0])
