@@ -51,6 +51,14 @@ def test_numbers_that_round_off_makes_are_not_shown(changed: dict[str, object], 
     assert shown in verdicts.claims_tables([record(**changed)])["claims-estimates"]
 
 
+def test_letters_and_signs_are_set_as_such() -> None:
+    shown = verdicts.claims_tables(
+        [record(quantity="the largest lambda_max(S) |x| <= Pi_H mu, pie", verdict="a -> b")]
+    )
+    assert r"the largest λ_max(S) \|x\| ≤ Π_H μ, pie" in shown["claims-estimates"]
+    assert "| a → b |" in shown["claims-estimates"]
+
+
 @pytest.mark.parametrize(
     ("verdict", "kind"),
     [

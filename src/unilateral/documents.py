@@ -70,7 +70,7 @@ def floors_table(floors: xr.Dataset) -> str:
 MEASURES = {
     "h_over_H": "h/H",
     "edges_per_cell": "fewest boundary edges in a cell",
-    "cell_over_edge": "smallest H_i over the longest edge at it",
+    "cell_over_edge": "smallest $H_i$ over the longest edge at it",
 }
 
 
@@ -140,4 +140,4 @@ def _cell(of: xr.Dataset) -> str:
         return verdict
     pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
     suffix = "" if verdict == "holds" else f", **{verdict}**"
-    return f"{smallest_rate(of):.2f} of {float(of['expected']):g} ({pairs} pairs){suffix}"
+    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({pairs} pairs){suffix}"

@@ -11,6 +11,19 @@ import pandas as pd
 ROUND_OFF = 1e-12
 LEAST, PLENTY = 1e-4, 10.0
 """Margins that are told apart."""
+LETTERS = {
+    "alpha": "α",
+    "beta": "β",
+    "gamma": "γ",
+    "epsilon": "ε",
+    "lambda": "λ",
+    "mu": "μ",
+    "rho": "ρ",
+    "sigma": "σ",
+    "omega": "ω",
+    "pi": "π",
+    "Pi": "Π",
+}
 KINDS = {
     "fails": "fails",
     "is an error": "is an error of the source",
@@ -26,14 +39,21 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     for each in records:
         cells = [
             each["id"],
-            f"{each['statement']} [{each['where']}]",
-            each["quantity"],
+            f"{each['statement']} [{_letters(each['where'])}]",
+            _letters(each["quantity"]),
             f"{_observed(each)} {each['expected']}".replace(">=", "≥").replace("<=", "≤"),
             _percent(each["margin"]),
-            each["verdict"],
+            _letters(each["verdict"]),
         ]
         tables.setdefault(f"claims-{each['section']}", head.copy()).append(f"| {' | '.join(cells)} |")
     return {name: "\n".join(lines) for name, lines in tables.items()}
+
+
+def _letters(text: str) -> str:
+    """The names of letters as letters, and comparisons as signs."""
+    for name, letter in LETTERS.items():
+        text = re.sub(rf"(?<![a-zA-Z]){name}(?![a-zA-Z])", letter, text)
+    return text.replace(">=", "≥").replace("<=", "≤").replace("->", "→").replace("|", r"\|")
 
 
 def _observed(record: Mapping[str, Any]) -> str:
