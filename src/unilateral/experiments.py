@@ -19,7 +19,8 @@ from unilateral.solve import Pair, pair
 Array = NDArray[np.float64]
 VARIANTS = ("as meant", "as printed", "without the clip")
 """(5.1)-(5.3) with u^n from lambda^n; with u^n from lambda^(n-1), as the index reads; without max(0, .)."""
-DIRECTIONS = 200
+DIRECTIONS, NEAR = 200, 1e-6
+"""Near u_h a slope of L in v, if there were one, outweighs its curvature."""
 BOUNDED = 1e6
 """Distances beyond it count as that."""
 
@@ -93,7 +94,7 @@ def _saddle(
         return float(0.5 * v @ (condensed.A @ v) - load @ v - mu @ (both.B @ v[boundary] - H_i * g_means))
 
     at, size = L(u_h, lambda_H), np.abs(u_h).max()
-    in_v = [L(u_h + size * rng.standard_normal(len(u_h)), lambda_H) - at for _ in range(DIRECTIONS)]
+    in_v = [L(u_h + NEAR * size * rng.standard_normal(len(u_h)), lambda_H) - at for _ in range(DIRECTIONS)]
     in_mu = [at - L(u_h, lambda_H.max() * rng.random(len(lambda_H))) for _ in range(DIRECTIONS)]
     return min(in_v) / abs(at), min(in_mu) / abs(at)
 

@@ -29,6 +29,7 @@ KINDS = {
     "is an error": "is an error of the source",
     "needs": "needs a condition that is left out",
     "is supported": "supported beyond the paper",
+    "is not contradicted": "not contradicted",
 }
 
 

@@ -89,3 +89,28 @@ def local_rule(
         if fine.any():
             found[scene] = float(of["beta_lower"].where(fine).min())
     return worst(found, "the smallest beta", least, True)
+
+
+def near(tables: Tables, table: str, variable: str, value: float, most: float, quantity: str) -> Found:
+    """How far a variable is from a value, relative to it."""
+    found = tables[table][variable].values
+    return worst({variable: float(np.max(np.abs(found / value - 1)))}, quantity, most, False)
+
+
+def saddle(tables: Tables, table: str) -> Found:
+    """The least of L(v, lambda_H) - L(u_h, lambda_H) and of L(u_h, lambda_H) - L(u_h, mu), relative."""
+    of = tables[table]
+    rows = {
+        f"{case}, {name}": float(of[name].sel(case=case))
+        for case in of["case"].values
+        for name in ("saddle_in_v", "saddle_in_mu")
+    }
+    return worst(rows, "the least growth away from the saddle", -ZERO, True)
+
+
+def two_multipliers(tables: Tables, table: str, apart: float) -> Found:
+    """How badly the second multiplier solves the problem of the first; inf unless both are apart."""
+    of = tables[table]
+    rows = {name: float(of[name]) for name in ("violation", "same_u")}
+    found = worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False)
+    return found if float(of["multiplier_distance"]) >= apart else found._replace(observed=np.inf)

@@ -14,6 +14,7 @@ KINDS = {
     "needs a condition that is left out": ("^", COLOURS[1]),
     "is an error of the source": ("X", "black"),
     "supported beyond the paper": ("D", COLOURS[3]),
+    "not contradicted": ("v", COLOURS[6]),
     "fails": ("*", "red"),
 }
 
