@@ -112,8 +112,12 @@ def test_plain_uzawa_ran_wherever_beta_is_positive(errors):
     solved = np.isfinite(errors["h1_error"])
     expected = np.where(solved, np.where(singular, "active_set", "uzawa"), "")
     assert np.array_equal(errors["algorithm"].transpose(*singular.dims).values, expected)
-    for name in ("hm12_error_lower", "hm12_error_upper", "hm12_best", "hm12_discrete", "l2_error"):
-        assert np.array_equal(np.isfinite(errors[name]), solved & ~singular), name
+    judged = solved & ~singular
+    for name in ("hm12_error_lower", "hm12_best", "hm12_discrete"):
+        assert np.array_equal(np.isfinite(errors[name]), judged), name
+    in_L2 = errors["case"] != "rough"  # whose lambda is like s^(-0.95)
+    for name in ("hm12_error_upper", "l2_error"):
+        assert np.array_equal(np.isfinite(errors[name]), judged & in_L2), name
 
 
 def test_beta_vanishes_on_structured_squares_where_theory_says():
@@ -134,8 +138,9 @@ def test_the_step_limit_of_the_square():
 
 
 def test_the_global_balance_of_every_run(errors):
-    """int u_h = int f + int lambda_H, the equation tested with v = 1."""
-    assert np.all(runs(errors, "balance") <= 1e-10)
+    """int u_h = int f + int lambda_H, the equation tested with v = 1; relative to u where that is large."""
+    scale = np.maximum(1, errors["u_norm"].max("mesh"))
+    assert np.all(runs(errors.assign(share=errors["balance"] / scale), "share") <= 1e-10)
 
 
 def test_the_exact_split_of_every_run(errors):
@@ -143,7 +148,7 @@ def test_the_exact_split_of_every_run(errors):
     share = errors["quadrature_share"]
     assert np.all(runs(errors, "quadrature_share") <= 1e-4)
     smooth = errors["case"].isin(["full_contact", "no_contact"])
-    absolute = (share * errors["h1_error"] ** 2 / errors["u_norm"] ** 2).sel(case=smooth)
+    absolute = (share * errors["h1_error"] ** 2 / errors["u_norm"] ** 2).where(smooth, 0)
     assert float(absolute.max()) <= 1e-10
 
 
@@ -159,9 +164,15 @@ def test_an_upper_bound_a_thousandth_lower_would_be_below_it():
     assert np.any((0.999 * table["hm12_error_upper"] < table["hm12_discrete"]) & known)
 
 
+def both_bounds(errors):
+    """The bounds of the errors in the dual norm that have both."""
+    lower, upper = (errors[f"hm12_error_{bound}"].values for bound in ("lower", "upper"))
+    return lower[np.isfinite(upper)], upper[np.isfinite(upper)]
+
+
 def test_the_bounds_of_the_dual_norm_are_close_and_do_not_cross(errors):
     """Upper / lower - 1 at most 5 %, its median at most 1.5 %, wherever the error is not 0."""
-    lower, upper = runs(errors, "hm12_error_lower"), runs(errors, "hm12_error_upper")
+    lower, upper = both_bounds(errors)
     assert np.all(lower <= upper)
     zero = 1e-12 * errors["u_norm"].max().item()
     gap = upper[upper > zero] / lower[upper > zero] - 1
@@ -172,7 +183,7 @@ def test_the_bounds_of_the_dual_norm_are_close_and_do_not_cross(errors):
 def test_the_shortcut_is_no_bound_of_the_dual_norm(errors):
     """Control: H^{1/2} ||lambda - lambda_H||_0 would lie outside the bounds in most runs."""
     shortcut = runs(errors.assign(shortcut=np.sqrt(errors["H"]) * errors["l2_error"]), "shortcut")
-    lower, upper = runs(errors, "hm12_error_lower"), runs(errors, "hm12_error_upper")
+    lower, upper = both_bounds(errors)
     some = upper > 1e-10
     outside = (shortcut < lower) | (shortcut > upper)
     assert np.mean(outside[some]) > 0.9
@@ -246,7 +257,7 @@ def test_plain_steps_grow_like_1_over_H():
 
 
 def test_no_contact_needs_no_step():
-    for scene in SCENES:
+    for scene in [name for name, scene in SCENES.items() if "no_contact" in scene["cases"]]:
         table = errors_of(scene).sel(case="no_contact")
         plain = table["algorithm"] == "uzawa"
         assert np.all(table["iterations"].values[plain.values] == 0)
