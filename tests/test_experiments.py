@@ -113,3 +113,29 @@ def test_the_counts_and_the_iterates_of_both_ways():
         coupling = 4 * coupled("square", n, n // 2).B.nnz
         assert float(found["with_A"][k]) == 2 * (lu.L.nnz + lu.U.nnz) + coupling
         assert float(found["with_A_3"][k]) == 2 * (4 * n) ** 2 + coupling
+
+
+def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
+    """At H = 2h both are at least the error; at H = h the residual's is infinite, the energy's holds."""
+    cases = [load(name) for name in ("full_contact", "natural")]
+    mesh = meshes.structured(square(), 1 / 16)
+    stable = experiments.certificates(mesh, partitions.uniform(square(), 1 / 8), cases, [10, 200])
+    singular = experiments.certificates(mesh, partitions.uniform(square(), 1 / 16), cases, [10, 200])
+    for found in (stable, singular):
+        assert np.all(found["residual_index"] >= 1)
+        assert np.all(found["energy_index"] >= 1)
+    assert np.all(np.isfinite(stable["residual_index"]))
+    assert np.all(np.isinf(singular["residual_index"]))
+
+
+def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
+    """In full contact, in the energy: half of S's square root is A_3^{-1/2} B^T, so sigma^{1/2} weighs y."""
+    case = [load("full_contact")]
+    mesh, cells = meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    found = experiments.certificates(mesh, cells, case, [50])
+    sigma, y = spectrum()
+    weighted = np.sqrt(sigma) * y
+    left = (1 - 0.9 / sigma[-1] * sigma) ** 50 * weighted
+    assert float(found["u_distance"][0, 0]) == pytest.approx(
+        np.linalg.norm(left) / np.linalg.norm(weighted), rel=1e-6
+    )

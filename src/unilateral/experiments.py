@@ -15,6 +15,7 @@ from unilateral.mesh import Mesh
 from unilateral.norms import on_cells, on_mesh
 from unilateral.partition import Partition
 from unilateral.solve import Pair, pair
+from unilateral.uzawa import energy_bound, residual_bound
 
 Array = NDArray[np.float64]
 VARIANTS = ("as meant", "as printed", "without the clip")
@@ -97,6 +98,35 @@ def _saddle(
     in_v = [L(u_h + NEAR * size * rng.standard_normal(len(u_h)), lambda_H) - at for _ in range(DIRECTIONS)]
     in_mu = [at - L(u_h, lambda_H.max() * rng.random(len(lambda_H))) for _ in range(DIRECTIONS)]
     return min(in_v) / abs(at), min(in_mu) / abs(at)
+
+
+def certificates(
+    mesh: Mesh, partition: Partition, cases: Sequence[Case], recorded: Sequence[int]
+) -> xr.Dataset:
+    """Both bounds of the algebraic error over that error, and the error itself, after steps `recorded`.
+
+    Over (case, step), rho = 0.9/lambda_max(S); the error is ||u(mu) - u_h||_1, relative in `u_distance`.
+    """
+    condensed = condense(mesh)
+    both = pair(condensed, partition)
+    rho = 0.9 / both.operator.lambda_max
+    shape = (len(cases), len(recorded))
+    distance, residual, energy = (np.empty(shape) for _ in range(3))
+    for c, case in enumerate(cases):
+        problem, cells = on_mesh(case, condensed), on_cells(case, partition)
+        offset = both.B @ problem.trace / partition.lengths - cells.g_means
+        lambda_H = active_set(both.operator, offset, np.inf).lambda_H
+        for k, steps in enumerate(recorded):
+            mu = _iterate(both.operator, offset, rho, steps, VARIANTS[0])
+            error = float(np.linalg.norm(both.operator.half @ (mu - lambda_H)))
+            distance[c, k] = error / np.linalg.norm(both.operator.half @ lambda_H)
+            residual[c, k] = residual_bound(both.operator, offset, mu, rho) / error
+            energy[c, k] = energy_bound(both.operator, offset, mu) / error
+    table = {"u_distance": distance, "residual_index": residual, "energy_index": energy}
+    coordinates = {"case": [case.name for case in cases], "step": list(recorded)}
+    return xr.Dataset(
+        {name: (("case", "step"), values) for name, values in table.items()}, coords=coordinates
+    )
 
 
 def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:

@@ -9,6 +9,8 @@ rule algorithm:
         [f"manufactured/{case}.yaml" for case in config["algorithm"]["cases"]],
     output:
         steps="results/algorithm/steps.nc",
+        certificates="results/algorithm/certificates.nc",
+        singular="results/algorithm/singular.nc",
         uniqueness="results/algorithm/uniqueness.nc",
         elimination="results/algorithm/elimination.nc",
     params:

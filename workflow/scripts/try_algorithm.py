@@ -7,13 +7,17 @@ from unilateral import experiments, mesh, partition, tables
 from unilateral.expression import real
 
 
-def main(study, steps, uniqueness, elimination):
+def main(study, steps, certificates, singular, uniqueness, elimination):
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
     on, cells = mesh.structured(polygon, h), partition.uniform(polygon, H)
     problems = cases(study)
     shares = [float(share) for share in study["shares"]]
     tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm")
+    recorded = study["recorded_steps"]
+    for size, path in ((H, certificates), (h, singular)):
+        found = experiments.certificates(on, partition.uniform(polygon, size), problems, recorded)
+        tables.save(found, path, "algorithm")
     tables.save(experiments.uniqueness(on, partition.uniform(polygon, h)), uniqueness, "algorithm")
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [mesh.structured(polygon, size) for size in sizes]
@@ -27,6 +31,8 @@ if __name__ == "__main__":
     main(
         snakemake.params.study,
         snakemake.output.steps,
+        snakemake.output.certificates,
+        snakemake.output.singular,
         snakemake.output.uniqueness,
         snakemake.output.elimination,
     )

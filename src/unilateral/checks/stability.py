@@ -114,3 +114,14 @@ def two_multipliers(tables: Tables, table: str, apart: float) -> Found:
     rows = {name: float(of[name]) for name in ("violation", "same_u")}
     found = worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False)
     return found if float(of["multiplier_distance"]) >= apart else found._replace(observed=np.inf)
+
+
+def gap(tables: Tables, scenes: Sequence[str], most: float) -> Found:
+    """The largest upper/lower - 1 of the errors in the dual norm that are not 0; inf where bounds cross."""
+    found = {}
+    for scene in scenes:
+        of = tables[f"{scene}/errors"]
+        lower, upper = (of[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
+        apart = (upper / lower - 1).where(upper > ZERO * of["u_norm"])
+        found[scene] = float(apart.max()) if float(apart.min()) >= 0 else np.inf
+    return worst(found, "the largest gap", most, False)

@@ -49,6 +49,5 @@ def verdict(csv_path: FilePath, svg_path: FilePath) -> None:
             for kind in used
         ]
         figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(11.6 / WIDTH, 1 - 0.9 / height))
-        low, high = table["margin"].min(), table["margin"].max()
-        note = f"Margins below {low:g} or above {high:g} are drawn at the end of the axis."
+        note = f"Margins above {table['margin'].max():g} are drawn there."
         figure.text(0.1 / WIDTH, 0.2 / height, note, fontsize=SMALL)
