@@ -17,7 +17,8 @@ from unilateral.errors import InputError
 ROOT = Path(__file__).parents[1]
 LEDGER = {claim.id: claim for claim in claims.ledger()}
 STATEMENTS = [  # of the paper, that the ledger must not leave out
-    *("1.2", "R1.1", "1.8", "3.1a", "3.1b", "3.1c", "3.5", "3.6", "3.th", "4.5", "4.6", "4.7", "4.9", "4.10"),
+    *("1.2", "R1.1", "1.8", "3.1a", "3.1b", "3.1c", "3.5", "3.6", "3.th", "4.1", "4.5"),
+    *("4.6", "4.7", "4.9", "4.10"),
     *(
         "4.11",
         "4.12",

@@ -92,6 +92,12 @@ VARIABLES = {
     "distance": ("||lambda^n - lambda_H||_0 / ||lambda_H||_0 after those steps", "1", "(5.1)-(5.3)"),
     "saddle_in_v": ("least L(v, lambda_H) - L(u_h, lambda_H) over |L|, v random", "1", "Remark 1.1"),
     "saddle_in_mu": ("least L(u_h, lambda_H) - L(u_h, mu) over |L|, mu random", "1", "Remark 1.1"),
+    "inequality": ("least A(U_h, V - U_h) - F(V - U_h) over |L|, V random", "1", "(4.4)"),
+    "saddle_in_v_elsewhere": ("as saddle_in_v, for lambda_H + 1", "1", "Remark 1.1"),
+    "saddle_in_mu_elsewhere": ("as saddle_in_mu, for lambda_H + 1", "1", "Remark 1.1"),
+    "inequality_elsewhere": ("as inequality, for lambda_H + 1", "1", "(4.4)"),
+    "multiplier_factor_elsewhere": ("as multiplier_factor, with J/2", "1", "section 5"),
+    "off_cells": ("||(1 - Pi_H)(u_h - g)||_0 / ||u_h - g||_0", "1", "(5.2)"),
     "multiplier_factor": (
         "stationary multiplier of (3.3), as printed, over lambda_H",
         "1",

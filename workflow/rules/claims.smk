@@ -3,7 +3,7 @@
 
 rule algorithm:
     input:
-        library("experiments", "partition", "tables", "expression", "mesh", "certificate"),
+        library("experiments", "trials", "partition", "tables", "expression", "mesh", "certificate"),
         "workflow/scripts/scenes.py",
         CASE_SCHEMA,
         [f"manufactured/{case}.yaml" for case in config["algorithm"]["cases"]],
@@ -12,6 +12,7 @@ rule algorithm:
         certificates="results/algorithm/certificates.nc",
         singular="results/algorithm/singular.nc",
         uniqueness="results/algorithm/uniqueness.nc",
+        unique="results/algorithm/unique.nc",
         elimination="results/algorithm/elimination.nc",
     params:
         study=config["algorithm"],

@@ -3,11 +3,11 @@
 from scenes import cases, domain
 from sentences import speak_plainly
 
-from unilateral import experiments, mesh, partition, tables
+from unilateral import experiments, mesh, partition, tables, trials
 from unilateral.expression import real
 
 
-def main(study, steps, certificates, singular, uniqueness, elimination):
+def main(study, steps, certificates, singular, uniqueness, unique, elimination):
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
     on, cells = mesh.structured(polygon, h), partition.uniform(polygon, H)
@@ -16,13 +16,14 @@ def main(study, steps, certificates, singular, uniqueness, elimination):
     tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm")
     recorded = study["recorded_steps"]
     for size, path in ((H, certificates), (h, singular)):
-        found = experiments.certificates(on, partition.uniform(polygon, size), problems, recorded)
+        found = trials.certificates(on, partition.uniform(polygon, size), problems, recorded)
         tables.save(found, path, "algorithm")
-    tables.save(experiments.uniqueness(on, partition.uniform(polygon, h)), uniqueness, "algorithm")
+    for size, path in ((h, uniqueness), (H, unique)):
+        tables.save(trials.uniqueness(on, partition.uniform(polygon, size)), path, "algorithm")
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [mesh.structured(polygon, size) for size in sizes]
     partitions = [partition.uniform(polygon, size * H / h) for size in sizes]
-    found = experiments.elimination(meshes, partitions, study["compared_steps"])
+    found = trials.elimination(meshes, partitions, study["compared_steps"])
     tables.save(found, elimination, "algorithm")
 
 
@@ -34,5 +35,6 @@ if __name__ == "__main__":
         snakemake.output.certificates,
         snakemake.output.singular,
         snakemake.output.uniqueness,
+        snakemake.output.unique,
         snakemake.output.elimination,
     )

@@ -28,6 +28,17 @@ def rate(tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str,
     return worst(found, "the smallest rate", proved - tolerance, True)
 
 
+def not_faster(tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, most: float) -> Found:
+    """The largest rate of the finest pair of levels."""
+    found = {}
+    for scene in scenes:
+        rates = tables[f"{scene}/rates"].sel(norm=norm, h_over_H=0.5)
+        for case in sorted(set(cases) & set(rates["case"].values)):
+            of = rates["rate"].sel(case=case).values
+            found[f"{scene}, {case}"] = float(of[np.isfinite(of)][-1])
+    return worst(found, "the largest rate of the finest pair", most, False)
+
+
 def rate_of(
     tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
 ) -> Found:

@@ -1,0 +1,109 @@
+"""More of Uzawa's algorithm tried: its certificates, problems with two multipliers, and what steps cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.active_set import active_set
+from unilateral.case import Case
+from unilateral.condense import Condensed, condense
+from unilateral.experiments import VARIANTS, iterate
+from unilateral.mesh import Mesh
+from unilateral.norms import on_cells, on_mesh
+from unilateral.partition import Partition
+from unilateral.solve import Pair, pair
+from unilateral.uzawa import energy_bound, residual_bound
+
+Array = NDArray[np.float64]
+
+
+def certificates(
+    mesh: Mesh, partition: Partition, cases: Sequence[Case], recorded: Sequence[int]
+) -> xr.Dataset:
+    """Both bounds of the algebraic error over that error, and the error itself, after steps `recorded`.
+
+    Over (case, step), rho = 0.9/lambda_max(S); the error is ||u(mu) - u_h||_1, relative in `u_distance`.
+    """
+    condensed = condense(mesh)
+    both = pair(condensed, partition)
+    rho = 0.9 / both.operator.lambda_max
+    shape = (len(cases), len(recorded))
+    distance, residual, energy = (np.empty(shape) for _ in range(3))
+    for c, case in enumerate(cases):
+        problem, cells = on_mesh(case, condensed), on_cells(case, partition)
+        offset = both.B @ problem.trace / partition.lengths - cells.g_means
+        lambda_H = active_set(both.operator, offset, np.inf).lambda_H
+        for k, steps in enumerate(recorded):
+            mu = iterate(both.operator, offset, rho, steps, VARIANTS[0])
+            error = float(np.linalg.norm(both.operator.half @ (mu - lambda_H)))
+            distance[c, k] = error / np.linalg.norm(both.operator.half @ lambda_H)
+            residual[c, k] = residual_bound(both.operator, offset, mu, rho) / error
+            energy[c, k] = energy_bound(both.operator, offset, mu) / error
+    table = {"u_distance": distance, "residual_index": residual, "energy_index": energy}
+    coordinates = {"case": [case.name for case in cases], "step": list(recorded)}
+    return xr.Dataset(
+        {name: (("case", "step"), values) for name, values in table.items()}, coords=coordinates
+    )
+
+
+def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
+    """A problem with two multipliers at H = h: lambda_H = 1 and 1 + kernel / 2, the kernel (-1)^e/|e|.
+
+    g is chosen so that there is contact everywhere. `violation` is the largest |mean(u_h - g)| of the second;
+    `same_u` how far its u_h is from that of the first, in ||.||_1 relative to it.
+    """
+    both = pair(condense(mesh), partition)
+    one = np.ones(partition.n_cells)
+    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths
+    other = one + 0.5 * kernel / np.abs(kernel).max()
+    gap = both.operator.gap(other, -both.operator.gap(one, np.zeros(partition.n_cells)))
+    norm = np.linalg.norm(both.operator.half @ one)
+    return xr.Dataset(
+        {
+            "violation": ((), float(np.abs(gap).max())),
+            "same_u": ((), float(np.linalg.norm(both.operator.half @ (other - one)) / norm)),
+            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (other - one) ** 2))),
+        }
+    )
+
+
+def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: int) -> xr.Dataset:
+    """Multiplications and additions of one step (5.1)-(5.3): with A factorised, with A_3, and with S.
+
+    And how far u^n on the boundary is after some steps by the first way from that by the second, on the
+    coarsest mesh, relative to it.
+    """
+    counts = np.empty((3, len(meshes)))
+    for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
+        condensed = condense(mesh)
+        both = pair(condensed, partition)
+        coupling = 4 * both.B.nnz
+        factors = condensed.lu.L.nnz + condensed.lu.U.nnz
+        counts[:, k] = (
+            2 * factors + coupling,
+            2 * len(mesh.boundary) ** 2 + coupling,
+            2 * partition.n_cells**2,
+        )
+        if k == 0:
+            difference = _by_both_ways(condensed, both, steps)
+    sizes = {"h": [mesh.h for mesh in meshes], "unknowns": [mesh.n_nodes for mesh in meshes]}
+    table = {name: ("mesh", row) for name, row in zip(("with_A", "with_A_3", "with_S"), counts, strict=True)}
+    coordinates = {name: ("mesh", values) for name, values in sizes.items()}
+    return xr.Dataset({**table, "difference": ((), difference)}, coords=coordinates)
+
+
+def _by_both_ways(condensed: Condensed, both: Pair, steps: int) -> float:
+    """With f = 0 and g = 1, which is in contact everywhere."""
+    H_i, boundary = both.partition.lengths, condensed.mesh.boundary
+    rho = 1 / both.operator.lambda_max
+    full, small = np.zeros(len(H_i)), np.zeros(len(H_i))
+    for _ in range(steps):
+        load = np.zeros(condensed.mesh.n_nodes)
+        load[boundary] = both.B.T @ full
+        u, v = condensed.solve(load)[boundary], condensed.solve_boundary(both.B.T @ small)
+        full, small = (np.maximum(0, mu - rho * (both.B @ w / H_i - 1)) for mu, w in ((full, u), (small, v)))
+    return float(np.abs(u - v).max() / np.abs(v).max())
