@@ -109,6 +109,17 @@ def test_json_has_the_documented_keys_and_the_library_s_numbers(capsys):
     assert found["peak_mb"] > 1
 
 
+def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(capsys):
+    """And beta is not what is to blame."""
+    code, out, err = run(capsys, "solve", "rough", "--h", "1/16", "--H", "1/8")
+    assert (code, err) == (0, "")
+    dual, l2 = (line for line in out.splitlines() if "lambda - lambda_H" in line)
+    assert ">= " in dual
+    assert "<=" not in dual
+    assert l2.endswith("= none, for lambda is not in L2")
+    assert "beta" not in out
+
+
 def test_json_is_null_where_beta_is_0(capsys):
     """At H = h the multiplier is not judged; the active set, which ran, counts no steps."""
     code, found, err = as_json(capsys, "natural", "--h", "1/8", "--H", "1/8")

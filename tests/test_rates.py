@@ -113,6 +113,15 @@ def test_what_must_fail_does(found, expected, reason):
     assert reason in str(judgement)
 
 
+def test_where_nothing_is_judged_no_level_counts():
+    """Not even of a table that would fail; its rates are still there to be looked at."""
+    found = judged(table(0.5), expected=changed(rate=np.nan))
+    assert found.verdict == "not judged"
+    assert not found.asymptotic.any()
+    assert np.isnan(found.fitted)
+    np.testing.assert_allclose(found.rate, 0.5, rtol=1e-12)
+
+
 def test_what_is_not_asymptotic_does_not_count():
     early = table(h1_error=((0, 0), 3 * LEVELS[1]))
     assert judged(early).verdict == "fails"

@@ -207,12 +207,17 @@ def _run(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 def _text(found: dict[str, Any], algorithm: str) -> str:
     def number(key: str) -> str:
-        return "not judged, for beta = 0" if _unknown(found[key]) else f"{found[key]:.4e}"
+        return why if _unknown(found[key]) else f"{found[key]:.4e}"
+
+    beta_is_0 = _unknown(found["hm12_error_lower"])
+    why = "not judged, for beta = 0" if beta_is_0 else "none, for lambda is not in L2"
 
     steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
-    dual = f" = {number('hm12_error_lower')}"
+    dual = f" = {why}"
+    if not beta_is_0:
+        dual = f">= {number('hm12_error_lower')}"
     if not _unknown(found["hm12_error_upper"]):
-        dual = f">= {number('hm12_error_lower')}, <= {number('hm12_error_upper')}"
+        dual += f", <= {number('hm12_error_upper')}"
     outcome = "converged" if found["converged"] else "NOT converged"
     rows = {
         "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",

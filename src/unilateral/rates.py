@@ -35,9 +35,9 @@ ZERO = 1e-12
 class Expectation:
     """What is expected of a case in a norm, and how it is judged.
 
-    `rate` is None where the exact error is 0, and NaN where nothing is judged; a level is asymptotic if
-    h <= `start` and H <= 2 `start`; rates compare levels a factor `factor` (2 or 4) apart; the finest error
-    may be `bound` times (H ** `power`) times the table's variable `reference`.
+    `rate` is None where the exact error is 0, and NaN where nothing is judged, and no level counts; a level
+    is asymptotic if h <= `start` and H <= 2 `start`; rates compare levels a factor `factor` (2 or 4) apart;
+    the finest error may be `bound` times (H ** `power`) times the table's variable `reference`.
     """
 
     proved: float
@@ -116,6 +116,8 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
     levels = np.maximum(h, H / USUAL_H_OVER_H) <= expected.start * (1 + 1e-9)
+    if expected.rate is not None and math.isnan(expected.rate):
+        levels = np.zeros_like(levels)
     asymptotic = levels[coarse]
     bound = _bound(runs, expected)
     if expected.rate is None:

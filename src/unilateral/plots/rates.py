@@ -129,8 +129,8 @@ def _rate_columns(
     for place, (case, i) in enumerate(cases.items()):
         y, of_case = top - 1.35 - 0.42 * place, rows[rows["case"] == case]
         start = 0.1 if left < 2 else left
-        legend.plot([start, start + 0.7], [y, y], color=_colour(i), lw=1.1)
-        legend.plot([start + 0.35], [y], ls="", **_marker(i, True))
+        legend.plot([start, start + 0.5], [y, y], color=_colour(i), lw=1.1)
+        legend.plot([start + 0.25], [y], ls="", **_marker(i, True))
         for x, ratio in zip(places, ratios, strict=True):
             _number(legend, x, y, of_case.loc[of_case["h_over_H"] == ratio, "rate"])
         _number(legend, right, y, of_case["expected"])
@@ -144,7 +144,7 @@ def _number(legend: Axes, x: float, y: float, column: pd.Series) -> None:
 def _names(legend: Axes, cases: dict[str, int]) -> None:
     top = legend.get_ylim()[1]
     for i, case in enumerate(cases):
-        legend.text(0.95, top - 1.35 - 0.42 * i, case, fontsize=SMALL, va="center")
+        legend.text(0.7, top - 1.35 - 0.42 * i, case, fontsize=SMALL, va="center")
     note = "Filled markers: asymptotic levels, which the rates are fitted to; open: other levels."
     note += " Triangles: slopes proved."
     legend.text(0.1, 0.3, note, fontsize=SMALL, va="center")
