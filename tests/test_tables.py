@@ -41,7 +41,7 @@ def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
     assert [entry.split()[0] for entry in read.attrs["libraries"].split(", ")] == list(tables.LIBRARIES)
     for name in read.variables:
         described = [read[name].attrs.get(key) for key in ("long_name", "units", "equation")]
-        assert described == (list(tables.VARIABLES[name]) if name != "case" else [None] * 3)
+        assert described == (tables.VARIABLES[name] if name != "case" else [None] * 3)
 
 
 def test_saving_leaves_the_table_as_it_is(tmp_path):

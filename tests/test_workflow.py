@@ -249,10 +249,12 @@ def closure(module):
         if file not in found:
             found.add(file)
             waiting += [new for name in imported(file) for new in files_of(name)]
-    return sorted(str(file.relative_to(ROOT)) for file in found)
+    read = {LIBRARY / name for file in found for name in DATA if f'"{name}"' in file.read_text()}
+    return sorted(str(file.relative_to(ROOT)) for file in found | read)
 
 
-MODULES = "sweep dual_norm sharpness surfaces floors tables rates figure_data documents mesh plots cli"
+DATA = [file.name for file in LIBRARY.glob("*.yaml")]
+MODULES = "sweep dual_norm sharpness surfaces floors tables rates figure_data documents mesh plots cli claims"
 
 
 @pytest.mark.parametrize("module", MODULES.split())

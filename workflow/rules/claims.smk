@@ -5,7 +5,6 @@ rule algorithm:
     input:
         library("experiments", "trials", "partition", "tables", "expression", "mesh", "certificate"),
         "workflow/scripts/scenes.py",
-        CASE_SCHEMA,
         [f"manufactured/{case}.yaml" for case in config["algorithm"]["cases"]],
     output:
         steps="results/algorithm/steps.nc",
@@ -25,7 +24,6 @@ rule algorithm:
 rule claims:
     input:
         library("claims", "tables"),
-        "src/unilateral/ledger.yaml",
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         "results/claims.json",

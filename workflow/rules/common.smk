@@ -11,7 +11,6 @@ GRIDS = [name for name, scene in SCENES.items() if "grid" in scene["figures"]]
 PORTRAITS = config["portraits"]
 SURVEYS = config["surveys"]
 SHARPNESS = config["sharpness"]
-CASE_SCHEMA = "src/unilateral/case.schema.yaml"
 
 
 wildcard_constraints:
@@ -21,16 +20,23 @@ wildcard_constraints:
 
 
 def library(*modules):
-    """The files of the library's modules and of all they import: a change in one reruns its users only."""
+    """The files of the library's modules, of all they import and read: a change reruns their users only."""
     files = []
     waiting = ["__init__", *modules]
     while waiting:
         path = Path("src/unilateral", waiting.pop())
         for file in [path.with_suffix(".py"), *sorted(path.glob("*.py"))]:
             if file.exists() and str(file) not in files:
-                files.append(str(file))
-                waiting += imports(file.read_text(encoding="utf-8"))
-    return sorted(files)
+                source = file.read_text(encoding="utf-8")
+                files += [str(file), *data(source)]
+                waiting += imports(source)
+    return sorted(set(files))
+
+
+def data(source):
+    """The library's data files that a source file reads."""
+    names = re.findall(r'files\("unilateral"\) / "([\w.]+)"', source)
+    return [f"src/unilateral/{name}" for name in names]
 
 
 def imports(source):
@@ -44,7 +50,7 @@ def scene_of(wildcards):
 
 
 def case_files(wildcards):
-    return [CASE_SCHEMA, *(f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"])]
+    return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
 
 
 def levels(wildcards):

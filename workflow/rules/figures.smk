@@ -75,7 +75,6 @@ rule portrait_tables:
     input:
         library("figure_data", "tables", "mesh", "certificate"),
         "workflow/scripts/scenes.py",
-        CASE_SCHEMA,
         lambda wildcards: f"manufactured/{PORTRAITS[wildcards.portrait]['case']}.yaml",
     output:
         mesh=update("figures/{portrait}_mesh.csv"),
