@@ -152,3 +152,18 @@ def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
     assert float(found["u_distance"][0, 0]) == pytest.approx(
         np.linalg.norm(left) / np.linalg.norm(weighted), rel=1e-6
     )
+
+
+def test_the_split_of_the_error_holds_up_to_quadrature():
+    """Galerkin orthogonality; with another norm in its last term it is off by more than a hundredth."""
+    cases = [load(name) for name in ("full_contact", "thirds")]
+    found = trials.split(meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8), cases)
+    assert np.all(found["split_defect"] <= 1e-4)  # full_contact has no kink, thirds the edge of its cutoff
+    assert np.all(found["split_defect_elsewhere"] >= 1e-2)
+
+
+def test_the_first_term_of_the_residual_s_bound_is_no_bound():
+    cells = partitions.uniform(square(), 1 / 8)
+    found = trials.certificates(meshes.structured(square(), 1 / 16), cells, [load("natural")], [10])
+    assert np.all(found["first_term_index"] < 1)
+    assert np.all(found["residual_index"] >= 1)

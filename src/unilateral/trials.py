@@ -13,7 +13,7 @@ from unilateral.case import Case
 from unilateral.condense import Condensed, condense
 from unilateral.experiments import VARIANTS, iterate
 from unilateral.mesh import Mesh
-from unilateral.norms import on_cells, on_mesh
+from unilateral.norms import h1_distance, on_cells, on_mesh
 from unilateral.partition import Partition
 from unilateral.solve import Pair, pair
 from unilateral.uzawa import energy_bound, residual_bound
@@ -27,12 +27,13 @@ def certificates(
     """Both bounds of the algebraic error over that error, and the error itself, after steps `recorded`.
 
     Over (case, step), rho = 0.9/lambda_max(S); the error is ||u(mu) - u_h||_1, relative in `u_distance`.
+    `first_term_index` is that of the first of the two terms of `residual_bound`, which is no bound.
     """
     condensed = condense(mesh)
     both = pair(condensed, partition)
     rho = 0.9 / both.operator.lambda_max
     shape = (len(cases), len(recorded))
-    distance, residual, energy = (np.empty(shape) for _ in range(3))
+    distance, residual, first_term, energy = (np.empty(shape) for _ in range(4))
     for c, case in enumerate(cases):
         problem, cells = on_mesh(case, condensed), on_cells(case, partition)
         offset = both.B @ problem.trace / partition.lengths - cells.g_means
@@ -42,11 +43,46 @@ def certificates(
             error = float(np.linalg.norm(both.operator.half @ (mu - lambda_H)))
             distance[c, k] = error / np.linalg.norm(both.operator.half @ lambda_H)
             residual[c, k] = residual_bound(both.operator, offset, mu, rho) / error
+            R = np.minimum(mu, rho * both.operator.gap(mu, offset))
+            first_term[c, k] = np.linalg.norm(both.operator.half @ R) / error
             energy[c, k] = energy_bound(both.operator, offset, mu) / error
-    table = {"u_distance": distance, "residual_index": residual, "energy_index": energy}
+    table = {
+        "u_distance": distance,
+        "residual_index": residual,
+        "first_term_index": first_term,
+        "energy_index": energy,
+    }
     coordinates = {"case": [case.name for case in cases], "step": list(recorded)}
     return xr.Dataset(
         {name: (("case", "step"), values) for name, values in table.items()}, coords=coordinates
+    )
+
+
+def split(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
+    """How far ||u-u_h||_1^2 by quadrature is from ||u-z_h||_1^2 + ||lambda-lambda_H||_{-1/2,h}^2, relative.
+
+    Over the cases. `..._elsewhere`: with H ||lambda-lambda_H||_0^2 as the second term.
+    """
+    condensed = condense(mesh)
+    both = pair(condensed, partition)
+    defects = np.empty((2, len(cases)))
+    for c, case in enumerate(cases):
+        problem, cells = on_mesh(case, condensed), on_cells(case, partition)
+        offset = both.B @ problem.trace / partition.lengths - cells.g_means
+        lambda_H = active_set(both.operator, offset, np.inf).lambda_H
+        of_lambda_H = both.B.T @ lambda_H
+        total = problem.load.copy()
+        total[mesh.boundary] += of_lambda_H
+        left = h1_distance(case, mesh, condensed.solve(total)) ** 2
+        seconds = (
+            problem.discrete_dual(problem.flux_load - of_lambda_H) ** 2,
+            partition.H * cells.l2_error(lambda_H) ** 2,
+        )
+        defects[:, c] = [abs(problem.ritz_error**2 + second - left) / left for second in seconds]
+    names = ("split_defect", "split_defect_elsewhere")
+    return xr.Dataset(
+        {name: ("case", row) for name, row in zip(names, defects, strict=True)},
+        coords={"case": [case.name for case in cases]},
     )
 
 

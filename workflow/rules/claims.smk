@@ -13,6 +13,7 @@ rule algorithm:
         uniqueness="results/algorithm/uniqueness.nc",
         unique="results/algorithm/unique.nc",
         elimination="results/algorithm/elimination.nc",
+        split="results/algorithm/split.nc",
     params:
         study=config["algorithm"],
     message:

@@ -7,7 +7,7 @@ from unilateral import experiments, mesh, partition, tables, trials
 from unilateral.expression import real
 
 
-def main(study, steps, certificates, singular, uniqueness, unique, elimination):
+def main(study, steps, certificates, singular, uniqueness, unique, elimination, split):
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
     on, cells = mesh.structured(polygon, h), partition.uniform(polygon, H)
@@ -25,6 +25,7 @@ def main(study, steps, certificates, singular, uniqueness, unique, elimination):
     partitions = [partition.uniform(polygon, size * H / h) for size in sizes]
     found = trials.elimination(meshes, partitions, study["compared_steps"])
     tables.save(found, elimination, "algorithm")
+    tables.save(trials.split(on, cells, problems), split, "algorithm")
 
 
 if __name__ == "__main__":
@@ -37,4 +38,5 @@ if __name__ == "__main__":
         snakemake.output.uniqueness,
         snakemake.output.unique,
         snakemake.output.elimination,
+        snakemake.output.split,
     )
