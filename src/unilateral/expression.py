@@ -11,6 +11,7 @@ import ast
 import math
 from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal, InvalidOperation
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -117,16 +118,21 @@ def real(text: object, where: str) -> float:
 
 def compile_numpy(expressions: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:
     """A function of arrays, one per symbol, that returns the values of all the expressions as arrays."""
-    for_numpy = [
-        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Integer) if abs(n) >= 2**63}) for e in expressions
-    ]
-    raw = sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=True)
+    raw = _compiled(tuple(expressions), tuple(symbols))
 
     def evaluate(*arrays: Array) -> list[Array]:
         shape = np.broadcast_shapes(*(np.shape(a) for a in arrays))
         return [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in raw(*arrays)]
 
     return evaluate
+
+
+@lru_cache(maxsize=1024)
+def _compiled(expressions: tuple[sympy.Expr, ...], symbols: tuple[sympy.Symbol, ...]) -> Compiled:
+    for_numpy = [
+        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Integer) if abs(n) >= 2**63}) for e in expressions
+    ]
+    return sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=True)
 
 
 def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sympy.Expr]]:

@@ -16,7 +16,7 @@ def main(study, stop, level, path):
         partition.uniform(domain, float(H)),
         sharpness.places(H, study["positions"]),
         exponents,
-        Stop(**stop),
+        Stop(**stop, algorithm=study["algorithm"]),
     )
     tables.save(found, path, "sharpness")
 
