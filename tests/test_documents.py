@@ -150,3 +150,19 @@ def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
 def test_the_rule_follows_its_parameters():
     """Control."""
     assert "in all 2 such pairs" in documents.infsup_rule(made_up_pairs(), 2, 42).replace("\n", " ")
+
+
+def test_exceptions_are_named_with_what_they_lack():
+    """By hand: of four places one misses its rate, and one without alpha > 0 does not count."""
+    rate = np.array([[[1.0, 1.3]], [[1.5, 1.5]]])  # (alpha, pair, gamma)
+    rates = xr.Dataset(
+        {
+            "predicted": (("norm", "alpha"), [[1.5, 1.5]]),
+            "rate": (("norm", "pair", "alpha", "gamma"), rate.swapaxes(0, 1)[None]),
+        },
+        coords={"norm": ["hm12"], "alpha": [-0.25, 0.5], "gamma": [1.0, 2.0]},
+    )
+    assert documents.exceptions(rates, {"hm12": 0.1}).endswith("the tolerance nowhere.")
+    rates["rate"][0, -1, 1, 0] = 1.25
+    found = " ".join(documents.exceptions(rates, {"hm12": 0.1}).split())
+    assert found.endswith(r"at $(\alpha, \gamma) = (0.5, 1)$, by 0.25 in H^(−1/2).")

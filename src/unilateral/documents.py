@@ -67,6 +67,26 @@ def floors_table(floors: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
+def exceptions(rates: xr.Dataset, tolerances: Mapping[str, float]) -> str:
+    """A sentence: where, for alpha > 0, rates of the multiplier on the finest levels miss those predicted."""
+    missing = (rates["predicted"] - rates["rate"].isel(pair=-1)).where(rates["alpha"] > 0, drop=True)
+    found = []
+    for alpha in missing["alpha"].values:
+        for gamma in missing["gamma"].values:
+            here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
+            low = [
+                f"{here[n]:.2f} in {TITLES[n].removeprefix('λ in ')}"
+                for n in tolerances
+                if here[n] > tolerances[n]
+            ]
+            if low:
+                found.append(f"$(\\alpha, \\gamma) = ({alpha:g}, {gamma:g})$, by {' and '.join(low)}")
+    start = (
+        "On the finest pair of levels averages over positions miss these rates by more than the tolerance "
+    )
+    return textwrap.fill(start + ("at " + "; at ".join(found) if found else "nowhere") + ".", LINE)
+
+
 MEASURES = {
     "h_over_H": "h/H",
     "edges_per_cell": "fewest boundary edges in a cell",

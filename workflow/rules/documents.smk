@@ -26,12 +26,14 @@ rule filled_paper:
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
         pairs="figures/infsup.csv",
         floors="results/square/floors.nc",
+        sharpness="results/sharpness/rates.nc",
     output:
         update("paper.md"),
     params:
         scenes=JUDGED,
         judged_ratio=config["rates"]["judged_ratio"],
         infsup=config["infsup"],
+        norms=config["rates"]["norms"],
     message:
         "paper.md: its tables"
     script:

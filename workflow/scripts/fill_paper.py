@@ -10,7 +10,7 @@ from unilateral import documents, tables, verdicts
 from unilateral.expression import real
 
 
-def main(claims, rates, scenes, ratio, pairs, infsup, floors, paper):
+def main(claims, rates, scenes, ratio, pairs, infsup, floors, sharpness, norms, paper):
     found = {name: tables.load(path) for name, path in zip(scenes, rates, strict=True)}
     beta = pd.read_csv(pairs)
     ratios = [real(each, "uniform_ratios") for each in infsup["uniform_ratios"]]
@@ -20,6 +20,9 @@ def main(claims, rates, scenes, ratio, pairs, infsup, floors, paper):
         "beta": documents.infsup_table(beta, ratios),
         "rule": documents.infsup_rule(beta, **infsup["rule"]),
         "floors": documents.floors_table(tables.load(floors)),
+        "exceptions": documents.exceptions(
+            tables.load(sharpness), {name: norms[name]["tolerance"] for name in ("hm12", "l2")}
+        ),
     }
     documents.fill(paper, blocks)
 
@@ -34,5 +37,7 @@ if __name__ == "__main__":
         snakemake.input.pairs,
         snakemake.params.infsup,
         snakemake.input.floors,
+        snakemake.input.sharpness,
+        snakemake.params.norms,
         snakemake.output[0],
     )

@@ -124,7 +124,7 @@ def _legend(figure: Figure, gammas: list[float]) -> None:
     failing = Line2D([], [], ls="", ms=4.6, marker="o", color="0.25", mfc="white", label="(jj) fails")
     lines = [
         Line2D([], [], label="predicted", **PREDICTED),
-        Line2D([], [], label=r"what the proof leaves, by $\gamma$", color="0.25", **LEFT),
+        Line2D([], [], label=r"$m+c^{1/2}$ in the proof, by $\gamma$", color="0.25", **LEFT),
         Line2D([], [], label="proved by Theorem 4.1", **PROVED),
         Line2D([], [], label=r"where it is attained: $\alpha\to 0$", **ATTAINED),
         Patch(label=r"$\alpha\leq 0$: (j) fails", **FAILS),
