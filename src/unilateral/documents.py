@@ -20,7 +20,8 @@ from unilateral.rates import NORMS
 from unilateral.rates_table import smallest_rate
 from unilateral.tables import replacing
 
-TITLES = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)", "l2": "λ in L²"}
+SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
+TITLES = {norm: f"{'u' if norm == 'h1' else 'λ'} in {space}" for norm, space in SPACES.items()}
 
 
 def fill(path: str | Path, blocks: Mapping[str, str]) -> None:
@@ -74,11 +75,7 @@ def exceptions(rates: xr.Dataset, tolerances: Mapping[str, float]) -> str:
     for alpha in missing["alpha"].values:
         for gamma in missing["gamma"].values:
             here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
-            low = [
-                f"{here[n]:.2f} in {TITLES[n].removeprefix('λ in ')}"
-                for n in tolerances
-                if here[n] > tolerances[n]
-            ]
+            low = [f"{here[n]:.2f} in {SPACES[n]}" for n in tolerances if here[n] > tolerances[n]]
             if low:
                 found.append(f"$(\\alpha, \\gamma) = ({alpha:g}, {gamma:g})$, by {' and '.join(low)}")
     start = (
