@@ -89,6 +89,11 @@ def test_the_study_satisfies_its_schema():
         ("sharpness.positions", 0),
         ("sharpness.H", ["1/8", "1/16"]),
         ("sharpness.h_over_H", "0/1"),
+        ("consistency", REMOVED),
+        ("consistency.cells.H", 0),
+        ("consistency.cells.scene", REMOVED),
+        ("consistency.totals", {}),
+        ("consistency.totals.square", ["thirds", "thirds"]),
         ("portraits.natural.levels", 3),
         ("portraits.natural.H", REMOVED),
         ("rates.judged_ratio", "0"),
@@ -119,10 +124,12 @@ def test_sizes_that_are_allowed(size):
 
 
 def test_every_case_of_the_study_is_declared_and_has_expected_rates():
-    """And the maps over (h, H) are of cases that their scene solves."""
+    """And the maps over (h, H) and the consistency terms drawn are of cases that their scene solves."""
     for scene in STUDY["scenes"].values():
         assert set(scene["cases"]) <= set(case.names()) & set(STUDY["rates"]["cases"])
         assert set(scene.get("grid_cases", [])) <= set(scene["cases"])
+    for name, cases in STUDY["consistency"]["totals"].items():
+        assert set(cases) <= set(STUDY["scenes"][name]["cases"])
 
 
 @pytest.fixture(scope="module")
@@ -254,7 +261,8 @@ def closure(module):
 
 
 DATA = [file.name for file in LIBRARY.glob("*.yaml")]
-MODULES = "sweep dual_norm sharpness surfaces floors tables rates figure_data documents mesh plots cli claims"
+MODULES = "sweep dual_norm sharpness surfaces consistency floors tables rates figure_data documents"
+MODULES += " mesh plots cli claims"
 
 
 @pytest.mark.parametrize("module", MODULES.split())

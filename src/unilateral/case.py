@@ -97,6 +97,15 @@ class Case:
         """Per side, where the gap has a power of a positive part, t with the exponent."""
         return [kinks(gap, T) for gap in self.gaps]
 
+    def transitions(self) -> Array:
+        """Arc lengths (k,) of the places inside sides where, by the declaration, contact can begin or end.
+
+        These are the kinks of the gap: where u > g turns into u = g the gap is declared by a positive part.
+        """
+        places = [(side, t) for side, points in enumerate(self.gap_kinks) for t, _ in points if 0 < t < 1]
+        side, t = np.array([side for side, _ in places], dtype=np.intp), np.array([t for _, t in places])
+        return self.polygon.starts[side] + t * self.polygon.lengths[side]
+
     def kinks(self) -> list[Kink]:
         """The curves in Omega across which u is only finitely smooth."""
         return [kink for atom in self.atoms for kink in atom.kinks()]

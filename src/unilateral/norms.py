@@ -127,17 +127,33 @@ def flux_load(case: Case, mesh: Mesh) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OnCells:
-    """A case on a partition: cell means (m,) of lambda and g, ||lambda||_0 and ||lambda - Pi_H lambda||_0.
+    """A case on a partition: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
 
-    The norms are NaN where lambda is not in L2. `consistency` is <Pi_H lambda, u - g> of (4.16).
+    These are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares it.
     """
 
     partition: Partition
     lambda_means: Array
+    gap_means: Array
     g_means: Array
+    has_transition: NDArray[np.bool_]
     lambda_norm: float
     projection_error: float
-    consistency: float
+
+    @cached_property
+    def consistency_terms(self) -> Array:
+        """(m,) the cells' parts of <Pi_H lambda, u - g>, (4.16)."""
+        return self.partition.lengths * self.lambda_means * self.gap_means
+
+    @property
+    def consistency(self) -> float:
+        """<Pi_H lambda, u - g>, (4.16)."""
+        return float(self.consistency_terms.sum())
+
+    @property
+    def consistency_elsewhere(self) -> float:
+        """The part of <Pi_H lambda, u - g> on the cells without a transition, (4.16): 0 in theory."""
+        return float(self.consistency_terms[~self.has_transition].sum())
 
     def l2_error(self, lambda_H: Array) -> float:
         """||lambda - lambda_H||_0, exact: the projection's error and that of the means are orthogonal."""
@@ -161,10 +177,11 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
     return OnCells(
         partition,
         lambda_means,
+        gap_means,
         g_means,
+        partition.has_inside(case.transitions()),
         lambda_norm=in_L2 * math.sqrt(rule.weight @ flux**2),
         projection_error=in_L2 * math.sqrt(rule.weight @ deviation**2),
-        consistency=float(partition.lengths @ (lambda_means * gap_means)),
     )
 
 

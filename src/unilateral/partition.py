@@ -62,6 +62,14 @@ class Partition:
             )
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
+    def has_inside(self, s: Array) -> NDArray[np.bool_]:
+        """(m,) whether an arc length of s (k,) lies inside the cell and not, up to round-off, at an end."""
+        cell = np.searchsorted(self.points, s, side="right") - 1
+        to_end = np.abs(s[:, None] - self.points).min(axis=1)
+        found = np.zeros(self.n_cells, dtype=bool)
+        found[cell[to_end > VERTEX_TOLERANCE * self.polygon.perimeter]] = True
+        return found
+
     @property
     def H(self) -> float:
         """The longest cell."""

@@ -34,7 +34,7 @@ PER_RUN = (
     "quadrature_share",
 )
 PER_PAIR = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
-PER_CELLS = ("projection_error", "consistency")
+PER_CELLS = ("projection_error", "consistency", "consistency_elsewhere")
 PER_CASE = ("u_norm", "interpolation_error", "ritz_error")
 
 

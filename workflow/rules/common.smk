@@ -11,6 +11,7 @@ GRIDS = [name for name, scene in SCENES.items() if "grid" in scene["figures"]]
 PORTRAITS = config["portraits"]
 SURVEYS = config["surveys"]
 SHARPNESS = config["sharpness"]
+CONSISTENCY = config["consistency"]
 
 
 wildcard_constraints:
@@ -51,6 +52,11 @@ def scene_of(wildcards):
 
 def case_files(wildcards):
     return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
+
+
+def with_cases(scene, cases):
+    """The scene with these cases only."""
+    return {**SCENES[scene], "cases": cases}
 
 
 def levels(wildcards):

@@ -11,7 +11,7 @@ FIGURES += [
 ]
 FIGURES += [
     f"figures/{name}.{ending}"
-    for name in ("infsup", "multiplier", "sharpness", "verdict")
+    for name in ("consistency", "infsup", "multiplier", "sharpness", "verdict")
     for ending in ("csv", "svg")
 ]
 
@@ -204,6 +204,42 @@ rule verdict_figure:
         "The figure of all verdicts"
     script:
         "../scripts/draw_verdict.py"
+
+
+rule consistency_table:
+    input:
+        library("consistency", "tables", "certificate"),
+        "workflow/scripts/scenes.py",
+        [
+            f"manufactured/{case}.yaml"
+            for cases in ([CONSISTENCY["cells"]["case"]], *CONSISTENCY["totals"].values())
+            for case in cases
+        ],
+        errors=expand("results/{scene}/errors.nc", scene=CONSISTENCY["totals"]),
+    output:
+        update("figures/consistency.csv"),
+    params:
+        drawn={
+            **with_cases(CONSISTENCY["cells"]["scene"], [CONSISTENCY["cells"]["case"]]),
+            "H": [CONSISTENCY["cells"]["H"]],
+        },
+        scenes=[with_cases(scene, cases) for scene, cases in CONSISTENCY["totals"].items()],
+    message:
+        "The table behind the figure of the consistency term"
+    script:
+        "../scripts/table_consistency.py"
+
+
+rule consistency_figure:
+    input:
+        library("plots"),
+        table="figures/consistency.csv",
+    output:
+        update("figures/consistency.svg"),
+    message:
+        "The figure of the consistency term"
+    script:
+        "../scripts/draw_consistency.py"
 
 
 rule sharpness_table:

@@ -3,6 +3,7 @@
 Nothing is computed here: every number that a figure shows stands in its CSV file.
 """
 
+from unilateral.plots.consistency import consistency
 from unilateral.plots.dual_norm import dual_norm
 from unilateral.plots.grid import grid
 from unilateral.plots.infsup import infsup
@@ -13,6 +14,7 @@ from unilateral.plots.sharpness import sharpness
 from unilateral.plots.verdict import verdict
 
 __all__ = [
+    "consistency",
     "dual_norm",
     "grid",
     "infsup",
