@@ -165,4 +165,4 @@ def test_exceptions_are_named_with_what_they_lack():
     assert documents.exceptions(rates, {"hm12": 0.1}).endswith("the tolerance nowhere.")
     rates["rate"][0, -1, 1, 0] = 1.25
     found = " ".join(documents.exceptions(rates, {"hm12": 0.1}).split())
-    assert found.endswith(r"at $(\alpha, \gamma) = (0.5, 1)$, by 0.25 in H^(−1/2).")
+    assert found.endswith(r"at $(\alpha,\gamma)=(0.5,1)$, by 0.25 in H^(−1/2).")

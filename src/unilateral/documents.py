@@ -77,7 +77,7 @@ def exceptions(rates: xr.Dataset, tolerances: Mapping[str, float]) -> str:
             here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
             low = [f"{here[n]:.2f} in {SPACES[n]}" for n in tolerances if here[n] > tolerances[n]]
             if low:
-                found.append(f"$(\\alpha, \\gamma) = ({alpha:g}, {gamma:g})$, by {' and '.join(low)}")
+                found.append(f"$(\\alpha,\\gamma)=({alpha:g},{gamma:g})$, by {' and '.join(low)}")
     start = (
         "On the finest pair of levels averages over positions miss these rates by more than the tolerance "
     )
