@@ -61,6 +61,31 @@ def test_the_catalogue() -> None:
     assert set(cases.names()) >= {"full_contact", "natural", "no_contact", "smooth", "thirds"}
 
 
+@pytest.mark.parametrize(
+    ("name", "polygon"),
+    [
+        ("natural", "square"),
+        ("thirds", "lshape"),
+        ("smooth", "square"),
+        ("no_contact", "square"),
+        ("violates_jj", "square"),
+        ("violates_j", "lshape"),
+    ],
+)
+def test_the_obstacle_and_its_slope(name: str, polygon: str) -> None:
+    """g = u - gap, and central differences of it away from the points at which it is not smooth."""
+    case, step = load(name, polygon, 0), 1e-6
+    side, t = np.repeat(np.arange(case.polygon.n_sides), 40), np.tile((np.arange(40) + 0.4) / 40, 6)
+    t = t[: len(side)]
+    s = t * case.polygon.lengths[side]
+    u, _, gap = case.boundary(side, s)
+    g, slope = case.obstacle(side, s)
+    np.testing.assert_array_equal(g, u - gap)
+    difference = (case.obstacle(side, s + step)[0] - case.obstacle(side, s - step)[0]) / (2 * step)
+    np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6)
+    assert np.ptp(slope) > 0.1
+
+
 @on_every_place
 def test_derivatives_are_those_of_u(name: str, polygon: str, side: int) -> None:
     """Fourth-order differences, step 1e-3, 0.02 away from kinks and singular points: errors below 1e-4."""

@@ -130,7 +130,7 @@ def test_the_facets_of_a_mesh_with_more_nodes_than_the_root_of_a_32_bit_number()
     """Their keys, products of two node numbers, need 64 bits from 46341 nodes on."""
     mesh = structured(square(), 1 / 220)
     of_skfem = skfem_mesh(mesh)
-    facet = reference._boundary_facets(of_skfem, mesh)
+    facet = reference.boundary_facets(of_skfem, mesh)
     pairs = np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     assert_array_equal(np.sort(of_skfem.facets[:, facet], axis=0), np.sort(pairs, axis=0))
 

@@ -76,6 +76,15 @@ class Case:
             u[here], flux[here], gap[here] = self._on_side(int(i), s[here], along)
         return u, flux, gap
 
+    def obstacle(self, side: NDArray[np.intp], s: Array) -> tuple[Array, Array]:
+        """g = u - gap and its derivative along the side, (k,) each, at the arc lengths s of the sides."""
+        u, _, gap = self.boundary(side, s)
+        points, t = self.polygon.at(side, s), s / self.polygon.lengths[side]
+        slope = np.sum(self.value_and_gradient(points)[1] * self.polygon.tangents[side], axis=1)
+        for i in np.unique(side):
+            slope[side == i] -= self._gap_slopes[i](t[side == i])[0] / self.polygon.lengths[i]
+        return u - gap, slope
+
     def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array, Array]:
         points = self.polygon.at(np.full(len(s), side), s)
         u, flux = np.zeros(len(s)), np.zeros(len(s))
@@ -91,6 +100,10 @@ class Case:
     @cached_property
     def _gap_functions(self) -> list[Compiled]:
         return [compile_numpy([gap], (T,)) for gap in self.gaps]
+
+    @cached_property
+    def _gap_slopes(self) -> list[Compiled]:
+        return [compile_numpy([sympy.diff(gap, T)], (T,)) for gap in self.gaps]
 
     @cached_property
     def gap_kinks(self) -> list[list[tuple[float, sympy.Expr]]]:

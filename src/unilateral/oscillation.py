@@ -6,7 +6,8 @@ inside Omega, apart from the squares on other sides,
     <r, v>_e <= (C h_e)^{1/2} ||r||_e |v|_{1,Q},  C = 1/(2 pi tanh 2 pi):
 
 the harmonic functions cos(k pi x) cosh(k pi (1 - y)) diagonalise the right-hand side, cos(pi x) is all but
-excluded by the linear functions, and cos(2 pi x) remains. Elsewhere the triangle T at e serves: r is
+excluded by the linear functions, and cos(2 pi x) remains. Where r is orthogonal to constants only, cos(pi x)
+remains too: C = 1/(pi tanh pi). Elsewhere the triangle T at e serves: r is
 orthogonal to the mean of v in T, and
 
     ||v - mean_T v||_e^2 <= |e|/|T| (d^2/pi^2 + a d/pi) |v|_{1,T}^2,
@@ -29,14 +30,20 @@ from unilateral.polygon import Polygon
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
+MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
 REACH = math.sqrt(5) / 2
 """Of a square from the midpoint of its edge, in edges."""
 
 
-def oscillation_bound(mesh: Mesh, triangle: NDArray[np.intp], squared_norms: Array) -> Array:
-    """Bounds (k,) of ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge."""
+def oscillation_bound(
+    mesh: Mesh, triangle: NDArray[np.intp], squared_norms: Array, on_square: Array | float = ON_SQUARE
+) -> Array:
+    """Bounds (k,) of ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge.
+
+    `on_square` is C, for all edges or for each (nb,).
+    """
     square = has_square(mesh)
-    of_squares = (ON_SQUARE * np.diff(mesh.s) * square) @ squared_norms
+    of_squares = (on_square * np.diff(mesh.s) * square) @ squared_norms
     of_triangles = (trace_constants(mesh, triangle) * ~square) @ squared_norms
     return np.sqrt(of_squares) + np.sqrt(of_triangles)
 

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
 from unilateral.atoms import Singular
-from unilateral.case import Case
 from unilateral.mesh import Mesh
 from unilateral.polygon import Polygon
-from unilateral.splitting import split_triangles
+from unilateral.splitting import Irregular, split_triangles
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -134,7 +133,7 @@ class TriangleRule:
         return self.origin + self.offset
 
 
-def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterator[TriangleRule]:
+def triangle_rules(mesh: Mesh, case: Irregular, degree: int | None = None) -> Iterator[TriangleRule]:
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
     Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE.

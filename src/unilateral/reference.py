@@ -31,10 +31,10 @@ BLOCK = 16
 
 
 class Factor:
-    """A symmetric positive definite matrix, factorised."""
+    """A symmetric positive definite matrix (n, n), factorised in an order (n,) or by nested dissection."""
 
-    def __init__(self, A: sp.csr_array) -> None:
-        self.order = elimination_order(A, np.empty(0, dtype=np.intp))
+    def __init__(self, A: sp.csr_array, order: Index | None = None) -> None:
+        self.order = elimination_order(A, np.empty(0, dtype=np.intp)) if order is None else order
         self.lu = splu(
             A[self.order][:, self.order].tocsc(),
             permc_spec="NATURAL",
@@ -97,10 +97,10 @@ def reference_spaces(
     s = boundary_nodes(partition, singular, edges_per_cell)
     mesh = meshes.with_boundary(polygon, s, GROWTH)
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    facet = _boundary_facets(of_skfem, mesh)
+    facet = boundary_facets(of_skfem, mesh)
     p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
     bdm1 = skfem.Basis(of_skfem, skfem.ElementTriBDM1())
-    A = sp.csr_array(_hdiv.assemble(bdm1))
+    A = sp.csr_array(hdiv.assemble(bdm1))
     inner = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facet])
     M = mass.assemble(p2)
     factor = Factor(sp.csr_array(laplace.assemble(p2) + M))
@@ -111,7 +111,7 @@ def reference_spaces(
         n_p2=p2.N,
         nodes=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
         p2=factor,
-        normal=_normal_fluxes(bdm1, mesh, facet),
+        normal=normal_fluxes(bdm1, mesh, facet),
         bdm1=A,
         inner=inner,
         bdm1_inner=Factor(A[inner][:, inner].tocsr()),
@@ -120,11 +120,12 @@ def reference_spaces(
 
 
 @skfem.BilinearForm
-def _hdiv(q, r, _):  # type: ignore[no-untyped-def]
+def hdiv(q, r, _):  # type: ignore[no-untyped-def]
+    """(q, r) + (div q, div r)."""
     return dot(q, r) + div(q) * div(r)
 
 
-def _boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
+def boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
     """(nb,) skfem's facet of every boundary edge."""
     n, facets = mesh.n_nodes, of_skfem.facets.astype(np.intp)
     keys = facets.min(axis=0) * n + facets.max(axis=0)
@@ -134,11 +135,11 @@ def _boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
     return order[np.searchsorted(keys, wanted, sorter=order)]
 
 
-def _normal_fluxes(bdm1: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
-    """(n_bdm1, 2 nb): the unknowns of BDM1 with given values of q.n at the ends of the boundary edges."""
+def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
+    """(n, 2 nb): the unknowns of BDM1 or RT1 with given values of q.n at the ends of the boundary edges."""
     ends = (np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
-    basis = skfem.FacetBasis(bdm1.mesh, bdm1.elem, facets=facet, quadrature=ends)
-    unknowns = bdm1.facet_dofs[:, facet]
+    basis = skfem.FacetBasis(space.mesh, space.elem, facets=facet, quadrature=ends)
+    unknowns = space.facet_dofs[:, facet]
     values = np.stack(
         [np.sum(np.asarray(shape[0]) * np.asarray(basis.normals), axis=0) for shape in basis.basis]
     )
@@ -151,5 +152,5 @@ def _normal_fluxes(bdm1: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
     rows, columns = np.broadcast_arrays(
         unknowns.T[:, :, None], (2 * np.arange(len(facet))[:, None] + np.arange(2))[:, None, :]
     )
-    shape = (bdm1.N, 2 * len(facet))
+    shape = (space.N, 2 * len(facet))
     return sp.coo_array((to_unknowns.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()

@@ -10,12 +10,14 @@ there into pieces that have it as their first corner, after it is small against 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral.case import Case
+from unilateral.atoms import Kink, Singular
 from unilateral.mesh import Mesh
+from unilateral.polygon import Polygon
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -25,6 +27,22 @@ KINK_SHARE = 1 / 64
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
+
+
+class Irregular(Protocol):
+    """A problem on a polygon that says where it is not smooth."""
+
+    @property
+    def polygon(self) -> Polygon: ...
+
+    def kinks(self) -> list[Kink]:
+        """The curves in Omega across which u is only finitely smooth."""
+
+    def flux_singular(self) -> list[Singular]:
+        """The points of sides at which u in Omega behaves like a fractional power."""
+
+    def singular(self) -> list[Singular]:
+        """The points of the sides at which u, lambda or g are not smooth."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +67,7 @@ class Split:
     singular: list[Apart]
 
 
-def split_triangles(mesh: Mesh, case: Case) -> Split:
+def split_triangles(mesh: Mesh, case: Irregular) -> Split:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
     corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
     points, kinks = _singular_points(case), case.kinks()
@@ -94,7 +112,7 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
     return corners, parent
 
 
-def _singular_points(case: Case) -> list[tuple[Array, int]]:
+def _singular_points(case: Irregular) -> list[tuple[Array, int]]:
     polygon = case.polygon
     points = case.flux_singular()
     sides, t = np.array([p.side for p in points], dtype=np.intp), np.array([p.t for p in points])
