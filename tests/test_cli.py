@@ -12,16 +12,25 @@ import numpy as np
 import pytest
 from conftest import discrete, load
 
-from unilateral import case
+from unilateral import case, solving
+from unilateral.accuracy import levels
+from unilateral.bounds import total_bound
 from unilateral.cli import main
 from unilateral.dual_norm import dual_norm
 
+IDLE = """\
+polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]
+f: 1 + x*y
+g: [x**2/2, 1/2 + y, x + 1/2, y/2]
+"""
 KEYS = [  # of --json, in the documented order
     *("problem", "h", "diameter", "H", "unknowns", "multipliers", "iterations", "converged"),
     *("algebraic_bound", "h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"),
     *("seconds", "peak_mb"),
 ]
 SIZES = ("--h", "1/8", "--H", "1/4")
+ROOT = Path(__file__).parents[1]
+PROBLEM = str(ROOT / "tests/data/problems/triangle.yaml")
 SCRIPT = Path(sys.executable).with_name("unilateral")
 DECLARATION = """\
 title: contact everywhere
@@ -98,11 +107,14 @@ def test_json_has_the_documented_keys_and_the_library_s_numbers(capsys):
         "algebraic_bound": solution.result.bound,
         "h1_error": solution.h1_error,
         "l2_error": solution.l2_error,
-        "total_bound": None,
     }
     norm = dual_norm(alone.both.partition, [load("natural")])
     lower, upper = norm.of_error(load("natural"), solution.lambda_H[None])
     expected |= {"hm12_error_lower": lower[0], "hm12_error_upper": upper[0]}
+    bound = total_bound(
+        load("natural"), alone.problem.condensed.mesh, alone.both.partition, solution.u_h, solution.lambda_H
+    )
+    expected["total_bound"] = bound.u
     for key, value in expected.items():
         assert found[key] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), key
     assert found["seconds"] > 0
@@ -113,7 +125,7 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(capsys):
     """And beta is not what is to blame."""
     code, out, err = run(capsys, "solve", "rough", "--h", "1/16", "--H", "1/8")
     assert (code, err) == (0, "")
-    dual, l2 = (line for line in out.splitlines() if "lambda - lambda_H" in line)
+    dual, l2 = (line for line in out.splitlines() if "  ||lambda - lambda_H" in line)
     assert ">= " in dual
     assert "<=" not in dual
     assert l2.endswith("= none, for lambda is not in L2")
@@ -126,7 +138,7 @@ def test_json_is_null_where_beta_is_0(capsys):
     assert (code, err) == (0, "")
     assert list(found) == KEYS
     unknown = [key for key in KEYS if found[key] is None]
-    assert unknown == ["iterations", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"]
+    assert unknown == ["iterations", "hm12_error_lower", "hm12_error_upper", "l2_error"]
     assert found["h1_error"] == pytest.approx(discrete("natural", 8, 8).solve().h1_error, rel=1e-9)
 
 
@@ -191,6 +203,120 @@ def test_rho_and_tolerance_are_obeyed(capsys):
     assert default["iterations"] < tight["iterations"]
 
 
+def test_the_total_bound_holds_and_is_sharp(capsys):
+    """natural at h = 1/16: at least the error, and at most a tenth more."""
+    _, found, _ = as_json(capsys, "natural", "--h", "1/16", "--H", "1/8")
+    assert found["h1_error"] <= found["total_bound"] <= 1.1 * found["h1_error"]
+
+
+def test_an_accuracy_of_a_case(capsys):
+    code, found, err = as_json(capsys, "natural", "--accuracy", "1e-1")
+    assert (code, err, list(found)) == (0, "", KEYS)
+    assert found["converged"] is True
+    assert found["h1_error"] <= found["total_bound"] <= 0.5
+    assert found["h"] == found["H"] / 2
+    _, out, _ = run(capsys, "solve", "natural", "--accuracy", "1e-1")
+    lines = out.splitlines()
+    assert lines[0] == "natural: ||u - u_h||_1 <= 0.1 ||u||_1"
+    levels = [line.split() for line in lines[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
+    assert [float(level[0]) for level in levels][:2] == [0.25, 0.125]
+    assert int(levels[-1][2]) == found["unknowns"]
+    assert sum(int(level[4]) for level in levels) == found["iterations"]
+    assert re.search(rf"  certified: .* <= {found['total_bound']:.4e} = 0.0\d+ of \|\|u\|\|_1 >= ", out)
+
+
+def test_an_accuracy_of_a_problem_in_the_dual_norm(capsys):
+    code, found, _ = as_json(capsys, PROBLEM, "--accuracy", "0.2", "--norm", "hm12")
+    assert (code, found["problem"]) == (0, "triangle")
+    assert [key for key in KEYS if found[key] is None] == [key for key in KEYS if "_error" in key]
+
+
+def test_given_sizes_of_a_problem(capsys):
+    code, found, err = as_json(capsys, PROBLEM, *SIZES)
+    assert (code, err, list(found)) == (0, "", KEYS)
+    assert found["h"] <= 1 / 8 < found["h"] * 2
+    assert found["algebraic_bound"] <= 0.01 * found["total_bound"]
+    _, out, _ = run(capsys, "solve", PROBLEM, *SIZES)
+    assert f"guaranteed                  ||u - u_h||_1 <= {found['total_bound']:.4e}" in out
+    assert "lambda_H||_0" not in out
+
+
+@pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "1e-09")])
+def test_a_budget_that_ends_is_code_3(capsys, option, value):
+    arguments = ("solve", "natural", "--accuracy", "1e-3", option, value)
+    code, out, err = run(capsys, *arguments)
+    assert (code, err) == (3, "")
+    assert re.search(rf"NOT certified, out of budget \(.*{option} {value}.*\): \|\|u - u_h\|\|_1 <= ", out)
+    code, found, _ = as_json(capsys, *arguments[1:])
+    assert (code, found["converged"]) == (3, False)
+    assert found["total_bound"] >= found["h1_error"]
+
+
+def test_the_readme_s_example_is_the_file_and_its_commands_work(capsys, monkeypatch):
+    """Its certificates hold: of the case, against the true error."""
+    monkeypatch.chdir(ROOT)
+    section = (ROOT / "README.md").read_text().split("## Solve to a stated accuracy")[1].split("\n## ")[0]
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    assert [kind for kind, _ in blocks] == ["", "yaml"]
+    assert blocks[1][1] == (ROOT / "examples/shelter.yaml").read_text()
+    commands = [line.split() for line in blocks[0][1].splitlines()]
+    assert len(commands) == 2
+    for program, *arguments in commands:
+        assert program == "unilateral"
+        code, found, err = as_json(capsys, *arguments[1:])
+        assert (code, err, found["converged"]) == (0, "", True)
+        assert found["h1_error"] is None or found["h1_error"] <= found["total_bound"]
+
+
+def test_nothing_is_relative_to_a_multiplier_that_is_0(capsys):
+    code, out, _ = run(
+        capsys, "solve", "no_contact", "--accuracy", "0.5", "--norm", "hm12", "--max-unknowns", "100"
+    )
+    assert code == 3
+    assert "lambda_H is 0, nothing is relative to it" in out
+
+
+def test_an_interrupt_leaves_the_best_solution(capsys, monkeypatch):
+    def interrupted(*arguments):
+        found = levels(*arguments)
+        yield next(found)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(solving, "levels", interrupted)
+    code, out, err = run(capsys, "solve", "natural", "--accuracy", "1e-3")
+    assert (code, err) == (130, "")
+    assert "NOT certified, interrupted: ||u - u_h||_1 <= " in out
+
+
+def test_an_interrupt_before_there_is_one(capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(solving, "levels", interrupted)
+    assert run(capsys, "solve", "natural", "--accuracy", "1e-3") == (130, "", "unilateral: interrupted\n")
+
+
+def test_free_sides_of_a_case_change_no_solution_but_the_count(capsys):
+    """smooth has contact on sides 0 and 1; its lambda_H is 0 on the others anyway."""
+    sizes = ("--h", "1/32", "--H", "1/16", "--tolerance", "1e-9")
+    _, held, _ = as_json(capsys, "smooth", *sizes)
+    _, free, _ = as_json(capsys, "smooth", *sizes, "--free-sides", "2,3")
+    assert (held["multipliers"], free["multipliers"]) == (64, 32)
+    assert free["h1_error"] == pytest.approx(held["h1_error"], abs=3e-9)
+    assert free["l2_error"] == pytest.approx(held["l2_error"], rel=1e-5)
+    assert free["total_bound"] >= free["h1_error"]
+
+
+def test_idle_sides_are_left_out_on_request(capsys, tmp_path):
+    """f >= 1 and g < 1 on sides 0 and 3: 8 of 16 multipliers."""
+    file = tmp_path / "own.yaml"
+    file.write_text(IDLE)
+    _, all_sides, _ = as_json(capsys, str(file), *SIZES)
+    _, left_out, _ = as_json(capsys, str(file), *SIZES, "--leave-out-idle-sides")
+    assert (all_sides["multipliers"], left_out["multipliers"]) == (16, 8)
+    assert left_out["total_bound"] == pytest.approx(all_sides["total_bound"], rel=1e-2)
+
+
 def refused(capsys, *arguments):
     """The one sentence on standard error."""
     code, out, err = run(capsys, *arguments)
@@ -231,8 +357,28 @@ def test_a_size_must_be_a_positive_number(capsys, option, text):
     [
         ((), "required: COMMAND"),
         (("draw",), "invalid choice: 'draw'"),
-        (("solve",), "required: PROBLEM, --h, --H"),
-        (("solve", "natural", "--h", "1/8"), "required: --H"),
+        (("solve",), "required: PROBLEM"),
+        (("solve", "natural"), "solve needs --h and --H, or --accuracy; --h is missing"),
+        (("solve", "natural", "--h", "1/8"), "solve needs --h and --H, or --accuracy; --H is missing"),
+        (("solve", "natural", *SIZES, "--accuracy", "0.1"), "--H is chosen by --accuracy; leave one of the"),
+        (
+            ("solve", "natural", "--accuracy", "0.1", "--tolerance", "1"),
+            "--tolerance is chosen by --accuracy",
+        ),
+        (("solve", "natural", "--accuracy", "1"), "--accuracy: it is relative and must be below 1"),
+        (("solve", "natural", *SIZES, "--norm", "h1"), "--norm is only for --accuracy"),
+        (("solve", "natural", *SIZES, "--max-seconds", "9"), "--max-seconds is only for --accuracy"),
+        (("solve", "natural", "--accuracy", "0.1", "--norm", "l2"), "invalid choice: 'l2'"),
+        (("solve", "natural", "--accuracy", "0.1", "--max-unknowns", "24"), "'square' has 25 unknowns, more"),
+        (("solve", "smooth", *SIZES, "--free-sides", "1,x"), "'1,x' must be numbers of sides such as 1,2,3"),
+        (("solve", "smooth", *SIZES, "--free-sides", "2,4"), "'square' has the sides 0 to 3, not 4"),
+        (("solve", "smooth", *SIZES, "--free-sides", "0"), "case 'smooth' has contact on side 0"),
+        (("solve", "no_contact", *SIZES, "--free-sides", "0,1,2,3"), "one side at least must not be free"),
+        (("solve", "natural", *SIZES, "--leave-out-idle-sides"), "is for problem files; of a case name"),
+        (("solve", PROBLEM, *SIZES, "--side", "1"), "--side is for cases; "),
+        (("solve", PROBLEM, *SIZES, "--polygon", "square"), "--polygon is for cases; "),
+        (("solve", PROBLEM, *SIZES, "--free-sides", "1"), "--free-sides is for cases; "),
+        (("solve", PROBLEM, *SIZES, "--mesh", "structured"), "polygon 'triangle' has no structured mesh"),
         (("solve", "natural", *SIZES, "--levels", "3"), "unrecognized arguments: --levels 3"),
         (("solve", "natural", *SIZES, "--js"), "unrecognized arguments: --js"),
         (("solve", "unknown", *SIZES), "case 'unknown' is unknown; the catalogue has borderline_0.05,"),
@@ -268,7 +414,7 @@ def test_bad_arguments(capsys, arguments, message):
         (DECLARATION.replace("formula: ", "formula: -").encode(), "lambda = du/dn < 0"),
         (b"\x00\xff\xfe\x80", "is not a YAML file"),
         (b"a: [1, 2", "is not a YAML file"),
-        (b"", "None is not of type 'object'"),
+        (b"", "has no fields; a problem has polygon, f and g"),
     ],
     ids=["typo", "formula", "not a solution", "binary", "half", "empty"],
 )

@@ -181,6 +181,14 @@ def test_a_figure_plans_its_own_scene_only(tree):
     }
 
 
+def test_one_figure_of_the_lshape_plans_no_other_scene(tree):
+    """Counted: its mesh, levels, dual norm, errors and rates, its table and itself."""
+    text, jobs = plan(tree, "figures/rates_lshape.svg")
+    assert jobs == {**jobs_of("lshape"), "rates": 1, "rates_table": 1, "rates_figure": 1}
+    assert sum(jobs.values()) == STUDY["scenes"]["lshape"]["mesh"]["levels"] + 6
+    assert built(text) == {"lshape"}
+
+
 def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     text, jobs = plan(tree, "figures/sharpness.svg")
     chain = ("sharpness", "sharpness_rates", "sharpness_table", "sharpness_figure")

@@ -15,12 +15,11 @@ from math import lcm
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import sympy
-import yaml
 from numpy.typing import NDArray
 
+from unilateral import declarations
 from unilateral.atoms import Along, Kink, Singular, Smooth, T, Tensor, X, Y
 from unilateral.cantor import Cantor
 from unilateral.cantor import gap as cantor_gap
@@ -179,15 +178,8 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
         if isinstance(file, Path) and file == Path(name):
             raise InputError(f"there is no file {name} that could declare a case")
         raise InputError(f"case '{name}' is unknown; the catalogue has {', '.join(names())}")
-    try:
-        declaration = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{name} is not a YAML file: {' '.join(str(error).split())}") from None
-    schema = yaml.safe_load((resources.files("unilateral") / "case.schema.yaml").read_text(encoding="utf-8"))
-    fault = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(schema).iter_errors(declaration))
-    if fault is not None:
-        place = ", field " + fault.json_path.removeprefix("$.") if fault.path else ""
-        raise InputError(f"{name}{place}: {fault.message}")
+    schema = resources.files("unilateral") / "case.schema.yaml"
+    declaration = declarations.validate(declarations.read(file, name), schema, name)
     return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
 
 

@@ -1,30 +1,26 @@
 """The command line: `unilateral cases`, `unilateral solve` and `unilateral claims`.
 
-Exit codes: 0 done, 1 a claim fails, 2 bad input, 3 not converged. Results go to
-standard output, messages to standard error.
+Exit codes: 0 done, 1 a claim fails, 2 bad input, 3 not converged or out of budget, 130 interrupted. Results
+go to standard output, messages to standard error.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
-import resource
-import signal
 import sys
-import time
 import warnings
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from unilateral import __version__
 from unilateral.errors import InputError
 from unilateral.expression import real
 from unilateral.solve import ALGORITHMS, Stop
 
-LARGEST_BOUNDARY = 4096
-CLAIM_FAILS, BAD_INPUT, NOT_CONVERGED = 1, 2, 3
+CLAIM_FAILS, BAD_INPUT, INTERRUPTED = 1, 2, 130
+MAX_UNKNOWNS = 100_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,6 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except InputError as error:
             _tell(error)
             return BAD_INPUT
+        except KeyboardInterrupt:
+            _tell("interrupted")
+            return INTERRUPTED
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
@@ -72,26 +71,57 @@ def _parser() -> _Parser:
     claims.set_defaults(run=_claims)
     claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
     claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
-    solve = commands.add_parser("solve", allow_abbrev=False, help="solve one case and measure its errors")
+    _add_solve(commands.add_parser("solve", allow_abbrev=False, help="solve one problem, with its errors"))
+    return parser
+
+
+def _add_solve(solve: argparse.ArgumentParser) -> None:
     solve.set_defaults(run=_solve)
-    solve.add_argument("problem", metavar="PROBLEM", help="a case's name, or the YAML file that declares one")
-    solve.add_argument("--h", required=True, type=_positive, help="mesh size on the boundary, such as 1/64")
-    solve.add_argument(
-        "--H", required=True, type=_positive, help="size of the multiplier's cells, such as 1/32"
+    solve.description = (
+        "Solve one problem, on given sizes --h and --H or up to an --accuracy that is then guaranteed."
     )
-    solve.add_argument("--polygon", help="the domain: square or lshape (default: the case's first)")
-    solve.add_argument("--side", default=0, type=int, help="the side the case is put on (default 0)")
-    solve.add_argument("--mesh", choices=("structured", "unstructured"), default="structured")
     solve.add_argument(
-        "--algorithm", choices=ALGORITHMS, default="auto", help="default auto: uzawa where it can"
+        "problem", metavar="PROBLEM", help="a case's name, or a YAML file that declares a case or a problem"
     )
-    solve.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
-    solve.add_argument(
+    solve.add_argument("--json", action="store_true", help="print one JSON object")
+    sizes = solve.add_argument_group("on given sizes")
+    sizes.add_argument("--h", type=_positive, help="mesh size on the boundary, such as 1/64")
+    sizes.add_argument("--H", type=_positive, help="size of the multiplier's cells, such as 1/32")
+    sizes.add_argument(
         "--tolerance", type=_positive, help="of the algebraic bound (default 1 %% of the errors)"
     )
-    solve.add_argument("--max-steps", type=_count, default=Stop.max_steps, help=f"default {Stop.max_steps}")
-    solve.add_argument("--json", action="store_true", help="print one JSON object")
-    return parser
+    goal = solve.add_argument_group("up to an accuracy")
+    goal.add_argument("--accuracy", type=_positive, help="relative, such as 1e-2; chooses h, H and the stop")
+    goal.add_argument("--norm", choices=("h1", "hm12"), help="of u in H1 (default) or of lambda in H^(-1/2)")
+    goal.add_argument(
+        "--max-unknowns",
+        type=_count,
+        metavar="N",
+        help=f"on the finest mesh (default {MAX_UNKNOWNS}, about 3 GB)",
+    )
+    goal.add_argument(
+        "--max-seconds", type=_positive, metavar="S", help="no mesh is begun that is expected to end later"
+    )
+    domain = solve.add_argument_group("domain and multipliers")
+    domain.add_argument("--polygon", help="of a case: square or lshape (default: the case's first)")
+    domain.add_argument("--side", type=int, help="on which a case is put (default 0)")
+    domain.add_argument(
+        "--free-sides", type=_sides, metavar="I,J,...", help="of a case: sides without contact, as free ones"
+    )
+    domain.add_argument(
+        "--leave-out-idle-sides",
+        action="store_true",
+        help="of a problem: no multipliers on sides that provably carry no contact",
+    )
+    domain.add_argument(
+        "--mesh", choices=("structured", "unstructured"), help="default structured where there is one"
+    )
+    method = solve.add_argument_group("iteration")
+    method.add_argument(
+        "--algorithm", choices=ALGORITHMS, default="auto", help="default auto: uzawa where it can"
+    )
+    method.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
+    method.add_argument("--max-steps", type=_count, default=Stop.max_steps, help=f"default {Stop.max_steps}")
 
 
 def _positive(text: str) -> float:
@@ -108,6 +138,13 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' must be a whole number of at least 1")
     return int(text)
+
+
+def _sides(text: str) -> tuple[int, ...]:
+    parts = text.split(",")
+    if not all(part.isdecimal() for part in parts):
+        raise argparse.ArgumentTypeError(f"'{text}' must be numbers of sides such as 1,2,3")
+    return tuple(sorted({int(part) for part in parts}))
 
 
 def _cases(_: argparse.Namespace) -> int:
@@ -132,101 +169,24 @@ def _claims(options: argparse.Namespace) -> int:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    found, algorithm = _run(options)
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
-    if options.json:
-        print(json.dumps({key: None if _unknown(value) else value for key, value in found.items()}))
+    from unilateral.solving import run
+
+    _check_alternatives(options)
+    options.max_unknowns = options.max_unknowns or MAX_UNKNOWNS
+    return run(options)
+
+
+def _check_alternatives(options: argparse.Namespace) -> None:
+    """Raises InputError unless the options are those of given sizes, or those of an accuracy."""
+    given = {name for name, value in vars(options).items() if value is not None}
+    if options.accuracy is None:
+        missing = [name for name in ("h", "H") if name not in given]
+        if missing:
+            raise InputError(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
+        wrong, why = {"norm", "max_unknowns", "max_seconds"} & given, "is only for --accuracy"
     else:
-        print(_text(found, algorithm))
-    return 0 if found["converged"] else NOT_CONVERGED
-
-
-def _unknown(value: Any) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
-
-
-def _run(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    """What --json prints, and the algorithm that ran."""
-    from unilateral import case, dual_norm, mesh, norms, partition, polygon
-    from unilateral.certificate import certify
-    from unilateral.condense import condense
-    from unilateral.solve import guarded_beta, pair, solve
-
-    begin = time.perf_counter()
-    polygons = case.declared(options.problem)[0]["polygons"]
-    domain = polygon.named(options.polygon or ("square" if polygons == "any" else polygons[0]))
-    problem = case.load(options.problem, domain, options.side)
-    certify(problem)
-    for name, size in (("--h", options.h), ("--H", options.H)):
-        if domain.perimeter / size > LARGEST_BOUNDARY * (1 + 1e-9):
-            least = f"{domain.perimeter / LARGEST_BOUNDARY:.4g}"
-            raise InputError(
-                f"{name} {size:.4g} is too fine for '{domain.name}'; it must be at least {least}"
-            )
-    triangulation = getattr(mesh, options.mesh)(domain, options.h)
-    cells = partition.uniform(domain, options.H)
-    condensed = condense(triangulation)
-    both = pair(condensed, cells)
-    stop = Stop(
-        tolerance=options.tolerance,
-        max_steps=options.max_steps,
-        algorithm=options.algorithm,
-        rho=options.rho,
-    )
-    solution = solve(
-        norms.on_mesh(problem, condensed),
-        norms.on_cells(problem, cells),
-        both,
-        guarded_beta(both, norms.first_steklov(condensed)),
-        stop,
-    )
-    lower = upper = math.nan
-    if not both.operator.singular:
-        bounds = dual_norm.dual_norm(cells, [problem]).of_error(problem, solution.lambda_H[None])
-        lower, upper = max(solution.hm12_discrete, float(bounds.lower[0])), float(bounds.upper[0])
-    found = {
-        "problem": problem.name,
-        "h": triangulation.h,
-        "diameter": triangulation.diameter,
-        "H": cells.H,
-        "unknowns": triangulation.n_nodes,
-        "multipliers": cells.n_cells,
-        "iterations": solution.result.iterations,
-        "converged": bool(solution.result.converged),
-        "algebraic_bound": solution.result.bound,
-        "h1_error": solution.h1_error,
-        "hm12_error_lower": lower,
-        "hm12_error_upper": upper,
-        "l2_error": solution.l2_error,
-        "total_bound": math.nan,
-        "seconds": time.perf_counter() - begin,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    }
-    return found, solution.result.algorithm
-
-
-def _text(found: dict[str, Any], algorithm: str) -> str:
-    def number(key: str) -> str:
-        return why if _unknown(found[key]) else f"{found[key]:.4e}"
-
-    beta_is_0 = _unknown(found["hm12_error_lower"])
-    why = "not judged, for beta = 0" if beta_is_0 else "none, for lambda is not in L2"
-
-    steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
-    dual = f" = {why}"
-    if not beta_is_0:
-        dual = f">= {number('hm12_error_lower')}"
-    if not _unknown(found["hm12_error_upper"]):
-        dual += f", <= {number('hm12_error_upper')}"
-    outcome = "converged" if found["converged"] else "NOT converged"
-    rows = {
-        "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
-        f"{algorithm} {outcome}": f"algebraic error <= {found['algebraic_bound']:.4e}, guaranteed{steps}",
-        "||u - u_h||_1": f" = {number('h1_error')}",
-        "||lambda - lambda_H||_-1/2": dual,
-        "||lambda - lambda_H||_0": f" = {number('l2_error')}",
-        "time and memory": f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB",
-    }
-    ratio = found["h"] / found["H"]
-    head = f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
-    return "\n".join([head, *(f"  {name:27} {value}" for name, value in rows.items())])
+        if options.accuracy >= 1:
+            raise InputError("argument --accuracy: it is relative and must be below 1, such as 1e-2")
+        wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
+    for name in sorted(wrong):
+        raise InputError(f"--{name.replace('_', '-')} {why}")

@@ -7,6 +7,7 @@ parts are known before iterating; and the iteration goes on where the H^{-1/2} e
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,22 +56,37 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """What one mesh and one partition share for every case: B (m, nb) and the dual operator."""
+    """What one mesh and one partition share for every case: B (m, nb) and the dual operator.
+
+    They belong to the m `cells` of the partition, those that lie on no free side.
+    """
 
     partition: Partition
     B: sp.csr_array
     operator: DualOperator
+    cells: NDArray[np.intp]
+
+    def offset(self, trace: Array, g_means: Array) -> Array:
+        """F(0) (m,): the cell means of A^{-1} f - g, from A^{-1} f (nb,) and the means of g on all cells."""
+        return self.B @ trace / self.operator.H_i - g_means[self.cells]
+
+    def extended(self, lambda_H: Array) -> Array:
+        """lambda_H (m,) as a function on all cells, 0 on free sides."""
+        found = np.zeros(self.partition.n_cells)
+        found[self.cells] = lambda_H
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """lambda_H (m,) with its algebraic certificate, and the errors; NaN where lambda_H is not judged.
+    """lambda_H on all cells with its algebraic certificate, and the errors; NaN where it is not judged.
 
     `hm12_discrete` is ||lambda - lambda_H||_{-1/2,h}; `quadrature_share` is the share of h1_error^2
     that an exact quadrature would not have; `balance` is |int u_h - int f - int lambda_H|.
     """
 
     result: DualResult
+    lambda_H: Array
     tolerance: float
     u_h: Array
     h1_error: float
@@ -79,15 +95,13 @@ class Solution:
     quadrature_share: float
     balance: float
 
-    @property
-    def lambda_H(self) -> Array:
-        return self.result.lambda_H
 
-
-def pair(condensed: Condensed, partition: Partition) -> Pair:
-    """The coupling and the dual operator of a mesh and a partition."""
-    B = coupling(condensed.mesh, partition)
-    return Pair(partition, B, dual_operator(condensed, partition, B))
+def pair(condensed: Condensed, partition: Partition, free: Sequence[int] = ()) -> Pair:
+    """The coupling and the dual operator of a mesh and a partition; free sides have no multiplier."""
+    cells = np.flatnonzero(~np.isin(partition.side, free))
+    B = coupling(condensed.mesh, partition)[cells]
+    operator = replace(dual_operator(condensed, partition, B), H_i=partition.lengths[cells])
+    return Pair(partition, B, operator, cells)
 
 
 def guarded_beta(both: Pair, sigma_1: float) -> float:
@@ -100,16 +114,16 @@ def solve(problem: OnMesh, cells: OnCells, both: Pair, beta: float, stop: Stop =
 
     `beta` is a lower bound of the constant in (3.4), which turns the algebraic bound into one in H^{-1/2}.
     """
-    offset = both.B @ problem.trace / cells.partition.lengths - cells.g_means
+    offset = both.offset(problem.trace, cells.g_means)
     tolerance = _tolerance(problem, cells, both.operator, stop)
-    result = _iterate(both.operator, offset, tolerance, stop, None)
+    result = iterate(both.operator, offset, tolerance, stop, None)
     singular = both.operator.singular
     if stop.tolerance is None and result.converged and not singular and not cells.lambda_is_zero:
         error = problem.discrete_dual(problem.flux_load - both.B.T @ result.lambda_H)
         needed = stop.fraction * error * beta
         if result.bound > needed:
             going_on = replace(stop, algorithm="nesterov") if result.algorithm == "nesterov" else stop
-            result = _joined(result, _iterate(both.operator, offset, needed, going_on, result.lambda_H))
+            result = joined(result, iterate(both.operator, offset, needed, going_on, result.lambda_H))
             tolerance = needed
     return _measured(problem, cells, both, result, tolerance)
 
@@ -123,10 +137,13 @@ def _tolerance(problem: OnMesh, cells: OnCells, operator: DualOperator, stop: St
     return stop.fraction * min(x for x in (problem.ritz_error, of_lambda) if x > 0)
 
 
-def _iterate(
+def iterate(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> DualResult:
+    """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for."""
     algorithm = stop.algorithm
+    if len(offset) == 0:
+        return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
     if algorithm == "auto" and operator.singular:
         algorithm = "active_set"
     elif algorithm == "auto":
@@ -147,7 +164,7 @@ def _plain_or_faster(
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
 
 
-def _joined(first: DualResult, second: DualResult) -> DualResult:
+def joined(first: DualResult, second: DualResult) -> DualResult:
     """The second run, which went on where the first one ended, with the counts of both."""
     return replace(
         second,
@@ -157,22 +174,27 @@ def _joined(first: DualResult, second: DualResult) -> DualResult:
 
 
 def _measured(problem: OnMesh, cells: OnCells, both: Pair, result: DualResult, tolerance: float) -> Solution:
-    of_lambda_H = both.B.T @ result.lambda_H
-    difference = problem.flux_load - of_lambda_H
+    condensed, lambda_H = problem.condensed, both.extended(result.lambda_H)
+    difference = problem.flux_load - both.B.T @ result.lambda_H
     h1_error, share = problem.h1_error(difference)
-    condensed = problem.condensed
-    total = problem.load.copy()
-    total[condensed.mesh.boundary] += of_lambda_H
-    u_h = condensed.solve(total)
+    u_h = response(condensed, both, problem.load, result.lambda_H)
     integral = condensed.mesh.areas @ u_h[condensed.mesh.triangles].mean(axis=1)
     judged = not both.operator.singular
     return Solution(
         result,
+        lambda_H,
         tolerance,
         u_h,
         h1_error=h1_error,
         hm12_discrete=problem.discrete_dual(difference) if judged else math.nan,
-        l2_error=cells.l2_error(result.lambda_H) if judged else math.nan,
+        l2_error=cells.l2_error(lambda_H) if judged else math.nan,
         quadrature_share=share,
-        balance=float(abs(integral - problem.load.sum() - cells.partition.lengths @ result.lambda_H)),
+        balance=float(abs(integral - problem.load.sum() - cells.partition.lengths @ lambda_H)),
     )
+
+
+def response(condensed: Condensed, both: Pair, load: Array, mu: Array) -> Array:
+    """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,) on the cells that are not free."""
+    total = load.copy()
+    total[condensed.mesh.boundary] += both.B.T @ mu
+    return condensed.solve(total)

@@ -1,0 +1,180 @@
+"""A stated accuracy, certified at the least cost: nested solves from coarse to fine.
+
+Each level has H = 2h, starts from the last lambda_H, and is iterated until the algebraic bound is a tenth of
+the error that is wanted. The first level whose guaranteed total bound is small enough is the last.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral import mesh as meshes
+from unilateral import partition as partitions
+from unilateral.case import Case
+from unilateral.discrete import AIM, FIRST, Bounded, discretise, improved
+from unilateral.errors import InputError
+from unilateral.mesh import Mesh
+from unilateral.partition import Partition
+from unilateral.polygon import NAMED, Polygon
+from unilateral.problem import Problem
+from unilateral.solve import Stop, iterate
+
+Array = NDArray[np.float64]
+SHARE = 0.1
+"""Of the error that is wanted: what the iteration may contribute."""
+MARGIN = 0.9
+"""Of the error that is wanted: what the next level aims at."""
+LEAST_STEP, LARGEST_STEP = 1.25, 4.0
+"""Between the sizes of two levels."""
+RATES = (0.25, 2.0)
+"""Within which an observed rate is believed."""
+COARSEST = 2
+"""Cells on the longest side of the first level."""
+LARGEST_BOUNDARY = 4096
+"""Boundary nodes, whose Schur complement is a dense matrix."""
+GUESS = 1.05
+"""More unknowns than h^-2 predicts, which gmsh may make."""
+GROWTH = 1.3
+"""Seconds grow like the unknowns to this power, at most."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it."""
+
+    accuracy: float
+    norm: str = "h1"
+    max_unknowns: int = 100_000
+    max_seconds: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One solve; `target` is the error that is wanted, as far as this level knows the solution's norm."""
+
+    solved: Bounded
+    target: float
+    certified: bool
+    seconds: float
+
+    @property
+    def partition(self) -> Partition:
+        return self.solved.discrete.both.partition
+
+    @property
+    def unknowns(self) -> int:
+        return self.solved.discrete.mesh.n_nodes
+
+
+def levels(
+    problem: Case | Problem, goal: Goal, free: Sequence[int] = (), stop: Stop | None = None, kind: str = ""
+) -> Iterator[Level]:
+    """The levels as they are solved; the last one is certified, or the budget does not allow another.
+
+    `kind` is that of the meshes, "structured" or "unstructured", by default the first where there is one.
+    Raises InputError if the coarsest mesh has more unknowns than the goal allows.
+    """
+    stop = stop or Stop()
+    kind = kind or natural_kind(problem.polygon)
+    begin = time.perf_counter()
+    done: list[Level] = []
+    H: float | None = float(problem.polygon.lengths.max()) / COARSEST
+    while H is not None:
+        partition = partitions.uniform(problem.polygon, H)
+        mesh = two_edges_per_cell(partition, kind)
+        if mesh.n_nodes > goal.max_unknowns:
+            break
+        done.append(_solved(problem, mesh, partition, goal, free, stop, done[-1] if done else None))
+        yield done[-1]
+        H = _next_H(done, goal, time.perf_counter() - begin)
+    if not done:
+        raise InputError(
+            f"the coarsest mesh of '{problem.polygon.name}' has {mesh.n_nodes} unknowns, more than the "
+            f"{goal.max_unknowns} allowed"
+        )
+
+
+def natural_kind(polygon: Polygon) -> str:
+    """The kind of mesh that a polygon gets if nobody asks for another one."""
+    named = any(np.array_equal(polygon.vertices, make().vertices) for make in NAMED.values())
+    return "structured" if named else "unstructured"
+
+
+def two_edges_per_cell(partition: Partition, kind: str) -> Mesh:
+    """A mesh with two equal boundary edges in every cell, h = H/2."""
+    if kind == "structured":
+        return meshes.structured(partition.polygon, partition.H / 2)
+    return meshes.with_boundary(partition.polygon, partitions.refine(partition).points[:-1])
+
+
+def prolonged(lambda_H: Array, partition: Partition, finer: Partition) -> Array:
+    """(m,) means on the cells of another partition of lambda_H, which is constant on those of the first."""
+    integral = np.append(0.0, np.cumsum(partition.lengths * lambda_H))
+    return np.diff(np.interp(finer.points, partition.points, integral)) / finer.lengths
+
+
+def next_H(sizes: Sequence[float], bounds: Sequence[float], target: float) -> float:
+    """The next level's H from those of the levels done and their bounds: where it should meet the target.
+
+    Bounds are taken to fall at the rate of the last two; without two of them, or a target, H is halved.
+    """
+    H, bound = sizes[-1], bounds[-1]
+    if len(sizes) < 2 or target <= 0 or not math.isfinite(bounds[-2]):
+        return H / 2
+    observed = math.log(bounds[-2] / bound) / math.log(sizes[-2] / H)
+    wanted = H * (MARGIN * target / bound) ** (1 / min(max(observed, RATES[0]), RATES[1]))
+    return min(max(wanted, H / LARGEST_STEP), H / LEAST_STEP)
+
+
+def _solved(
+    problem: Case | Problem,
+    mesh: Mesh,
+    partition: Partition,
+    goal: Goal,
+    free: Sequence[int],
+    stop: Stop,
+    before: Level | None,
+) -> Level:
+    begin = time.perf_counter()
+    discrete = discretise(problem, mesh, partition, free)
+    in_norm = discrete.beta if goal.norm == "hm12" else 1.0
+    start, tolerance = None, FIRST * discrete.first_residual
+    if before is not None:
+        on_all = prolonged(before.solved.lambda_H, before.partition, partition)
+        start, tolerance = on_all[discrete.both.cells], AIM * SHARE * before.target * in_norm or tolerance
+    solved = discrete.bounded(iterate(discrete.both.operator, discrete.offset, tolerance, stop, start))
+    solved = improved(solved, SHARE * _target(solved, goal) * in_norm, stop)
+    certified = solved.total(goal.norm) <= goal.accuracy * solved.size(goal.norm) and solved.algebraic(
+        goal.norm
+    ) <= SHARE * goal.accuracy * solved.size(goal.norm)
+    return Level(solved, _target(solved, goal), certified, time.perf_counter() - begin)
+
+
+def _target(solved: Bounded, goal: Goal) -> float:
+    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm."""
+    size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
+    return goal.accuracy * (solved.size(goal.norm) or size)
+
+
+def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
+    """The next level's H within the budget, or None."""
+    last, left = done[-1], goal.max_seconds - seconds
+    if last.certified or left <= 0:
+        return None
+    H, unknowns = last.partition.H, last.unknowns
+    totals = [level.solved.total(goal.norm) for level in done]
+    wanted = next_H([level.partition.H for level in done], totals, last.target)
+    affordable = H * max(
+        math.sqrt(GUESS * unknowns / goal.max_unknowns),
+        len(last.solved.discrete.mesh.boundary) / LARGEST_BOUNDARY,
+        (last.seconds / left) ** (0.5 / GROWTH),
+    )
+    if LEAST_STEP * affordable > H:
+        return None
+    return max(wanted, affordable)

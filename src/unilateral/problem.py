@@ -1,0 +1,132 @@
+"""Problems without a known solution: a polygon, f in it and an obstacle g on its sides."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from unilateral.atoms import Kink, Singular, T, X, Y
+from unilateral.enclosure import lower_bound
+from unilateral.expression import Compiled, compile_numpy, kinks, pos
+from unilateral.mesh_io import segment_distances
+from unilateral.polygon import Polygon
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """(1.1)-(1.2) with du/dn = 0 in place of the conditions (1.2) on `free_sides`.
+
+    `f` is a formula in x, y; `g` holds one in t, the arc length in side lengths, per side, and is not used on
+    free sides. It has the methods of `Case` that do not need the solution.
+    """
+
+    name: str
+    polygon: Polygon
+    f: sympy.Expr
+    g: tuple[sympy.Expr, ...]
+    free_sides: tuple[int, ...]
+
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        """f (k,) at the places points + offset (k, 2)."""
+        return self._source(*(points + offset).T)[0]
+
+    def obstacle(self, side: Index, s: Array) -> tuple[Array, Array]:
+        """g (k,) and dg/ds (k,) at the arc lengths s (k,) of the sides (k,)."""
+        t = s / self.polygon.lengths[side]
+        g, slope = np.zeros(len(s)), np.zeros(len(s))
+        for i in np.unique(side):
+            here = side == i
+            g[here], slope[here] = self._obstacles[i](t[here])
+        return g, slope / self.polygon.lengths[side]
+
+    @cached_property
+    def _source(self) -> Compiled:
+        return compile_numpy([self.f], (X, Y))
+
+    @cached_property
+    def _obstacles(self) -> list[Compiled]:
+        return [compile_numpy([g, g.diff(T)], (T,)) for g in self.g]
+
+    def kinks(self) -> list[Kink]:
+        """The curves in Omega across which f is only finitely smooth."""
+        return [kink for power in sorted(self.f.atoms(pos), key=str) for kink in curve(power.args[0])]
+
+    def flux_singular(self) -> list[Singular]:
+        """None is known: where contact ends is part of the solution."""
+        return []
+
+    def singular(self) -> list[Singular]:
+        """The points of sides at which f or g is only finitely smooth."""
+        found = [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        for side, g in enumerate(self.g):
+            found += [Singular(side, t, int(k.q)) for t, k in kinks(g, T) if 0 <= t <= 1]
+        return found
+
+    def range_of_f(self) -> tuple[float, float]:
+        """Guaranteed bounds of f in Omega, infinite where none are found."""
+        box = np.stack([self.polygon.vertices.min(axis=0), self.polygon.vertices.max(axis=0)], axis=1)
+        lower, upper = (lower_bound(f, (X, Y), box, self._part) for f in (self.f, -self.f))
+        return lower, -upper
+
+    def range_of_g(self, side: int) -> tuple[float, float]:
+        """Guaranteed bounds of g on a side, infinite where none are found."""
+        lower, upper = (lower_bound(g, (T,), np.array([[0.0, 1.0]])) for g in (self.g[side], -self.g[side]))
+        return lower, -upper
+
+    def _part(self, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
+        centres, half = boxes.mean(axis=2), 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
+        v = self.polygon.vertices
+        near = segment_distances(centres, v, np.roll(v, -1, axis=0)).min(axis=1) <= half * (1 + 1e-9)
+        inside = _inside(self.polygon, centres)
+        return near | inside, inside
+
+    def idle_sides(self) -> tuple[int, ...]:
+        """The sides, not free, that provably carry no contact: sup g < ess inf f = c there.
+
+        For u >= c: with w = (c - u)_+, v = u + w >= g is admissible, so (u, w)_1 >= (f, w)_0 >= c int w; but
+        (u, w)_1 = -|grad w|^2 + int u w = c int w - ||w||_1^2, so w = 0, whatever holds on the other sides.
+        Where g < c <= u complementarity then gives lambda = 0. u_h obeys no such principle and may touch g
+        there, so that to leave these sides out changes Lambda_H, and the discrete solution with it. Both
+        bounds are guaranteed, by interval arithmetic; a side that they do not decide is not idle.
+        """
+        least = self.range_of_f()[0]
+        sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
+        return tuple(side for side in sides if self.range_of_g(side)[1] < least)
+
+
+def curve(a: sympy.Expr) -> list[Kink]:
+    """The line or circle on which a formula is 0; ValueError if that is neither."""
+    wanted = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
+    if not a.is_polynomial(X, Y):
+        raise ValueError(wanted)
+    of = sympy.Poly(a, X, Y)
+    square, c = of.coeff_monomial(X**2), float(of.coeff_monomial(1))
+    slope = np.array([float(of.coeff_monomial(z)) for z in (X, Y)])
+    others = of - sympy.Poly(square * (X**2 + Y**2), X, Y)
+    if others.total_degree() > 1:
+        raise ValueError(wanted)
+    if square == 0:
+        size = float(np.hypot(*slope))
+        centre = -c * slope / size**2
+        return [Kink(tuple(centre.tolist()), 0.0, (-slope[1] / size, slope[0] / size))]
+    centre = -slope / (2 * float(square))
+    radius = float(centre @ centre) - c / float(square)
+    return [Kink(tuple(centre.tolist()), math.sqrt(radius))] if radius > 0 else []
+
+
+def _inside(polygon: Polygon, points: Array) -> NDArray[np.bool_]:
+    """Which of the points (k, 2) lie in the polygon: a ray from them crosses an odd number of sides."""
+    (x0, y0), (x1, y1) = polygon.vertices.T, np.roll(polygon.vertices, -1, axis=0).T
+    x, y = points[:, :1], points[:, 1:]
+    with np.errstate(all="ignore"):
+        crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+    return crossed.sum(axis=1) % 2 == 1

@@ -1,0 +1,247 @@
+"""Certified accuracies: the bound against much finer solutions, what is chosen, and what ends the search."""
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import load
+
+from unilateral import mesh as meshes
+from unilateral import partition as partitions
+from unilateral import problem_file
+from unilateral.accuracy import (
+    SHARE,
+    Goal,
+    levels,
+    natural_kind,
+    next_H,
+    prolonged,
+    two_edges_per_cell,
+)
+from unilateral.discrete import discretise, solve_to_fraction
+from unilateral.dual_norm import dual_norm
+from unilateral.errors import InputError
+from unilateral.norms import on_mesh
+from unilateral.polygon import Polygon, lshape, square
+from unilateral.solve import Stop, iterate
+
+PROBLEMS = sorted((Path(__file__).parent / "data/problems").glob("*.yaml"))
+SMOOTH_AND_CONVEX = ("pentagon", "rectangle_free_sides", "square_all_sides", "triangle")
+LIMITS = {"max_unknowns": 20_000}
+
+
+def problem(name):
+    return problem_file.load(str(PROBLEMS[0].parent / f"{name}.yaml"))
+
+
+def on_level(of, cells_per_side):
+    """The problem with that many cells on the longest side, H = 2h."""
+    cells = partitions.uniform(of.polygon, of.polygon.lengths.max() / cells_per_side)
+    return discretise(of, two_edges_per_cell(cells, natural_kind(of.polygon)), cells, of.free_sides)
+
+
+def finer(discrete, u_h, lambda_H, times):
+    """The same problem on the mesh and the partition refined so often, and u_h and lambda_H there."""
+    mesh, cells = discrete.mesh, discrete.both.partition
+    for _ in range(times):
+        v, n = mesh.triangles, mesh.n_nodes
+        ends = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
+        low, high = np.divmod(np.unique(ends.min(axis=0) * n + ends.max(axis=0)), n)
+        u_h = np.concatenate([u_h, 0.5 * (u_h[low] + u_h[high])])
+        mesh, cells = meshes.refine(mesh), partitions.refine(cells)
+    fine = discretise(discrete.problem, mesh, cells, discrete.free)
+    return fine, u_h, np.repeat(lambda_H, 2**times)
+
+
+def distances(fine, u_h, lambda_H, exact_u, exact_lambda):
+    """||exact_u - u_h||_1, and ||exact_lambda - lambda_H|| in the discrete dual norm of the finer mesh."""
+    difference = exact_u - u_h
+    of_lambda = (exact_lambda - lambda_H)[fine.both.cells]
+    return (
+        math.sqrt(difference @ (fine.condensed.A @ difference)),
+        float(np.linalg.norm(fine.both.operator.half @ of_lambda)),
+    )
+
+
+@pytest.mark.parametrize("file", PROBLEMS, ids=[file.stem for file in PROBLEMS])
+def test_the_bound_is_never_violated(file):
+    """||u - u_h|| >= ||u_fine - u_h|| - bound_fine, h/8; likewise for lambda, whose discrete norm is smaller.
+
+    And the bound of the coarse solution is not idle: it is at most 4 times what is seen.
+    """
+    discrete = on_level(problem_file.load(str(file)), 2)
+    coarse = solve_to_fraction(discrete, Stop())
+    fine, u_h, lambda_H = finer(discrete, coarse.u_h, coarse.lambda_H, 3)
+    solved = solve_to_fraction(fine, Stop())
+    u, of_lambda = distances(fine, u_h, lambda_H, solved.u_h, solved.lambda_H)
+    assert u - solved.bound.u > 0.5 * u
+    assert coarse.bound.u >= u - solved.bound.u
+    assert coarse.bound.lambda_ >= of_lambda - solved.bound.lambda_
+    assert coarse.bound.u <= 4 * u
+
+
+@pytest.mark.parametrize("name", SMOOTH_AND_CONVEX)
+def test_the_index_is_at_most_1_5_on_smooth_convex_problems(name):
+    """Against u_fine at h/4, which by Galerkin orthogonality misses about 1/32 of the error."""
+    discrete = on_level(problem(name), 12)
+    coarse = solve_to_fraction(discrete, Stop())
+    fine, u_h, lambda_H = finer(discrete, coarse.u_h, coarse.lambda_H, 2)
+    tolerance = 0.01 * coarse.bound.u
+    exact = iterate(fine.both.operator, fine.offset, tolerance, Stop(), lambda_H[fine.both.cells])
+    solution = fine.response(exact.lambda_H)
+    u, _ = distances(fine, u_h, lambda_H, solution, fine.both.extended(exact.lambda_H))
+    assert 1 <= coarse.bound.u / u <= 1.5
+
+
+def test_a_spoilt_solution_has_a_larger_bound():
+    """Control: the bound is of the given u_h and lambda_H, not of the discrete solution."""
+    discrete = on_level(problem("triangle"), 8)
+    solved = solve_to_fraction(discrete, Stop())
+    spoilt = discrete.bounded(replace(solved.result, lambda_H=solved.lambda_H + 1))
+    difference = spoilt.u_h - solved.u_h
+    moved = math.sqrt(difference @ (discrete.condensed.A @ difference))
+    assert spoilt.bound.u >= moved - solved.bound.u > 2 * solved.bound.u
+
+
+@pytest.mark.parametrize("norm", ["h1", "hm12"])
+def test_an_accuracy_is_reached_and_certified(norm):
+    """The certificate, and that the accuracy holds: against the exact solution of a case."""
+    goal = Goal(0.05, norm, **LIMITS)
+    done = list(levels(load("natural"), goal))
+    solved = done[-1].solved
+    assert [level.certified for level in done] == [False] * (len(done) - 1) + [True]
+    assert all(a.unknowns < b.unknowns for a, b in pairwise(done))
+    assert solved.algebraic(norm) <= SHARE * goal.accuracy * solved.size(norm)
+    assert solved.total(norm) <= goal.accuracy * solved.size(norm)
+    exact = on_mesh(load("natural"), solved.discrete.condensed)
+    difference = exact.flux_load - solved.discrete.both.B.T @ solved.result.lambda_H
+    error = exact.h1_error(difference)[0] if norm == "h1" else exact.discrete_dual(difference)
+    size = exact.u_norm if norm == "h1" else exact.discrete_dual(exact.flux_load)
+    assert error <= solved.total(norm)
+    assert solved.size(norm) <= size * (1 + 1e-12) or norm == "hm12"
+    assert error <= goal.accuracy * size
+
+
+def test_levels_are_not_wasted():
+    """From the second on, each aims at the target; and each starts from the last lambda_H."""
+    done = list(levels(load("natural"), Goal(0.02, **LIMITS)))
+    assert len(done) <= 5
+    assert done[-1].solved.total("h1") > 0.5 * done[-1].target
+    discrete = done[-1].solved.discrete
+    alone = iterate(discrete.both.operator, discrete.offset, done[-1].solved.result.bound, Stop(), None)
+    assert done[-1].solved.result.iterations < alone.iterations
+
+
+def test_the_next_size_follows_the_observed_rate():
+    """A bound of 2H meets 0.9 of the target 0.1 at H = 0.045; rates are believed within limits only."""
+    assert next_H([0.2, 0.1], [0.4, 0.2], 0.1) == pytest.approx(0.045)
+    assert next_H([0.1], [0.2], 0.1) == 0.05
+    assert next_H([0.2, 0.1], [0.4, 0.2], 0.0) == 0.05
+    assert next_H([0.2, 0.1], [0.4, 0.2], 1e-9) == pytest.approx(0.025)
+    assert next_H([0.2, 0.1], [0.4, 0.2], 0.199) == pytest.approx(0.08)
+    assert next_H([0.2, 0.1], [0.2, 0.3], 0.25) == pytest.approx(0.1 * 0.75**4)
+    assert next_H([0.2, 0.1], [math.inf, 0.2], 0.1) == 0.05
+
+
+def test_prolongation_keeps_the_integral_and_nested_values():
+    cells = partitions.uniform(lshape(), 1 / 3)
+    values = np.random.default_rng(1).random(cells.n_cells)
+    assert prolonged(values, cells, partitions.refine(cells)) == pytest.approx(
+        np.repeat(values, 2), rel=1e-12
+    )
+    other = partitions.uniform(lshape(), 1 / 5)
+    found = prolonged(values, cells, other)
+    assert other.lengths @ found == pytest.approx(cells.lengths @ values, rel=1e-13)
+    assert values.min() <= found.min() <= found.max() <= values.max()
+
+
+@pytest.mark.parametrize("polygon", [square(), lshape(), Polygon(np.array([[0, 0], [2, 0], [2, 0.1]]))])
+def test_every_cell_has_two_edges(polygon):
+    cells = partitions.uniform(polygon, 1 / 3)
+    kinds = [natural_kind(polygon), "unstructured"]
+    for mesh in (two_edges_per_cell(cells, kind) for kind in kinds):
+        assert mesh.s == pytest.approx(partitions.refine(cells).points, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("limits", "ended"),
+    [({"max_unknowns": 300}, lambda last: 200 < last.unknowns <= 300), ({"max_seconds": 1e-9}, bool)],
+)
+def test_a_budget_ends_the_search_with_the_best_so_far(limits, ended):
+    done = list(levels(load("natural"), Goal(1e-4, **{**LIMITS, **limits})))
+    assert not done[-1].certified
+    assert ended(done[-1])
+    assert len(done) == (1 if "max_seconds" in limits else len(done))
+    totals = [level.solved.total("h1") for level in done]
+    assert totals == sorted(totals, reverse=True)
+
+
+def test_a_budget_below_the_coarsest_mesh_is_bad_input():
+    with pytest.raises(InputError, match="the coarsest mesh of 'square' has 25 unknowns, more than the 24"):
+        next(levels(load("natural"), Goal(0.1, max_unknowns=24)))
+
+
+def test_nothing_to_do_is_done_at_once(tmp_path):
+    """f = g = 0: u = 0 without an error."""
+    file = tmp_path / "zero.yaml"
+    file.write_text("polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: 0\ng: 0\n")
+    (only,) = levels(problem_file.load(str(file)), Goal(0.01, **LIMITS))
+    assert only.certified
+    assert only.solved.total("h1") == only.solved.u_norm == 0
+
+
+def test_free_sides_have_no_multipliers():
+    """Counted: those of the 4 cells on the bottom, of 10 in all; elsewhere lambda_H is 0."""
+    of = problem("rectangle_free_sides")
+    cells = partitions.uniform(of.polygon, 1 / 2)
+    mesh = two_edges_per_cell(cells, "unstructured")
+    discrete = discretise(of, mesh, cells, of.free_sides)
+    assert (cells.n_cells, len(discrete.both.cells), discrete.both.operator.D.shape) == (10, 4, (4, 4))
+    assert len(discrete.offset) == 4
+    solved = solve_to_fraction(discrete, Stop())
+    assert solved.lambda_H.shape == (10,)
+    assert np.all(solved.lambda_H[4:] == 0)
+    assert solved.lambda_H[:4].max() > 0
+
+
+def test_no_multiplier_at_all_is_the_neumann_problem():
+    of = problem("rectangle_free_sides")
+    cells = partitions.uniform(of.polygon, 1 / 2)
+    discrete = discretise(of, two_edges_per_cell(cells, "unstructured"), cells, range(4))
+    solved = solve_to_fraction(discrete, Stop())
+    assert solved.result.converged
+    assert discrete.condensed.A @ solved.u_h == pytest.approx(discrete.load, abs=1e-13)
+
+
+def gmsh_is_imported_after(*steps):
+    """Of each step, one after the other in a process of their own."""
+    source = "; ".join(["import sys", *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])
+    command = [sys.executable, "-c", source]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    return [line == " True" for line in found.stdout.splitlines() if line in (" True", " False")]
+
+
+def test_structured_meshes_need_no_gmsh():
+    """Neither does a certified accuracy; control: a triangle, which has no structured mesh."""
+    solve = "from unilateral.cli import main; main(['solve', {!r}, '--accuracy', '0.9'])"
+    files = [str(PROBLEMS[0].parent / f"{name}.yaml") for name in ("square_all_sides", "triangle")]
+    assert gmsh_is_imported_after(*(solve.format(file) for file in files)) == [False, True]
+
+
+def test_a_scene_on_structured_meshes_needs_no_gmsh(tmp_path):
+    """Its levels are solved with the dual norm's forms from their table; control: those are made with it."""
+    cells, table = partitions.uniform(square(), 1 / 4), tmp_path / "dual_norm.nc"
+    dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
+    solve = (
+        "import xarray; from unilateral import case, mesh, partition, polygon, sweep, dual_norm; "
+        "domain = polygon.square(); cases = [case.load('natural', domain)]; "
+        "cells = partition.uniform(domain, 1 / 4); "
+        f"gram = dual_norm.Gram.of_table(xarray.open_dataset({str(table)!r})); "
+        "sweep.sweep(mesh.structured(domain, 1 / 8), cases, [cells], gram)"
+    )
+    assert gmsh_is_imported_after(solve, "dual_norm.dual_norm(cells, cases)") == [False, True]

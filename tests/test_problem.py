@@ -1,0 +1,202 @@
+"""Problems from files: what they mean, sides that carry no contact, and what is refused, in which words."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from unilateral import partition as partitions
+from unilateral import problem_file
+from unilateral.discrete import discretise, obstacle_means, source_load
+from unilateral.errors import InputError
+from unilateral.mesh import structured
+from unilateral.polygon import square
+from unilateral.solve import Stop, iterate
+
+PROBLEMS = sorted((Path(__file__).parent / "data/problems").glob("*.yaml"))
+SQUARE = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\n"
+EVERY = {"polygon": "[[0, 0], [1, 0], [1, 1], [0, 1]]", "f": "x - y", "g": "0"}
+
+
+@pytest.fixture
+def declared(tmp_path):
+    """A file with these fields; None leaves one out."""
+
+    def write(**fields):
+        file = tmp_path / "own.yaml"
+        given = {name: text for name, text in {**EVERY, **fields}.items() if text is not None}
+        file.write_text("".join(f"{name}: {text}\n" for name, text in given.items()))
+        return str(file)
+
+    return write
+
+
+def test_the_ten_problems_can_be_loaded():
+    assert len(PROBLEMS) == 10
+    loaded = [problem_file.load(str(file)) for file in PROBLEMS]
+    convex = [np.all(problem.polygon.angles < np.pi) for problem in loaded]
+    assert convex.count(False) >= 2
+    assert any(problem.free_sides for problem in loaded)
+    assert any(problem.polygon.angles.min() < 0.06 for problem in loaded)
+
+
+def test_f_and_g_are_the_formulas(declared):
+    problem = problem_file.load(
+        declared(
+            polygon="[[0, 0], [2, 0], [1/2, 3/2]]",
+            f="sin(x)*y + pos(x - 1, 1)",
+            g='["x*(x - 2)", "y*exp(x - 2)", "(1 - 2*x)*(x - y)*x + 3*exp(-3/2)*x"]',
+        )
+    )
+    x, y = np.random.default_rng(1).random((2, 20))
+    expected = np.sin(x) * y + np.maximum(x - 1, 0)
+    assert problem.source(np.column_stack([x, y])) == pytest.approx(expected, rel=1e-14)
+    assert problem.source(np.array([[0.5, 0.25]]), np.column_stack([x, y])) == pytest.approx(
+        np.sin(x + 0.5) * (y + 0.25) + np.maximum(x - 0.5, 0), rel=1e-14
+    )
+    side, s = np.array([0, 1, 1, 2]), np.array([0.3, 0.2, 0.9, 1.0])
+    x, y = problem.polygon.at(side, s).T
+    by_side = [x * (x - 2), y * np.exp(x - 2), (1 - 2 * x) * (x - y) * x + 3 * np.exp(-1.5) * x]
+    g, slope = problem.obstacle(side, s)
+    assert g == pytest.approx([by_side[i][k] for k, i in enumerate(side)], rel=1e-13)
+    step = 1e-5
+    difference = (problem.obstacle(side, s + step)[0] - problem.obstacle(side, s - step)[0]) / (2 * step)
+    assert slope == pytest.approx(difference, rel=1e-8)
+
+
+def test_kinks_are_where_f_and_g_have_them(declared):
+    problem = problem_file.load(
+        declared(
+            f="pos(2*x + 2*y - 1, 1) + pos(1/4 - (x - 1)**2 - (y - 1/2)**2, 3/2)",
+            g="pos(x - 1/3, 3/2) + pos(y - 1/4, 2)",
+        )
+    )
+    line, circle = sorted(problem.kinks(), key=lambda kink: kink.radius)
+    on_line, on_circle = np.array([[0.1, 0.4], [0.5, 0.0]]), np.array([[0.5, 0.5], [1.0, 1.0]])
+    assert line.level(on_line) == pytest.approx([0, 0], abs=1e-15)
+    assert abs(line.level(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
+    assert circle.level(on_circle) == pytest.approx([0, 0], abs=1e-15)
+    found = {(p.side, round(p.t, 12), p.grading) for p in problem.singular()}
+    of_f = {(0, 0.5, 1), (3, 0.5, 1)}
+    of_g = {(0, round(1 / 3, 12), 2), (1, 0.25, 1), (2, round(2 / 3, 12), 2), (3, 0.75, 1)}
+    assert found == of_f | of_g
+    assert problem.flux_singular() == []
+
+
+def test_loads_and_means_see_the_kinks(declared):
+    """The integral of f over Omega and the means of g, against their closed forms."""
+    problem = problem_file.load(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
+    total = source_load(problem, structured(square(), 1 / 4)).sum()
+    assert total == pytest.approx(0.7**2 / 2 * (np.e - 1), rel=1e-6)
+    means = obstacle_means(problem, partitions.uniform(square(), 1 / 2))
+    exact = 2 * np.diff(0.4 * np.maximum(np.array([0, 1 / 2, 1]) - 1 / 3, 0) ** 2.5)
+    assert means[:2] == pytest.approx(exact, rel=1e-9)
+    assert means[4:6] == pytest.approx(exact[::-1], rel=1e-9)
+
+
+def test_a_side_below_the_source_is_idle(declared):
+    """sup g < inf f there: f >= 1, and g < 1 on sides 0 and 3 only."""
+    problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
+    assert problem.range_of_f()[0] == pytest.approx(1, abs=1e-2)
+    assert problem.idle_sides() == (0, 3)
+    free = problem_file.load(
+        declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]', free_sides="[3]")
+    )
+    assert free.idle_sides() == (0,)
+
+
+def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declared):
+    """u >= inf f, seen on a solution whose sides all have multipliers; control: side 1 has contact."""
+    problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
+    cells = partitions.uniform(square(), 1 / 8)
+    discrete = discretise(problem, structured(square(), 1 / 16), cells)
+    lambda_H = iterate(discrete.both.operator, discrete.offset, 1e-8, Stop(), None).lambda_H
+    idle = np.isin(cells.side, problem.idle_sides())
+    assert np.all(lambda_H[idle] == 0)
+    assert np.max(lambda_H[~idle]) > 0.1
+    touching = problem_file.load(declared(f="1", g="1 - x*(1 - x)*y*(1 - y)"))
+    assert touching.idle_sides() == ()
+
+
+ONE_LINE = {
+    "typo": (
+        {"free_side": "[1]"},
+        ": there is no field 'free_side' here; the fields are title, polygon, f, g, free_sides",
+    ),
+    "no g": ({"g": None}, ": 'g' is a required property"),
+    "unknown symbol": ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
+    "code": ({"f": "open('x')"}, ", field f: 'open('x')' is not a known function"),
+    "half a formula": ({"f": "x +"}, ", field f: 'x +' is not a formula in x, y"),
+    "no formula": ({"f": "''"}, ", field f: '' is not a formula in x, y"),
+    "a truth value": ({"f": "yes"}, ", field f: True is not of type 'number', 'string'"),
+    "infinite": ({"f": ".inf"}, ", field f: 'inf' is unknown"),
+    "f twice": ({"f": "1\nf: 2"}, " is not a YAML file: the field 'f' is given twice"),
+    "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
+    "overflow of f": ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
+    "pole of g": ({"g": "1/(x - 1/3)"}, ", field g: it is not finite on side 0"),
+    "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
+    "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
+    "root in g": ({"g": "sqrt(x)"}, ", field g: write a fractional power as pos(a, k)"),
+    "g not Lipschitz": ({"g": "pos(x - 1/2, 1/2)"}, ", field g: a power of pos below 1 on side 0"),
+    "kink on a hyperbola": ({"f": "pos(x*y - 1/4, 1)"}, "must be linear, or c - (x - a)**2 - (y - b)**2"),
+    "kink not polynomial": ({"f": "pos(sin(x), 1)"}, ", field f: the argument of pos(sin(x), 1) must be lin"),
+    "wrong number of g": ({"g": "[0, 0]"}, ", field g: 2 formulas for 4 sides; give one for all, or one per"),
+    "g missing on a side": ({"g": "[0, null, 0, 0]"}, ", field g[1]: there is no formula, and side 1 is not"),
+    "g jumps": ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
+    "g jumps at the start": ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
+    "all free": ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),
+    "no such side": ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
+    "a side twice": ({"free_sides": "[1, 1]"}, ", field free_sides: [1, 1] has non-unique elements"),
+    "clockwise": ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, "clockwise; list its vertices anticlockwise"),
+    "crossing": (
+        {"polygon": "[[0, 0], [1, 1], [1, 0], [0, 1]]"},
+        ", field polygon: polygon 'own' is not simple: its sides 0 and 2 meet",
+    ),
+    "folded": ({"polygon": "[[0, 0], [1, 0], [1/2, 0], [1/2, 1]]"}, "is not simple: its sides 0 and 1 meet"),
+    "two vertices": ({"polygon": "[[0, 0], [1, 0]]"}, ", field polygon: [[0, 0], [1, 0]] is too short"),
+    "three coordinates": ({"polygon": "[[0, 0], [1, 0], [1, 1, 1]]"}, ", field polygon[2]: [1, 1, 1] is too"),
+    "no number": (
+        {"polygon": "[[0, 0], [1, 0], [a, 1]]"},
+        ", field polygon[2]: 'a' is unknown; known are pi",
+    ),
+    "a vertex too far": ({"polygon": "[[0, 0], [1e400, 0], [0, 1]]"}, ", field polygon[1]: '1e400' has a"),
+}
+
+
+@pytest.mark.parametrize(("fields", "message"), ONE_LINE.values(), ids=ONE_LINE.keys())
+def test_a_bad_file_is_refused_in_one_sentence(declared, fields, message):
+    """With the file and the field; without the fault it is accepted (the fixture's other fields)."""
+    file = declared(**fields)
+    with pytest.raises(InputError) as refusal:
+        problem_file.load(file)
+    text = str(refusal.value)
+    assert text.startswith(file)
+    assert message in text
+    assert "\n" not in text
+    problem_file.load(declared())
+
+
+def test_a_jump_at_a_free_side_is_harmless(declared):
+    problem = problem_file.load(declared(g='["1 - x", null, 0, 0]', free_sides="[1, 3]"))
+    assert problem.obstacle(np.array([0, 1]), np.array([0.25, 0.5]))[0] == pytest.approx([0.75, 0])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "has no fields"), (b"- 1\n", "has no fields"), (b"f: [1", "not a YAML"), (b"\xff", "not a YAML")],
+)
+def test_files_that_declare_nothing(tmp_path, content, message):
+    file = tmp_path / "own.yaml"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        problem_file.is_declared_in(str(file))
+
+
+def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
+    case = tmp_path / "case.yaml"
+    case.write_text("title: a case\npolygons: any\nu: []\n")
+    assert problem_file.is_declared_in(declared())
+    assert problem_file.is_declared_in(declared(polygon=None, g=None))
+    assert not problem_file.is_declared_in(str(case))
+    assert not problem_file.is_declared_in("natural")
+    assert not problem_file.is_declared_in(str(tmp_path / "missing.yaml"))
