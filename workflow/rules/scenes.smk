@@ -85,6 +85,25 @@ rule rates:
         "../scripts/judge_rates.py"
 
 
+rule totals:
+    input:
+        library("totals", "mesh", "partition", "tables", "expression", "certificate"),
+        "workflow/scripts/scenes.py",
+        case_files,
+        mesh="results/{scene}/mesh.vtu",
+        levels=expand("results/{{scene}}/levels/{level}.nc", level=range(config["totals"]["levels"])),
+    output:
+        "results/{scene}/totals.nc",
+    params:
+        scene=scene_of,
+        cases=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
+        ratio=config["rates"]["judged_ratio"],
+    message:
+        "{wildcards.scene}: the guaranteed total errors"
+    script:
+        "../scripts/bound_totals.py"
+
+
 rule floors:
     input:
         library("floors", "tables", "case", "expression"),

@@ -25,11 +25,23 @@ def values(
     found = {}
     for scene in scenes:
         of = tables[table.format(scene=scene)]
-        place = {d: v for d, v in (select or {}).items() if d in of[variable].coords}
+        place = {d: v for d, v in (select or {}).items() if d in of[variable].dims}
         chosen = of[variable].sel(place).values
         known = chosen[np.isfinite(chosen)]
         found[scene or table] = float((np.min if at_least else np.max)(known)) if known.size else np.nan
     return worst(found, quantity or variable, required, at_least)
+
+
+def smallest(
+    tables: Tables, table: str, scenes: Sequence[str], variables: Sequence[str], least: float, quantity: str
+) -> Found:
+    """The smallest value of several variables, where they are known."""
+    found = {
+        f"{scene}, {name}": float(tables[table.format(scene=scene)][name].min())
+        for scene in scenes
+        for name in variables
+    }
+    return worst(found, quantity, least, True)
 
 
 def at_ratio(

@@ -1,0 +1,48 @@
+"""The guaranteed total errors of a scene's solutions, over the true errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from unilateral.bounds import total_bound
+from unilateral.case import Case
+from unilateral.condense import condense
+from unilateral.coupling import coupling
+from unilateral.discrete import source_load
+from unilateral.mesh import Mesh
+from unilateral.partition import Partition
+from unilateral.tables import error_in
+
+ZERO = 1e-12
+"""Relative to ||u||_1: an error below it is that of an exact lambda_H."""
+NAMES = ("total_index_u", "total_index_lambda", "total_index_v")
+
+
+def totals(
+    mesh: Mesh, partitions: Sequence[Partition], cases: Sequence[Case], solved: xr.Dataset, H_over_h: float
+) -> xr.Dataset:
+    """Bounds over errors at one H/h, one level long in `mesh`, of what `sweep` solved and measured there.
+
+    `total_index_lambda` is against the upper bound of the error, NaN where lambda_H is exact;
+    `total_index_v` takes the bound of ||u - v||_1 for one of ||u - u_h||_1, which it is not.
+    """
+    condensed, load = condense(mesh), {case.name: source_load(case, mesh) for case in cases}
+    k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
+    partition, B = partitions[k], coupling(mesh, partitions[k])
+    found = np.full((len(NAMES), len(cases), 1), np.nan)
+    for c, case in enumerate(cases):
+        of = solved.sel(case=case.name).isel(mesh=0, partition=k)
+        lambda_H = of["lambda_H"].values[: partition.n_cells]
+        total = load[case.name]
+        total[mesh.boundary] += B.T @ lambda_H
+        bound = total_bound(case, mesh, partition, condensed.solve(total), lambda_H)
+        of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
+        index_lambda = bound.lambda_ / of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
+        found[:, c, 0] = bound.u / of_u, index_lambda, bound.eta / of_u
+    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, found, strict=True)}
+    return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
+        H=("mesh", [partition.H])
+    )

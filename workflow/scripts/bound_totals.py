@@ -1,0 +1,32 @@
+"""Guaranteed total errors of a scene's coarser levels, over the true ones."""
+
+from scenes import cases, domain, partitions
+from sentences import speak_plainly
+
+from unilateral import mesh, tables
+from unilateral.expression import real
+from unilateral.totals import totals
+
+
+def main(coarse, levels, scene, name, wanted, ratio, path):
+    refined, found = mesh.read(coarse, domain(scene)), []
+    chosen = [case for case in cases(scene) if case.name in wanted]
+    for k, level in enumerate(levels):
+        refined = mesh.refine(refined) if k else refined
+        found.append(
+            totals(refined, partitions(scene), chosen, tables.load(level), 1 / real(ratio, "judged_ratio"))
+        )
+    tables.save(tables.along_mesh(found), path, name)
+
+
+if __name__ == "__main__":
+    speak_plainly()
+    main(
+        snakemake.input.mesh,
+        snakemake.input.levels,
+        snakemake.params.scene,
+        snakemake.wildcards.scene,
+        snakemake.params.cases,
+        snakemake.params.ratio,
+        snakemake.output[0],
+    )
