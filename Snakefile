@@ -22,6 +22,7 @@ include: "workflow/rules/common.smk"
 include: "workflow/rules/scenes.smk"
 include: "workflow/rules/surveys.smk"
 include: "workflow/rules/sharpness.smk"
+include: "workflow/rules/cost.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"
@@ -35,6 +36,7 @@ rule all:
         expand("results/{scene}/floors.nc", scene=GRIDS),
         FIGURES,
         "results/claims.json",
+        "results/cost/work_seconds.svg",
         "README.md",
         rules.paper.output,
 

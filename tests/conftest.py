@@ -24,6 +24,7 @@ NEED_RESULTS = (
     "test_claims.py",
     "test_documents.py",
     "test_results.py",
+    "test_results_cost.py",
     "test_results_sharpness.py",
     "test_surveys.py",
 )

@@ -150,8 +150,7 @@ def iterate(
         algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
     if algorithm == "active_set":
         return active_set(operator, offset, tolerance)
-    accelerated = algorithm == "nesterov"
-    return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, accelerated)
+    return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)
 
 
 def _plain_or_faster(

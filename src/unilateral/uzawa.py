@@ -16,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
+from unilateral.acceleration import STEPS, Step
 from unilateral.condense import DualOperator
 from unilateral.errors import InputError
 
 Array = NDArray[np.float64]
+Apply = Callable[[Array, Array], object]
+Observe = Callable[[Array, Array, Array], None]
 DIVERGED = 1e150
 """A residual above it ends the run: its square would soon overflow."""
 
@@ -78,28 +81,31 @@ def uzawa(
     rho: float | None = None,
     start: Array | None = None,
     max_steps: int = 100_000,
-    accelerated: bool = False,
+    method: str = "uzawa",
+    apply: Apply | None = None,
+    observe: Observe | None = None,
 ) -> DualResult:
     """lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
-    `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) to 0. `accelerated` adds
-    Nesterov's momentum with adaptive restart (O'Donoghue and Candes 2015), rho then 1 / lambda_max(S).
+    `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) to 0. Another `method` of
+    `acceleration.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
+    to S y; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step of the loop.
     A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
-    Raises InputError for an offset, a start, a rho or a tolerance that cannot be meant.
+    Raises InputError for an offset, a start, a rho, a tolerance or a method that cannot be meant.
     """
     check_offset(operator, offset, tolerance)
+    step = _step_of(method, operator)
     y = np.sqrt(operator.H_i) * _checked_start(operator, start)
     if rho is not None and not 0 < rho < math.inf:
         raise InputError(f"the step rho = {rho} must be positive and finite")
     if rho is None:
-        rho = (1.0 if accelerated else 1.9) / operator.lambda_max
-    iteration = _Iteration(operator, offset, rho)
-    advance = _Nesterov(rho, y) if accelerated else _plain
+        rho = step.share / operator.lambda_max
+    iteration = _Iteration(operator, offset, rho, apply, observe)
+    advance = step(operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
-    name = "nesterov" if accelerated else "uzawa"
     lambda_H = y / np.sqrt(operator.H_i)
-    result = DualResult(lambda_H, steps, iteration.applications, bound, bound <= tolerance, rho, name)
+    result = DualResult(lambda_H, steps, iteration.applications, bound, bound <= tolerance, rho, method)
     warn_unless_converged(result, tolerance)
     return result
 
@@ -117,23 +123,30 @@ def warn_unless_converged(result: DualResult, tolerance: float) -> None:
 class _Iteration:
     """The loop and its buffers: F = S y + b is the scaled gap, R = min(y, rho F) the scaled residual."""
 
-    def __init__(self, operator: DualOperator, offset: Array, rho: float) -> None:
-        self.operator, self.rho = operator, rho
+    def __init__(
+        self,
+        operator: DualOperator,
+        offset: Array,
+        rho: float,
+        apply: Apply | None,
+        observe: Observe | None,
+    ) -> None:
+        self.operator, self.rho, self.observe = operator, rho, observe
+        self.apply = apply or (lambda y, out: np.dot(operator.S, y, out=out))
         self.b = np.sqrt(operator.H_i) * offset
         self.per_residual = math.inf if operator.singular else 1 / (rho * math.sqrt(operator.lambda_min))
         self.applications = 0
 
-    def run(
-        self, y: Array, advance: Callable[[Array, Array, Array], None], tolerance: float, max_steps: int
-    ) -> tuple[int, float]:
+    def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
         """Iterate in place on y; the number of steps and the bound that belongs to the final y."""
-        S, b, rho = self.operator.S, self.b, self.rho
         F, R = np.empty_like(y), np.empty_like(y)
         for step in range(max_steps + 1):
-            np.dot(S, y, out=F)
-            np.add(F, b, out=F)
-            np.multiply(F, rho, out=R)
+            self.apply(y, F)
+            np.add(F, self.b, out=F)
+            np.multiply(F, self.rho, out=R)
             np.minimum(y, R, out=R)
+            if self.observe:
+                self.observe(y, F, R)
             size = dnrm2(R)  # scaled: the square of a tiny R would be 0
             last = step == max_steps or not size < DIVERGED
             if last or self.operator.singular or size * self.per_residual <= tolerance:
@@ -154,26 +167,6 @@ class _Iteration:
         return math.sqrt(max(float(R @ (self.operator.S @ R)), 0.0)) + size * self.per_residual
 
 
-def _plain(y: Array, F: Array, R: Array) -> None:
-    np.subtract(y, R, out=y)
-
-
-class _Nesterov:
-    """Momentum on y; F being affine, the gap at the extrapolated point costs no further application."""
-
-    def __init__(self, rho: float, y: Array) -> None:
-        self.rho, self.t, self.old, self.old_F = rho, 1.0, y.copy(), np.zeros_like(y)
-
-    def __call__(self, y: Array, F: Array, R: Array) -> None:
-        t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
-        momentum = (self.t - 1) / t
-        z = y + momentum * (y - self.old)
-        new = np.maximum(0, z - self.rho * (F + momentum * (F - self.old_F)))
-        self.t = 1.0 if (z - new) @ (new - y) > 0 else t
-        self.old, self.old_F = y.copy(), F.copy()
-        y[:] = new
-
-
 def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
     c = max(0.0, -float(np.min(gap)))
     return math.sqrt(max(c * c * area + 2 * float(weighted_mu @ (gap + c)), 0.0))
@@ -186,6 +179,14 @@ def check_offset(operator: DualOperator, offset: Array, tolerance: float) -> Non
         raise InputError(f"the offset must hold {m} finite numbers, one for each cell of T_H")
     if not tolerance >= 0:
         raise InputError(f"the tolerance {tolerance} must be a number that is not negative")
+
+
+def _step_of(method: str, operator: DualOperator) -> type[Step]:
+    if method not in STEPS:
+        raise InputError(f"the method '{method}' is unknown; the known ones are {', '.join(STEPS)}")
+    if method == "newton" and operator.singular:
+        raise InputError("the method newton needs a regular S, with h/H small; take active_set")
+    return STEPS[method]
 
 
 def _checked_start(operator: DualOperator, start: Array | None) -> Array:

@@ -3,7 +3,9 @@
 
 rule readme:
     input:
-        library("documents", "tables", "rates"),
+        library("documents", "advice", "tables", "rates"),
+        crossed="results/cost/algorithm.nc",
+        cases="results/cost/case.nc",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
         pairs="figures/infsup.csv",
         figures=FIGURES,
@@ -13,6 +15,7 @@ rule readme:
         scenes=JUDGED,
         judged_ratio=config["rates"]["judged_ratio"],
         infsup=config["infsup"],
+        cost=config["cost"],
     message:
         "README.md: its tables"
     script:
@@ -21,7 +24,8 @@ rule readme:
 
 rule filled_paper:
     input:
-        library("documents", "verdicts", "tables", "expression"),
+        library("documents", "verdicts", "advice", "tables", "expression"),
+        **{name: f"results/cost/{name}.nc" for name in ("algorithm", "case", "scene", "algebra", "precision")},
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
         pairs="figures/infsup.csv",
@@ -34,6 +38,7 @@ rule filled_paper:
         judged_ratio=config["rates"]["judged_ratio"],
         infsup=config["infsup"],
         norms=config["rates"]["norms"],
+        cost=config["cost"],
     message:
         "paper.md: its tables"
     script:

@@ -6,11 +6,11 @@ from pathlib import Path
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import documents, tables, verdicts
+from unilateral import advice, documents, tables, verdicts
 from unilateral.expression import real
 
 
-def main(claims, rates, scenes, ratio, pairs, infsup, floors, sharpness, norms, paper):
+def main(claims, rates, scenes, ratio, pairs, infsup, floors, sharpness, norms, factors, study, paper):
     found = {name: tables.load(path) for name, path in zip(scenes, rates, strict=True)}
     beta = pd.read_csv(pairs)
     ratios = [real(each, "uniform_ratios") for each in infsup["uniform_ratios"]]
@@ -23,6 +23,17 @@ def main(claims, rates, scenes, ratio, pairs, infsup, floors, sharpness, norms, 
         "exceptions": documents.exceptions(
             tables.load(sharpness), {name: norms[name]["tolerance"] for name in ("hm12", "l2")}
         ),
+    }
+    crossed, cases, scene, algebra, precision = (tables.load(path) for path in factors)
+    H_over_h, coarsest = (
+        real(study["base"]["H_over_h"], "H_over_h"),
+        real(study["fitted_from"], "fitted_from"),
+    )
+    blocks |= {
+        "advice": advice.advice(crossed, cases, coarsest),
+        "targets": advice.targets(crossed, study["targets"]),
+        "halving": advice.halving(cases, scene, crossed, coarsest),
+        "cost": advice.sentences(crossed, algebra, precision, H_over_h, coarsest),
     }
     documents.fill(paper, blocks)
 
@@ -39,5 +50,7 @@ if __name__ == "__main__":
         snakemake.input.floors,
         snakemake.input.sharpness,
         snakemake.params.norms,
+        [snakemake.input[name] for name in ("algorithm", "case", "scene", "algebra", "precision")],
+        snakemake.params.cost,
         snakemake.output[0],
     )

@@ -1,19 +1,20 @@
-"""README.md: its tables of rates and of beta."""
+"""README.md: its tables of rates, of beta and of cost."""
 
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import documents, tables
+from unilateral import advice, documents, tables
 from unilateral.expression import real
 
 
-def main(paths, scenes, ratio, pairs, uniform_ratios, rule, readme):
+def main(paths, scenes, ratio, pairs, uniform_ratios, rule, crossed, cases, fitted_from, readme):
     found = {name: tables.load(path) for name, path in zip(scenes, paths, strict=True)}
     beta = pd.read_csv(pairs)
     blocks = {
         "rates": documents.rates_table(found, real(ratio, "judged_ratio")),
         "beta": documents.infsup_table(beta, [real(each, "uniform_ratios") for each in uniform_ratios]),
         "rule": documents.infsup_rule(beta, **rule),
+        "advice": advice.advice(tables.load(crossed), tables.load(cases), real(fitted_from, "fitted_from")),
     }
     documents.fill(readme, blocks)
 
@@ -27,5 +28,8 @@ if __name__ == "__main__":
         snakemake.input.pairs,
         snakemake.params.infsup["uniform_ratios"],
         snakemake.params.infsup["rule"],
+        snakemake.input.crossed,
+        snakemake.input.cases,
+        snakemake.params.cost["fitted_from"],
         snakemake.output[0],
     )

@@ -12,6 +12,7 @@ from unilateral.plots.portrait import portrait
 from unilateral.plots.rates import rates
 from unilateral.plots.sharpness import sharpness
 from unilateral.plots.verdict import verdict
+from unilateral.plots.work_precision import work_precision
 
 __all__ = [
     "consistency",
@@ -23,4 +24,5 @@ __all__ = [
     "rates",
     "sharpness",
     "verdict",
+    "work_precision",
 ]

@@ -1,0 +1,115 @@
+"""Steps of `uzawa`'s loop from y, with its scaled gap F = S y + b and its residual R = min(y, rho F).
+
+All minimise y.Sy/2 + b.y over y >= 0, whose gradient is F, and cost one application of S, the loop's own:
+F being affine, it is known on the line between two points where it is known.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+Array = NDArray[np.float64]
+
+
+class Uzawa:
+    """(5.2), (5.3) themselves: y - rho F, clipped."""
+
+    share = 1.9
+    """Of 1 / lambda_max(S): rho where none is given."""
+
+    def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
+        pass
+
+    def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Replace y (m,) by the next iterate."""
+        np.subtract(y, R, out=y)
+
+
+class Nesterov:
+    """Momentum with adaptive restart: B. O'Donoghue, E. Candes, Found. Comput. Math. 15 (2015) 715-732."""
+
+    share = 1.0
+
+    def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
+        self.rho, self.t, self.old, self.old_F = rho, 1.0, y.copy(), np.zeros_like(y)
+
+    def __call__(self, y: Array, F: Array, R: Array) -> None:
+        t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
+        momentum = (self.t - 1) / t
+        z = y + momentum * (y - self.old)
+        new = np.maximum(0, z - self.rho * (F + momentum * (F - self.old_F)))
+        self.t = 1.0 if (z - new) @ (new - y) > 0 else t
+        self.old, self.old_F = y.copy(), F.copy()
+        y[:] = new
+
+
+class BarzilaiBorwein:
+    """Projected gradients with steps s.s/s.Ss: Y.-H. Dai, R. Fletcher, Numer. Math. 100 (2005) 21-47.
+
+    Their safeguard, without which such steps may cycle: where the objective exceeds a reference, the largest
+    of a run of `patience` values that brought no new best one, the step is cut to the minimum along it.
+    Values are relative to the best one, so that rounding leaves their differences.
+    """
+
+    share = 1.0
+    patience = 10
+
+    def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
+        self.step, self.old, self.old_F = rho, y.copy(), np.zeros_like(y)
+        self.value, self.reference, self.candidate, self.waited = 0.0, math.inf, 0.0, 0
+
+    def __call__(self, y: Array, F: Array, R: Array) -> None:
+        s, change = y - self.old, F - self.old_F
+        curvature = float(s @ change)
+        if curvature > 0:
+            slope = float(s @ self.old_F)
+            self.step = float(s @ s) / curvature
+            if self.value + slope + 0.5 * curvature > self.reference:
+                cut = -slope / curvature
+                y[:], F = self.old + cut * s, self.old_F + cut * change
+                slope, curvature = cut * slope, cut**2 * curvature
+            self._remember(self.value + slope + 0.5 * curvature)
+        self.old, self.old_F = y.copy(), F.copy()
+        y[:] = np.maximum(0, y - self.step * F)
+
+    def _remember(self, value: float) -> None:
+        if value < 0:
+            self.reference -= value
+            self.value, self.candidate, self.waited = 0.0, 0.0, 0
+            return
+        self.value, self.candidate, self.waited = value, max(self.candidate, value), self.waited + 1
+        if self.waited == self.patience:
+            self.reference, self.candidate, self.waited = self.candidate, value, 0
+
+
+class Newton:
+    """The primal-dual active set: S y = -b on the cells where y > rho F, 0 elsewhere, and the clip.
+
+    A semismooth Newton method: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888. It
+    ends when the set repeats; that it does is not proved for this S, and seen. S has to be regular.
+    """
+
+    share = 1.0
+
+    def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
+        self.S, self.b, self.rho = S, b, rho
+
+    def __call__(self, y: Array, F: Array, R: Array) -> None:
+        contact = np.flatnonzero(y > self.rho * F)
+        y[:] = 0
+        if len(contact):
+            factor = cho_factor(self.S[np.ix_(contact, contact)], check_finite=False)
+            y[contact] = np.maximum(0, cho_solve(factor, -self.b[contact], check_finite=False))
+
+
+Step = Uzawa | Nesterov | BarzilaiBorwein | Newton
+STEPS: dict[str, type[Step]] = {
+    "uzawa": Uzawa,
+    "nesterov": Nesterov,
+    "barzilai_borwein": BarzilaiBorwein,
+    "newton": Newton,
+}

@@ -1,0 +1,89 @@
+"""Floating-point operations, by formulas: what a computer does not change.
+
+A multiplication, addition, subtraction, division or root counts 1, a comparison or a copy 0. m is the
+number of cells of T_H, nb that of boundary nodes, B (m, nb) the coupling.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import SuperLU
+
+PER_CELL = {"uzawa": 1, "nesterov": 12, "barzilai_borwein": 14, "newton": 1}
+"""Of a step, at most, beyond the residual it starts from; Newton's solve comes on top."""
+
+
+class Factors(NamedTuple):
+    """The sparse LU factors of A: their nonzeros, and the operations to find and to apply them."""
+
+    nonzeros: int
+    factorise: int
+    solve: int
+
+
+def factors(lu: SuperLU) -> Factors:
+    """Of right-looking elimination on the pattern that was found: sum of l + 2 l u over the pivots.
+
+    l and u are the nonzeros below and to the right of a pivot; L has ones on its diagonal.
+    """
+    n = lu.shape[0]
+    lower, upper = (
+        np.diff(part.indptr.astype(np.int64)) - 1 for part in (sp.csc_array(lu.L), sp.csr_array(lu.U))
+    )
+    nonzeros = int(lower.sum() + upper.sum()) + 2 * n
+    return Factors(nonzeros, int(lower.sum() + 2 * (lower @ upper)), 2 * nonzeros - 3 * n)
+
+
+def cholesky(k: int) -> int:
+    """Of a dense matrix (k, k): k roots, k (k - 1) / 2 divisions and (k^3 - k) / 3 updates."""
+    return k + k * (k - 1) // 2 + (k**3 - k) // 3
+
+
+def triangular_solve(k: int) -> int:
+    """With a dense triangle (k, k)."""
+    return k * k
+
+
+def apply_S(m: int) -> int:
+    """y -> S y, S stored as a full matrix."""
+    return m * (2 * m - 1)
+
+
+def apply_A_3(m: int, nb: int, coupling_nonzeros: int) -> int:
+    """y -> S y by both triangles of A_3, B, B^T and the weights H_i^{-1/2}."""
+    return 2 * triangular_solve(nb) + _couplings(m, nb, coupling_nonzeros)
+
+
+def apply_A(m: int, nb: int, coupling_nonzeros: int, of_A: Factors) -> int:
+    """y -> S y by both sparse triangles of A, B, B^T and the weights H_i^{-1/2}."""
+    return of_A.solve + _couplings(m, nb, coupling_nonzeros)
+
+
+def _couplings(m: int, nb: int, coupling_nonzeros: int) -> int:
+    return (2 * coupling_nonzeros - nb) + (2 * coupling_nonzeros - m) + 2 * m
+
+
+def newton_solve(contact: int) -> int:
+    """The factorisation of S on the cells in contact and both triangles."""
+    return cholesky(contact) + 2 * triangular_solve(contact)
+
+
+def scale_A_3(nb: int) -> int:
+    """R of A_3 = R^T R from the last block of U: its rows over the pivots' roots."""
+    return nb + nb * (nb + 1) // 2
+
+
+def form_S(m: int, nb: int) -> int:
+    """S from the last block of U: R, R^{-T} B^T, half of the symmetric product D, and the weights."""
+    return scale_A_3(nb) + m * triangular_solve(nb) + m * (m + 1) // 2 * (2 * nb - 1) + 2 * m * m
+
+
+def spectrum(m: int) -> int:
+    """lambda_min and lambda_max of S: 4 m^3 / 3 for the tridiagonal form, lower orders left out.
+
+    G. Golub, C. Van Loan, Matrix Computations, 4th ed., section 8.3.1.
+    """
+    return 4 * m**3 // 3

@@ -1,0 +1,174 @@
+"""The stored study of cost against theory. Nothing is solved here.
+
+Triangle inequalities bound how far an unfinished run may be from the discrete solution; work like h^-3 and
+the rates of the best approximation bound the price of half an error.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+from unilateral import advice, tables, trade, work_data
+from unilateral.rates import NORMS
+from unilateral.variants import Variant, plan
+
+ROOT = Path(__file__).parents[1]
+STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
+COARSEST = 1 / 16
+RATES = {"h1": 1.0, "hm12": 1.5, "l2": 1.0}
+SLACK = 0.15
+"""What a rate may lack: the largest tolerance of workflow/config/rates.yaml; set beforehand."""
+ROUNDING = 1e-12
+
+
+@cache
+def stored(name: str) -> xr.Dataset:
+    return tables.load(ROOT / "results/cost" / f"{name}.nc")
+
+
+def of(table: xr.Dataset, **fields: str) -> xr.Dataset:
+    kept = np.logical_and.reduce([table[name].values == value for name, value in fields.items()])
+    return table.isel(run=np.flatnonzero(kept))
+
+
+def test_every_variant_ran_on_every_mesh_that_has_it() -> None:
+    table = stored("cost")
+    runs = {Variant(*fields) for fields in zip(*(table[f].values for f in Variant._fields), strict=True)}
+    assert runs == set(plan(STUDY))
+    np.testing.assert_allclose(table["H"], table["H_over_h"] * table["h"], rtol=1e-12)
+    assert [name for name in table.data_vars if not table[name].attrs.get("units")] == ["case"]
+
+
+def test_the_table_of_seconds_has_the_same_runs() -> None:
+    table, timings = stored("cost"), stored("timings")
+    for name in (*Variant._fields, "h", "H"):
+        np.testing.assert_array_equal(table[name].values, timings[name].values)
+    assert np.array_equal(np.isfinite(timings["seconds"]), np.isfinite(table["steps"]))
+
+
+def test_every_run_in_double_precision_with_S_reached_every_level() -> None:
+    for name in ("float64", "refined"):
+        found = of(stored("cost"), algebra="S", precision=name)
+        assert found.sizes["run"] >= 5
+        assert np.isfinite(found["steps"]).all()
+
+
+def test_single_precision_ends_above_the_last_level() -> None:
+    """Its unit round-off is 6e-8, amplified by the condition of S."""
+    single = of(stored("cost"), precision="float32")
+    assert np.isnan(single["steps"].sel(stop=1e-10)).all()
+    assert np.isfinite(single["steps"].sel(stop=1e-2)).all()
+
+
+def test_no_level_is_claimed_above_its_tolerance() -> None:
+    table = stored("cost")
+    met = np.isfinite(table["steps"])
+    assert np.array_equal(met, np.isfinite(table["algebraic_bound"]))
+    share = (table["algebraic_bound"] / table["h1_discrete"] / table["stop"]).where(met)
+    assert float(share.max()) <= 1 + 1e-12
+
+
+def triangle(table: xr.Dataset) -> bool:
+    """Whether |error - discrete error| <= bound, in L2 <= bound / lambda_min^{1/2}, everywhere."""
+    bound, discrete, in_L2 = table["algebraic_bound"], table["h1_discrete"], table["l2_discrete"]
+    in_h1 = abs(table["h1_error"] - discrete) <= bound + ROUNDING * discrete
+    in_l2 = abs(table["l2_error"] - in_L2) <= bound / table["lambda_min"] ** 0.5 + ROUNDING * in_L2
+    met = np.isfinite(table["steps"])
+    return bool(in_h1.where(met, True).all()) and bool(in_l2.where(met, True).all())
+
+
+def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows() -> None:
+    assert triangle(stored("cost"))
+
+
+@pytest.mark.parametrize("name", ["h1_error", "l2_error"])
+def test_errors_of_another_level_are_noticed(name: str) -> None:
+    """Those of level 1 in the place of 1e-10."""
+    table = stored("cost").copy(deep=True)
+    table[name].loc[{"stop": 1e-10}] = table[name].sel(stop=1.0).values
+    assert not triangle(table)
+
+
+def test_a_lower_level_takes_no_fewer_steps() -> None:
+    """Checks of the bound, which are counted besides, may be fewer."""
+    more = stored("cost")["steps"].diff("stop")
+    assert (more.where(np.isfinite(more), 0) >= 0).all()
+    checks = stored("cost")["operator_applications"] - stored("cost")["steps"] - 1
+    assert (checks.where(np.isfinite(checks), 1) >= 1).all()
+
+
+def test_ways_to_S_y_take_the_same_steps() -> None:
+    steps = stored("algebra")["steps"]
+    for name in ("A", "A_3"):
+        met = np.isfinite(steps.sel(algebra=name))
+        assert met.sum() >= 10
+        assert (steps.sel(algebra=name) == steps.sel(algebra="S")).where(met, True).all()
+
+
+def test_refinement_takes_the_steps_of_double_precision() -> None:
+    steps = stored("precision")["steps"]
+    double, refined = (steps.sel(precision=name) for name in ("float64", "refined"))
+    assert (abs(double - refined) <= 1 + 1e-3 * double).all()
+
+
+@pytest.mark.parametrize("norm", NORMS)
+@pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
+def test_half_an_error_costs_no_more_than_theory_says(norm: str, case: str) -> None:
+    """Work ~ h^-3 and error ~ h^rate: 2^(3/rate), the rate less its tolerance."""
+    cases = stored("case").sel(case=case)
+    at = cases.sel(stop=trade.enough(stored("case"), norm, COARSEST), H=cases["H"] <= COARSEST)
+    found = trade.halving(at["operations"].values, trade.relative(at, norm).values)
+    assert 1 < found <= 2 ** (3 / (RATES[norm] - SLACK))
+
+
+def test_an_error_that_does_not_fall_is_noticed() -> None:
+    """The two finest errors as large as those before."""
+    cases = stored("case").sel(case="thirds")
+    at = cases.sel(stop=0.1, H=cases["H"] <= COARSEST)
+    error = trade.relative(at, "h1").values.copy()
+    error[2:] = error[:2]
+    assert trade.halving(at["operations"].values, error) > 2 ** (3 / (RATES["h1"] - SLACK))
+
+
+@pytest.mark.parametrize("norm", NORMS)
+def test_the_front_beats_every_run(norm: str) -> None:
+    crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
+    front = work_data._front(stored("algorithm"), norm)
+    work, error = crossed["operations"].values.ravel(), trade.relative(crossed, norm).values.ravel()
+    for w, e in zip(work[np.isfinite(work)], error[np.isfinite(work)], strict=True):
+        assert ((front["work"] <= w) & (front["error"] * trade.GAIN <= e)).any()
+    assert (np.diff(front["work"]) > 0).all()
+    assert (np.diff(front["error"]) < 0).all()
+
+
+def test_advice_names_only_runs_that_were_made() -> None:
+    crossed, cases = stored("algorithm"), stored("case")
+    for norm in NORMS:
+        of_norm = trade.choice(crossed, cases, norm, COARSEST)
+        at = crossed.sel(H_over_h=of_norm.H_over_h, stop=of_norm.stop)
+        assert np.isclose(trade.relative(at, norm), of_norm.error).any()
+        assert min(of_norm.of_algorithms.values()) == 1.0
+    lines = advice.advice(crossed, cases, COARSEST).splitlines()
+    assert [line.count("|") for line in lines[:5]] == 5 * [lines[0].count("|")]
+
+
+def test_cheapest_is_met_and_nothing_cheaper_is() -> None:
+    crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
+    for norm in NORMS:
+        found = trade.cheapest(crossed, norm, 0.1)
+        assert found is not None
+        assert found["error"] <= 0.1
+        good = (trade.relative(crossed, norm) <= 0.1) & (crossed["operations"] < found["operations"])
+        assert not good.any()
+    assert trade.cheapest(crossed, "h1", 1e-9) is None
+
+
+def test_no_number_of_seconds_is_in_a_table_that_is_compared() -> None:
+    for name in ("cost", "algorithm", "algebra", "case"):
+        assert not [each for each in stored(name).data_vars if "seconds" in each or "peak" in each]

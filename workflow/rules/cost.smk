@@ -1,0 +1,112 @@
+# Accuracy against cost: the runs of a job's meshes -> tables -> the work-precision diagrams.
+
+COST = config["cost"]
+AXES = [COST["cross"], *([name] for name in COST["vary"] if name not in COST["cross"])]
+
+
+wildcard_constraints:
+    job="[0-9]+",
+
+
+def job_of(wildcards):
+    return COST["jobs"][int(wildcards.job)]
+
+
+rule cost_runs:
+    input:
+        library("cost", "variants", "mesh", "dual_norm", "tables", "expression", "certificate"),
+        "workflow/scripts/scenes.py",
+        lambda wildcards: [
+            f"manufactured/{case}.yaml" for case in SCENES[job_of(wildcards)["scene"]]["cases"]
+        ],
+        norm=lambda wildcards: f"results/{job_of(wildcards)['scene']}/dual_norm.nc",
+    output:
+        results="results/cost/runs/{job}.nc",
+        timings="results/cost/runs/{job}_timings.nc",
+    params:
+        scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
+        study=COST,
+        job=job_of,
+    message:
+        "cost: the runs of job {wildcards.job}"
+    script:
+        "../scripts/measure_cost.py"
+
+
+rule cost:
+    input:
+        library("cost", "trade", "variants", "tables"),
+        parts=expand("results/cost/runs/{job}.nc", job=range(len(COST["jobs"]))),
+        timings=expand("results/cost/runs/{job}_timings.nc", job=range(len(COST["jobs"]))),
+    output:
+        results="results/cost/cost.nc",
+        timings="results/cost/timings.nc",
+        factors=[f"results/cost/{fields[0]}.nc" for fields in AXES],
+    params:
+        study=COST,
+        axes=AXES,
+    message:
+        "cost: all runs"
+    script:
+        "../scripts/collect_cost.py"
+
+
+rule cost_table:
+    input:
+        library("work_data", "variants", "tables", "expression"),
+        crossed="results/cost/algorithm.nc",
+        cases="results/cost/case.nc",
+        algebra="results/cost/algebra.nc",
+    output:
+        update("figures/work_precision.csv"),
+    params:
+        study=COST,
+    message:
+        "The table behind the work-precision diagrams"
+    script:
+        "../scripts/table_cost.py"
+
+
+rule cost_figure:
+    input:
+        library("plots"),
+        table="figures/work_precision.csv",
+    output:
+        update("figures/work_precision.svg"),
+    params:
+        work="operations",
+    message:
+        "The work-precision diagrams"
+    script:
+        "../scripts/draw_cost.py"
+
+
+rule cost_seconds_table:
+    input:
+        library("work_data", "variants", "tables", "expression"),
+        crossed="results/cost/algorithm.nc",
+        cases="results/cost/case.nc",
+        algebra="results/cost/algebra.nc",
+        timings="results/cost/timings.nc",
+    output:
+        "results/cost/work_seconds.csv",
+    params:
+        study=COST,
+    message:
+        "The table behind the work-precision diagrams, in seconds"
+    script:
+        "../scripts/table_cost.py"
+
+
+rule cost_seconds_figure:
+    input:
+        library("plots"),
+        table="results/cost/work_seconds.csv",
+    output:
+        "results/cost/work_seconds.svg",
+    params:
+        work="seconds",
+    message:
+        "The work-precision diagrams, in seconds"
+    script:
+        "../scripts/draw_cost.py"
