@@ -221,6 +221,23 @@ def test_an_unknown_algorithm_is_refused() -> None:
         Stop(algorithm="simplex")
 
 
+@pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov"])
+def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm: str) -> None:
+    """The bound is guaranteed, so 1e-9 of it separates any two of them by no more than 2e-9 in the energy."""
+    made = discrete("natural", 16, 8)
+    exact, found = (
+        made.solve(Stop(tolerance=1e-9, algorithm=name)).result for name in ("active_set", algorithm)
+    )
+    difference = found.lambda_H - exact.lambda_H
+    assert found.algorithm == algorithm
+    assert np.linalg.norm(made.both.operator.half @ difference) <= 2e-9
+
+
+def test_newton_where_beta_is_zero_is_refused() -> None:
+    with pytest.raises(InputError, match="newton needs beta > 0, and here it is 0"):
+        discrete("natural", 16, 16).solve(Stop(algorithm="newton"))
+
+
 def test_a_step_for_the_active_set_is_refused() -> None:
     with pytest.raises(InputError, match="active_set has no step rho"):
         Stop(algorithm="active_set", rho=1.0)

@@ -68,6 +68,21 @@ def floors_table(floors: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
+def totals_table(scenes: Mapping[str, xr.Dataset]) -> str:
+    """A Markdown table: guaranteed total errors over the true ones on the coarsest and finest level."""
+    first = next(iter(scenes.values()))
+    sizes = [f"1/{round(1 / h)}" for h in first["h"].values]
+    head = [f"{SPACES[norm]}, h = {size}" for norm in ("h1", "hm12") for size in (sizes[0], sizes[-1])]
+    lines = ["| scene | case | " + " | ".join(head) + " |", "|---|---|" + "---|" * len(head)]
+    for name, table in scenes.items():
+        for case in table["case"].values:
+            of = table.sel(case=case).isel(mesh=[0, -1])
+            found = [*of["total_index_u"].values, *of["total_index_lambda"].values]
+            cells = ["λ_H exact" if np.isnan(index) else f"{index:.2f}" for index in found]
+            lines.append(f"| {name} | `{case}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def exceptions(rates: xr.Dataset, tolerances: Mapping[str, float]) -> str:
     """A sentence: where, for alpha > 0, rates of the multiplier on the finest levels miss those predicted."""
     missing = (rates["predicted"] - rates["rate"].isel(pair=-1)).where(rates["alpha"] > 0, drop=True)

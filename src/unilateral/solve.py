@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from unilateral.acceleration import STEPS
 from unilateral.active_set import active_set
 from unilateral.condense import Condensed, DualOperator, dual_operator
 from unilateral.coupling import coupling
@@ -23,7 +24,7 @@ from unilateral.partition import Partition
 from unilateral.uzawa import DualResult, predicted_steps, residual_bound, uzawa
 
 Array = NDArray[np.float64]
-ALGORITHMS = ("auto", "uzawa", "nesterov", "active_set")
+ALGORITHMS = ("auto", *STEPS, "active_set")
 STEKLOV_GUARD = 0.5
 """sigma_1 is known from above, by its Ritz value; half of it is taken where beta is not known."""
 
@@ -140,7 +141,10 @@ def _tolerance(problem: OnMesh, cells: OnCells, operator: DualOperator, stop: St
 def iterate(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> DualResult:
-    """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for."""
+    """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for.
+
+    Raises InputError for newton, which solves systems with S, where S is singular.
+    """
     algorithm = stop.algorithm
     if len(offset) == 0:
         return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
@@ -148,6 +152,10 @@ def iterate(
         algorithm = "active_set"
     elif algorithm == "auto":
         algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
+    if algorithm == "newton" and operator.singular:
+        raise InputError(
+            "newton needs beta > 0, and here it is 0; take fewer cells, a finer mesh, or active_set"
+        )
     if algorithm == "active_set":
         return active_set(operator, offset, tolerance)
     return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)

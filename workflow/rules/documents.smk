@@ -31,6 +31,7 @@ rule filled_paper:
         pairs="figures/infsup.csv",
         floors="results/square/floors.nc",
         sharpness="results/sharpness/rates.nc",
+        totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
     output:
         update("paper.md"),
     params:
@@ -38,6 +39,7 @@ rule filled_paper:
         judged_ratio=config["rates"]["judged_ratio"],
         infsup=config["infsup"],
         norms=config["rates"]["norms"],
+        bounded=list(config["totals"]["scenes"]),
         cost=config["cost"],
     message:
         "paper.md: its tables"
