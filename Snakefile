@@ -9,6 +9,7 @@ min_version("9.0")
 configfile: "workflow/config/study.yaml"
 configfile: "workflow/config/rates.yaml"
 configfile: "workflow/config/worst_infsup.yaml"
+configfile: "workflow/config/extremes.yaml"
 
 
 validate(config, "workflow/schemas/study.schema.yaml")
@@ -23,6 +24,7 @@ include: "workflow/rules/scenes.smk"
 include: "workflow/rules/surveys.smk"
 include: "workflow/rules/sharpness.smk"
 include: "workflow/rules/cost.smk"
+include: "workflow/rules/extremes.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"

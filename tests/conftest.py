@@ -25,6 +25,7 @@ NEED_RESULTS = (
     "test_documents.py",
     "test_results.py",
     "test_results_cost.py",
+    "test_results_extremes.py",
     "test_results_sharpness.py",
     "test_surveys.py",
 )

@@ -13,10 +13,10 @@ from unilateral import partition as partitions
 from unilateral.condense import (
     Condensed,
     DualOperator,
-    _last_block,
     condense,
     dual_operator,
     elimination_order,
+    last_block,
 )
 from unilateral.coupling import coupling
 from unilateral.errors import InputError
@@ -96,7 +96,7 @@ def test_boundary_unknowns_moved_by_the_factorisation_are_an_error() -> None:
     """With SuperLU's own column ordering the boundary is not last, and the last block is not A_3."""
     mesh = MESHES["structured"]()
     with pytest.raises(RuntimeError, match="moved the boundary"):
-        _last_block(spl.splu(full_matrix(mesh), permc_spec="COLAMD"), len(mesh.boundary))
+        last_block(spl.splu(full_matrix(mesh), permc_spec="COLAMD"), len(mesh.boundary))
 
 
 def test_the_neck_has_an_interior_in_pieces() -> None:

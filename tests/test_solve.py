@@ -234,7 +234,7 @@ def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm: str) -> No
 
 
 def test_newton_where_beta_is_zero_is_refused() -> None:
-    with pytest.raises(InputError, match="newton needs beta > 0, and here it is 0"):
+    with pytest.raises(InputError, match="newton needs a regular S, with h/H small"):
         discrete("natural", 16, 16).solve(Stop(algorithm="newton"))
 
 

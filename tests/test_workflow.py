@@ -23,6 +23,7 @@ STUDY = {
     **yaml.safe_load((WORKFLOW / "config/study.yaml").read_text()),
     **yaml.safe_load((WORKFLOW / "config/rates.yaml").read_text()),
     **yaml.safe_load((WORKFLOW / "config/worst_infsup.yaml").read_text()),
+    **yaml.safe_load((WORKFLOW / "config/extremes.yaml").read_text()),
 }
 SCHEMA = yaml.safe_load((WORKFLOW / "schemas/study.schema.yaml").read_text())
 REMOVED = object()
@@ -103,6 +104,13 @@ def test_the_study_satisfies_its_schema():
         ("cost.jobs", []),
         ("cost.stops", [2.0]),
         ("cost.costly_steps", 0),
+        ("extremes", REMOVED),
+        ("extremes.accuracy", 0),
+        ("extremes.axes.ratio.values", [1]),
+        ("extremes.axes.ratio.values", [1, -1]),
+        ("extremes.axes.ratio.steps", 3),
+        ("extremes.jobs.cells", []),
+        ("deep.memory", 0),
         ("portraits.natural.levels", 3),
         ("portraits.natural.H", REMOVED),
         ("rates.judged_ratio", "0"),
@@ -205,6 +213,21 @@ def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     assert built(text) == {"sharpness"}
 
 
+def test_the_extremes_plan_their_own_jobs_and_the_deep_mesh_is_planned_by_nothing(tree):
+    text, jobs = plan(tree, "figures/extremes.svg")
+    parts = len(STUDY["extremes"]["jobs"])
+    chain = ("extremes", "extremes_table", "extremes_figure")
+    assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
+    assert built(text) == {"extremes"}
+    rules = "".join(file.read_text() for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk")])
+    assert rules.count("results/deep") == 1
+
+
+def test_every_axis_of_the_extremes_is_in_one_job():
+    listed = [name for job in STUDY["extremes"]["jobs"].values() for name in job]
+    assert sorted(listed) == sorted(STUDY["extremes"]["axes"])
+
+
 def test_floors_plan_their_scene_without_rates(tree):
     text, jobs = plan(tree, "results/square/floors.nc")
     assert jobs == {**jobs_of("square"), "floors": 1}
@@ -279,7 +302,7 @@ def closure(module):
 
 DATA = [file.name for file in LIBRARY.glob("*.yaml")]
 MODULES = "sweep dual_norm sharpness surfaces consistency floors tables rates figure_data documents"
-MODULES += " mesh plots cli claims"
+MODULES += " mesh plots cli claims cost extremes extremes_data"
 
 
 @pytest.mark.parametrize("module", MODULES.split())

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dnrm2
 from scipy.optimize import nnls
 
 from unilateral.condense import DualOperator
@@ -44,7 +45,7 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
 
 def _least_distance(operator: DualOperator, offset: Array) -> Array:
     """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0."""
-    scale = math.sqrt(float(operator.H_i @ np.minimum(offset, 0) ** 2))
+    scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
     if scale == 0:
         return np.zeros(len(offset))
     matrix = np.vstack([operator.half, -operator.H_i * offset / scale])

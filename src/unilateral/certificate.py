@@ -46,10 +46,10 @@ def certify(case: Case) -> Certificate:
     an interval, or g jumps at a vertex; and where the declared hypotheses are not the derived ones.
     """
     contact: list[tuple[int, float, float]] = []
-    largest_flux, largest_gap = 0.0, 0.0
+    largest_flux, largest_gap, size = 0.0, 0.0, _size(case)
     for side in range(case.polygon.n_sides):
         t = _sample(case, side)
-        flux, gap = _on_side(case, side, t)
+        flux, gap = _on_side(case, side, t, size)
         largest_flux, largest_gap = max(largest_flux, flux.max()), max(largest_gap, gap.max())
         contact += [(side, float(a), float(b)) for a, b in _contact(case, side)]
     _continuous_at_vertices(case)
@@ -66,12 +66,24 @@ def certify(case: Case) -> Certificate:
     return result
 
 
-def _on_side(case: Case, side: int, t: Array) -> tuple[Array, Array]:
+def _size(case: Case) -> float:
+    """What 0 is compared with: the largest |u|, gap and, times the diameter, typical |lambda| of a side."""
+    sizes = []
+    for side in range(case.polygon.n_sides):
+        t = _sample(case, side)
+        with np.errstate(all="ignore"):
+            u, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
+        sizes += [np.max(np.abs(u)), np.max(np.abs(gap)), case.polygon.diameter * np.median(np.abs(flux))]
+    return float(np.max(np.nan_to_num(sizes, posinf=0.0)))
+
+
+def _on_side(case: Case, side: int, t: Array, size: float) -> tuple[Array, Array]:
     """lambda and the gap at the samples, or an InputError with the first point that fails."""
     with np.errstate(all="ignore"):
         _, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
-    scale_flux, scale_gap = max(1.0, np.max(np.abs(flux))), max(1.0, np.max(np.abs(gap)))
-    typical = max(1.0, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else 1.0
+    least = size / case.polygon.diameter
+    scale_flux, scale_gap = max(least, np.max(np.abs(flux))), max(size, np.max(np.abs(gap)))
+    typical = max(least, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else least
     empty = (flux <= VANISHES * typical) & (gap <= VANISHES * scale_gap)
     interval = np.flatnonzero(empty[1:] & empty[:-1] & (np.diff(t) > 0.1 / SAMPLES))
     for bad, what in (
@@ -116,7 +128,7 @@ def _continuous_at_vertices(case: Case) -> None:
     u_start, _, start = case.boundary(sides, np.zeros(n))
     u_end, _, end = case.boundary(sides, lengths)
     jump = (u_start - start) - np.roll(u_end - end, 1)
-    scale = max(1.0, np.max(np.abs(start)), np.max(np.abs(end)), np.max(np.abs(u_start)))
+    scale = np.max(np.abs([start, end, u_start]))
     worst = int(np.argmax(np.abs(jump)))
     if abs(jump[worst]) > ROUND_OFF * scale:
         raise InputError(f"{_place(case, worst, 0.0)}: g jumps by {jump[worst]:.6g} at this vertex")

@@ -20,7 +20,7 @@ from typing import Any
 import xarray as xr
 import yaml
 
-from unilateral.checks import algorithm, cost, estimates, stability
+from unilateral.checks import algorithm, cost, estimates, extremes, stability
 from unilateral.checks.found import Found, Tables
 from unilateral.errors import InputError
 from unilateral.tables import load
@@ -32,7 +32,13 @@ LETTERS = {
     r"\|": "‖", r"\le ": "<= ", r"\ge ": ">= ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
     r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\,": " ", "$": "",
 }  # fmt: skip
-CHECKS = {"algorithm": algorithm, "cost": cost, "estimates": estimates, "stability": stability}
+CHECKS = {
+    "algorithm": algorithm,
+    "cost": cost,
+    "estimates": estimates,
+    "extremes": extremes,
+    "stability": stability,
+}
 
 
 class Results(dict[str, xr.Dataset]):

@@ -115,15 +115,20 @@ def condense(mesh: Mesh) -> Condensed:
     stiffness, mass = stiffness_and_mass(mesh)
     A = stiffness + mass
     order = elimination_order(A, mesh.boundary)
-    lu = splu(
+    lu = factorise(A, order)
+    check_constants(mesh, lu.solve(mass.sum(axis=1)[order]))
+    cholesky = last_block(lu, len(mesh.boundary))
+    return Condensed(mesh, A, cholesky.T @ cholesky, cholesky, lu, order)
+
+
+def factorise(A: sp.csr_array, order: Ints) -> SuperLU:
+    """The factors of A (n, n), in its precision, with the unknowns in that order."""
+    return splu(
         A[order][:, order].tocsc(),
         permc_spec="NATURAL",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    check_constants(mesh, lu.solve(mass.sum(axis=1)[order]))
-    cholesky = _last_block(lu, len(mesh.boundary))
-    return Condensed(mesh, A, cholesky.T @ cholesky, cholesky, lu, order)
 
 
 def check_constants(mesh: Mesh, found: Array) -> None:
@@ -135,8 +140,8 @@ def check_constants(mesh: Mesh, found: Array) -> None:
         polygon = mesh.polygon
         raise InputError(
             f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges down to "
-            f"{np.diff(mesh.s).min():.3g} is too small for double precision; scale it to a diameter of about "
-            "1, or take longer edges"
+            f"{np.diff(mesh.s).min():.3g} is too small for double precision, or too thin; scale it to a "
+            "diameter of about 1, or take longer edges"
         )
 
 
@@ -163,7 +168,7 @@ def elimination_order(A: sp.csr_array, boundary: Ints) -> Ints:
     return np.concatenate([interior[np.asarray(dissection)], boundary])
 
 
-def _last_block(lu: SuperLU, size: int) -> Array:
+def last_block(lu: SuperLU, size: int) -> Array:
     """R (size, size) upper triangular with R^T R the Schur complement on the last `size` unknowns.
 
     A = L U with U = diag(pivots) L^T, so R is the last block of U with its rows over the pivots' roots.

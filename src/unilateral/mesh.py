@@ -16,6 +16,9 @@ from unilateral.errors import InputError
 from unilateral.mesh_io import Integers
 from unilateral.polygon import Array, Polygon, lshape, square
 
+ROUNDED = 1e-6
+"""How much of the longest boundary edge the rounding of coordinates may be; larger, it shows in A_3."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -80,8 +83,7 @@ def structured(polygon: Polygon, h: float) -> Mesh:
     """Squares of side 1 / ceil(1 / h), each cut from lower left to upper right: `square` or `lshape`."""
     n = int(polygon.counts(h)[0])
     if np.array_equal(polygon.vertices, square().vertices):
-        ticks = np.arange(n + 1) / n
-        return _with_boundary(polygon, *_grid(ticks, np.ones((n, n), dtype=bool)), "mesh")
+        return tensor(np.arange(n + 1) / n)
     if np.array_equal(polygon.vertices, lshape().vertices):
         ticks = np.arange(-n, n + 1) / n
         kept = (ticks[:-1, None] >= 0) | (ticks[:-1] < 0)
@@ -90,6 +92,12 @@ def structured(polygon: Polygon, h: float) -> Mesh:
         f"polygon '{polygon.name}' has no structured mesh, only square and lshape have; "
         "use an unstructured one"
     )
+
+
+def tensor(ticks: Array) -> Mesh:
+    """The rectangles of `square` between the ticks (n + 1,), 0 to 1, in x and y, each cut as a square is."""
+    n = len(ticks) - 1
+    return _with_boundary(square(), *_grid(ticks, np.ones((n, n), dtype=bool)), "mesh")
 
 
 def unstructured(polygon: Polygon, h: float) -> Mesh:
@@ -197,6 +205,16 @@ def _check_nodes(polygon: Polygon, s: Array) -> None:
         )
 
 
+def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
+    largest = float(np.abs(polygon.vertices).max())
+    if np.spacing(largest) > ROUNDED * h:
+        raise InputError(
+            f"{where}: coordinates as large as {largest:.3g} are rounded by {np.spacing(largest):.3g}, "
+            f"more than {ROUNDED:g} of the longest boundary edge {h:.3g}; move polygon '{polygon.name}' to "
+            "the origin"
+        )
+
+
 def _with_boundary(polygon: Polygon, points: Array, triangles: Integers, where: str) -> Mesh:
     """The mesh; boundary nodes that divide a side uniformly up to round-off get exactly uniform arc lengths.
 
@@ -225,6 +243,7 @@ def _with_boundary(polygon: Polygon, points: Array, triangles: Integers, where: 
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= mesh_io.round_off(polygon)
     s = np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
+    _check_rounding(polygon, float(np.diff(s).max()), where)
     for array in (points, triangles, boundary := edges[:, 0].copy(), s):
         array.setflags(write=False)
     return Mesh(polygon, points, triangles, boundary, s)

@@ -24,12 +24,15 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from unilateral.case import Case
 from unilateral.condense import Condensed
 from unilateral.coupling import boundary_mass
+from unilateral.errors import InputError
 from unilateral.forms import gradients, h1_load, load
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
 from unilateral.quadrature import boundary_rule, triangle_rules
 
 Array = NDArray[np.float64]
+SMALLEST, LARGEST = 1e-152, 1e152
+"""Of u, so that squares of errors down to 1e-3 of it are normal numbers, and none overflows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +66,13 @@ class OnMesh:
 
 
 def on_mesh(case: Case, condensed: Condensed, degree: int | None = None) -> OnMesh:
-    """Loads, Ritz projection and its error, with quadrature of that degree in Omega, see `triangle_rules`."""
+    """Loads, Ritz projection and its error, with quadrature of that degree in Omega, see `triangle_rules`.
+
+    Raises InputError for a u so large or small that squares of errors leave the range of floating point.
+    """
     mesh, A = condensed.mesh, condensed.A
     interpolant, _ = case.value_and_gradient(mesh.points)
+    _check_size(case, float(np.abs(interpolant).max()))
     f, residual, square, u_square = _moments(case, mesh, interpolant, degree)
     flux = flux_load(case, mesh)
     total = f.copy()
@@ -86,6 +93,14 @@ def on_mesh(case: Case, condensed: Condensed, degree: int | None = None) -> OnMe
         ritz_error=math.sqrt(max(ritz_square, 0.0)),
         ritz_defect=defect[mesh.boundary],
     )
+
+
+def _check_size(case: Case, size: float) -> None:
+    if size != 0 and not SMALLEST <= size <= LARGEST:
+        raise InputError(
+            f"case '{case.name}': u is as large as {size:.3g}, and squares of its errors leave double "
+            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+        )
 
 
 def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
@@ -129,7 +144,8 @@ def flux_load(case: Case, mesh: Mesh) -> Array:
 class OnCells:
     """A case on a partition: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
 
-    These are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares it.
+    These are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares it;
+    `size` is the largest |u| + |u - g| on the boundary.
     """
 
     partition: Partition
@@ -139,6 +155,7 @@ class OnCells:
     has_transition: NDArray[np.bool_]
     lambda_norm: float
     projection_error: float
+    size: float
 
     @cached_property
     def consistency_terms(self) -> Array:
@@ -162,7 +179,8 @@ class OnCells:
 
     @cached_property
     def lambda_is_zero(self) -> bool:
-        return self.lambda_norm <= 1e-12 * max(1.0, float(np.max(np.abs(self.g_means))))
+        """Up to round-off of the data, whatever their size."""
+        return self.lambda_norm <= 1e-12 * self.size
 
 
 def on_cells(case: Case, partition: Partition) -> OnCells:
@@ -182,6 +200,7 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
         partition.has_inside(case.transitions()),
         lambda_norm=in_L2 * math.sqrt(rule.weight @ flux**2),
         projection_error=in_L2 * math.sqrt(rule.weight @ deviation**2),
+        size=float(np.max(np.abs(u) + np.abs(gap))),
     )
 
 

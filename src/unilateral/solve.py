@@ -141,10 +141,7 @@ def _tolerance(problem: OnMesh, cells: OnCells, operator: DualOperator, stop: St
 def iterate(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> DualResult:
-    """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for.
-
-    Raises InputError for newton, which solves systems with S, where S is singular.
-    """
+    """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for."""
     algorithm = stop.algorithm
     if len(offset) == 0:
         return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
@@ -152,10 +149,6 @@ def iterate(
         algorithm = "active_set"
     elif algorithm == "auto":
         algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
-    if algorithm == "newton" and operator.singular:
-        raise InputError(
-            "newton needs beta > 0, and here it is 0; take fewer cells, a finer mesh, or active_set"
-        )
     if algorithm == "active_set":
         return active_set(operator, offset, tolerance)
     return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)

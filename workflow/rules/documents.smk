@@ -24,7 +24,7 @@ rule readme:
 
 rule filled_paper:
     input:
-        library("documents", "verdicts", "advice", "tables", "expression"),
+        library("documents", "extremes_data", "verdicts", "advice", "tables", "expression"),
         **{name: f"results/cost/{name}.nc" for name in ("algorithm", "case", "scene", "algebra", "precision")},
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
@@ -32,6 +32,7 @@ rule filled_paper:
         floors="results/square/floors.nc",
         sharpness="results/sharpness/rates.nc",
         totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
+        extremes="results/extremes/extremes.nc",
     output:
         update("paper.md"),
     params:

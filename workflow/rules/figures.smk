@@ -11,7 +11,7 @@ FIGURES += [
 ]
 FIGURES += [
     f"figures/{name}.{ending}"
-    for name in ("consistency", "infsup", "multiplier", "sharpness", "verdict", "work_precision")
+    for name in ("consistency", "extremes", "infsup", "multiplier", "sharpness", "verdict", "work_precision")
     for ending in ("csv", "svg")
 ]
 

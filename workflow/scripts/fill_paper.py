@@ -6,13 +6,14 @@ from pathlib import Path
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import advice, documents, tables, verdicts
+from unilateral import advice, documents, extremes_data, tables, verdicts
 from unilateral.expression import real
 
 
 def main(given, study, paper):
     blocks = verdicts.claims_tables(json.loads(Path(given["claims"]).read_text(encoding="utf-8")))
-    documents.fill(paper, blocks | of_errors(given, study) | of_cost(given, study["cost"]))
+    blocks |= of_errors(given, study) | of_cost(given, study["cost"])
+    documents.fill(paper, blocks | of_extremes(tables.load(given["extremes"])))
 
 
 def of_errors(given, study):
@@ -45,6 +46,13 @@ def of_cost(given, study):
         "targets": advice.targets(crossed, study["targets"]),
         "halving": advice.halving(cases, scene, crossed, coarsest),
         "cost": advice.sentences(crossed, algebra, precision, H_over_h, coarsest),
+    }
+
+
+def of_extremes(broken):
+    return {
+        "extremes-outcomes": extremes_data.sentences(broken),
+        "extremes-limits": extremes_data.limits_table(broken),
     }
 
 

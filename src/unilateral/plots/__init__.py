@@ -5,6 +5,7 @@ Nothing is computed here: every number that a figure shows stands in its CSV fil
 
 from unilateral.plots.consistency import consistency
 from unilateral.plots.dual_norm import dual_norm
+from unilateral.plots.extremes import extremes
 from unilateral.plots.grid import grid
 from unilateral.plots.infsup import infsup
 from unilateral.plots.multiplier import multiplier
@@ -17,6 +18,7 @@ from unilateral.plots.work_precision import work_precision
 __all__ = [
     "consistency",
     "dual_norm",
+    "extremes",
     "grid",
     "infsup",
     "multiplier",

@@ -1,0 +1,122 @@
+"""Axes of T_H beside the mesh: h/H, cells just off the edges, short cells, kernels of S."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral import mesh as meshes
+from unilateral.active_set import active_set
+from unilateral.extremes.outcome import Axis, Budget, attempts, crossing, predicted, within
+from unilateral.extremes.problem import Array, Problem, full, made, waves
+from unilateral.extremes.shapes import ROUNDED
+from unilateral.mesh import Mesh
+from unilateral.partition import Partition, from_points, shifted, uniform
+from unilateral.polygon import square
+
+
+def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """h/H on structured meshes, below 1/2 at the given H, else at the given h; S is singular from 1 on."""
+
+    def problem(value: float) -> Problem:
+        edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
+        return _waved(meshes.structured(square(), edge), uniform(square(), cell))
+
+    rows = attempts(values, problem, budget, _condition)
+    return Axis(predicted(rows, np.where(values >= 1, np.inf, np.nan)), 1.0)
+
+
+def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h with an odd number of edges e: beta is like 1/e, so cond(S) ~ 1/(H beta^2) like e^3."""
+
+    def problem(edges: float) -> Problem:
+        counts = np.full(4, int(edges) // 4)
+        counts[3] += int(edges) - counts.sum()
+        points = square().divided(counts)
+        return _waved(meshes.with_boundary(square(), points[:-1]), Partition(square(), points))
+
+    rows = attempts(values, problem, budget, _condition)
+    numbers = rows[0].measured * (values / values[0]) ** 3
+    return Axis(predicted(rows, numbers), crossing(values, numbers, budget.condition))
+
+
+def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h, the points inside the sides moved by that fraction of a cell: cond(S) ~ fraction^-2."""
+    mesh = meshes.structured(square(), h)
+
+    def problem(fraction: float) -> Problem:
+        return _waved(mesh, shifted(square(), h, fraction))
+
+    rows = attempts(values, problem, budget, _condition)
+    numbers = rows[0].measured * (values[0] / values) ** 2
+    return Axis(predicted(rows, numbers), crossing(values, numbers, budget.condition))
+
+
+def short(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
+    mesh = meshes.structured(square(), h)
+
+    def problem(length: float) -> Problem:
+        points = np.append(uniform(square(), H).points, 0.5 + length)
+        return _waved(mesh, from_points(square(), np.sort(points)))
+
+    rows = attempts(values, problem, budget, _condition)
+    numbers = rows[0].measured * values[0] / values
+    return Axis(predicted(rows, numbers), crossing(values, numbers, budget.condition))
+
+
+def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Points of T_H inside the sides that far from mesh vertices: D changes by at most twice that over H."""
+    mesh, aligned = meshes.structured(square(), h), uniform(square(), H)
+    inside = ~np.isin(aligned.points, square().starts)
+    there = _waved(mesh, aligned).both.operator.D
+
+    def problem(distance: float) -> Problem:
+        return _waved(mesh, Partition(square(), aligned.points + distance * inside))
+
+    def change(of: Problem) -> float:
+        return float(np.abs(of.both.operator.D - there).max() / np.abs(there).max())
+
+    rows = attempts(values, problem, budget, change)
+    return Axis(within(predicted(rows, 2 * values / H), ROUNDED))
+
+
+def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h of those values, g orthogonal to the kernel of S: how far another multiplier with this u_h is."""
+
+    def distance(problem: Problem) -> float:
+        return _distance(problem, problem.lambda_H)
+
+    return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), values[0])
+
+
+def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h, that gap on every other cell, so that lambda_H is unique: how far it is from a smooth one."""
+
+    def distance(problem: Problem) -> float:
+        return _distance(problem, 0.5 * (problem.lambda_H + np.roll(problem.lambda_H, 1)))
+
+    rows = attempts(values, lambda gap: _contact_at_h(h, gap), budget, distance)
+    return Axis(predicted(rows, np.ones(len(rows))), values[0])
+
+
+def _contact_at_h(h: float, gap: float) -> Problem:
+    """Contact on all cells, or with that gap on every other one."""
+    partition = uniform(square(), h)
+    free = (np.arange(partition.n_cells) % 2 == 1) & (gap > 0)
+    lambda_H = full(partition)[0] * ~free
+    return made(meshes.structured(square(), h), partition, lambda_H, gap * free)
+
+
+def _distance(problem: Problem, mu: Array) -> float:
+    """Of the active set's multiplier from mu, in L2, relative."""
+    operator = problem.both.operator
+    found = active_set(operator, problem.offset, np.inf).lambda_H
+    return float(np.sqrt(operator.H_i @ (found - mu) ** 2 / (operator.H_i @ mu**2)))
+
+
+def _waved(mesh: Mesh, partition: Partition) -> Problem:
+    return made(mesh, partition, *waves(partition))
+
+
+def _condition(problem: Problem) -> float:
+    return problem.condition

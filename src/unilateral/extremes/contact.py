@@ -1,0 +1,119 @@
+"""Axes of the data and the contact: their size, the start, contact that is degenerate or small."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral import mesh as meshes
+from unilateral.active_set import active_set
+from unilateral.condense import condense
+from unilateral.extremes.outcome import Axis, Budget, attempt, attempts, predicted, within
+from unilateral.extremes.problem import Array, Problem, full, made, place, waves
+from unilateral.partition import uniform
+from unilateral.polygon import square
+from unilateral.solve import pair
+from unilateral.uzawa import DIVERGED
+
+SCALES = 1e-10
+"""How far, relative, a multiplier may be from that of the data of size 1 times their size."""
+
+
+def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f and g multiplied by that: how far the active set's lambda_H is from that of 1, multiplied."""
+    mesh, partition = meshes.structured(square(), h), uniform(square(), H)
+
+    def change(problem: Problem) -> float:
+        found = active_set(problem.both.operator, problem.offset, np.inf).lambda_H / problem.lambda_H.max()
+        return float(np.abs(found - problem.lambda_H / problem.lambda_H.max()).max())
+
+    def problem(times: float) -> Problem:
+        return made(mesh, partition, *waves(partition), times)
+
+    rows = attempts(values, problem, budget, change)
+    tiny, huge = float(np.finfo(float).tiny), float(np.finfo(float).max)
+    limit = tiny / budget.accuracy if values[-1] < 1 else huge
+    return Axis(within(predicted(rows, np.zeros(len(rows))), SCALES), limit, limit)
+
+
+def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda^0 of that size everywhere; the limit is overflow's, for steps grow like its logarithm."""
+    problem = _waved(h, H)
+    rows = [attempt(value, lambda _: problem, budget, _held, start=value) for value in values]
+    return Axis(rows, DIVERGED, DIVERGED)
+
+
+def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda = 0 and u = g on that share of the boundary, reached from above."""
+
+    def problem(share: float) -> Problem:
+        partition = uniform(square(), H)
+        lambda_H, gap = waves(partition)
+        kept = place(partition) > share
+        return made(meshes.structured(square(), h), partition, lambda_H * kept, gap * kept)
+
+    rows = attempts(values, problem, budget, _held, start=1.0)
+    return Axis(rows)
+
+
+def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda = 0 and a gap (s - 1/2)^2, which is 0 in one point of the bottom; over H, h in proportion."""
+
+    def problem(size: float) -> Problem:
+        partition = uniform(square(), size)
+        s = 4 * place(partition)
+        return made(meshes.structured(square(), size * h / H), partition, 0 * s, (s - 0.5) ** 2)
+
+    rows = attempts(values, problem, budget, _held, start=1.0)
+    return Axis(predicted(rows, np.zeros(len(rows))))
+
+
+def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f = 0, g = -1 but for a hat of that width over H, 4 high: no cell is held from a width of H/2 on."""
+    mesh, partition = meshes.structured(square(), h), uniform(square(), H)
+    D = pair(condense(mesh), partition).operator.D
+    unit = square().area / square().perimeter
+
+    def problem(width: float) -> Problem:
+        g = np.where(np.arange(partition.n_cells) == 1, 2 * width - 1, -1.0)
+        held = np.maximum(g, 0) * partition.lengths / np.diag(D)
+        gap = D @ held / partition.lengths - g
+        return made(mesh, partition, held / unit, np.where(held > 0, 0.0, gap))
+
+    rows = attempts(values, problem, budget, _held)
+    return Axis(predicted(rows, (values > 0.5).astype(float)))
+
+
+def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Contact on two opposite sides, a gap on the others: transitions at all vertices; over H."""
+
+    def problem(size: float) -> Problem:
+        partition = uniform(square(), size)
+        here = partition.side % 2 == 0
+        lambda_H = full(partition)[0]
+        return made(meshes.structured(square(), size * h / H), partition, lambda_H * here, 1.0 * ~here)
+
+    rows = attempts(values, problem, budget, _held)
+    return Axis(rows)
+
+
+def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
+
+    def problem(size: float) -> Problem:
+        partition = uniform(square(), size)
+        none = np.zeros(partition.n_cells)
+        return made(meshes.structured(square(), size * h / H), partition, none, none, 0.0)
+
+    rows = attempts(values, problem, budget, _held, start=1.0)
+    return Axis(predicted(rows, np.zeros(len(rows))))
+
+
+def _held(problem: Problem) -> float:
+    """How many cells the active set loads."""
+    found = active_set(problem.both.operator, problem.offset, np.inf).lambda_H
+    return float(np.count_nonzero(found > problem.rounding * problem.norm(problem.u)))
+
+
+def _waved(h: float, H: float) -> Problem:
+    partition = uniform(square(), H)
+    return made(meshes.structured(square(), h), partition, *waves(partition))

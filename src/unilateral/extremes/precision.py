@@ -1,0 +1,65 @@
+"""Axes of the precision: everything in float32, and in float64, until round-off stops the iteration.
+
+With S y + b known to eps ||b||, iterates stay about eps cond(S) ||y|| from lambda_H in L2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import DTypeLike
+from scipy.linalg import solve_triangular
+
+from unilateral import mesh as meshes
+from unilateral.condense import DualOperator, elimination_order, factorise, last_block
+from unilateral.extremes.outcome import NO_TOOL, Axis, Budget, Row, crossing, judge
+from unilateral.extremes.problem import Array, Problem, full, made
+from unilateral.partition import uniform
+from unilateral.polygon import square
+from unilateral.uzawa import DualResult, residual_bound
+
+
+def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """In float32, over H with h in proportion: the floor of the error of lambda in L2, relative."""
+    return _floors(values, h / H, budget, np.float32)
+
+
+def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The same in float64."""
+    return _floors(values, h / H, budget, np.float64)
+
+
+def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
+    """The dual operator with A, its factors, A_3, D and S in that precision."""
+    mesh, both = problem.condensed.mesh, problem.both
+    A = problem.condensed.A.astype(precision)
+    cholesky = last_block(factorise(A, elimination_order(A, mesh.boundary)), len(mesh.boundary))
+    half = solve_triangular(cholesky, both.B.T.toarray().astype(precision), trans="T")
+    return DualOperator(half, both.partition.lengths.astype(precision), mesh.polygon.area)
+
+
+def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
+    """Judged by the bound of float64; predicted: eps cond(S), the limit where that passes the accuracy."""
+    rows, eps = [], float(np.finfo(precision).eps)
+    for H in values.tolist():
+        partition = uniform(square(), H)
+        problem = made(meshes.structured(square(), h_over_H * H), partition, *full(partition))
+        of, tolerance = problem.both.operator, budget.accuracy * problem.size
+        mu = _last(problem, operator_in(problem, precision), budget.max_steps)
+        bound = residual_bound(of, problem.offset, mu, 1 / of.lambda_max)
+        result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, np.nan, "uzawa")
+        found = judge(problem, result, tolerance)
+        distance = np.sqrt(of.H_i @ (mu - problem.lambda_H) ** 2 / (of.H_i @ problem.lambda_H**2))
+        rows.append(Row(H, found, NO_TOOL, float(distance), eps * problem.condition, f"bound {bound:.1e}"))
+    limit = crossing(values, np.array([row.predicted for row in rows]), budget.accuracy)
+    return Axis(rows, limit)
+
+
+def _last(problem: Problem, operator: DualOperator, steps: int) -> Array:
+    """Uzawa's last iterate lambda (m,), every operation in the operator's precision."""
+    root = np.sqrt(operator.H_i)
+    S, b = operator.S, (root * problem.offset).astype(root.dtype)
+    rho = root.dtype.type(1.9 / operator.lambda_max)
+    y = np.zeros_like(b)
+    for _ in range(steps):
+        y = np.maximum(0, y - rho * (S @ y + b))
+    return np.asarray(y / root, dtype=float)

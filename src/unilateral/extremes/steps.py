@@ -1,0 +1,81 @@
+"""Axes of the step rho, over its limit 2/lambda_max(S), as (5.1), (5.2) are meant and as they are printed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from unilateral import mesh as meshes
+from unilateral.experiments import VARIANTS, iterate
+from unilateral.extremes.outcome import NO_TOOL, Axis, Budget, Row, attempt, judge
+from unilateral.extremes.problem import Array, Contact, Problem, full, made, waves
+from unilateral.partition import uniform
+from unilateral.polygon import square
+from unilateral.uzawa import DualResult, residual_bound
+
+
+def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Full contact, where 1 is the limit: above it the clip leaves a bounded cycle."""
+    return Axis(_as_meant(values, _problem(h, H, full), budget), 1.0)
+
+
+def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Contact on three intervals: 1 is safe, and the limit is that of S on the held cells alone."""
+    problem = _problem(h, H, waves)
+    return Axis(_as_meant(values, problem, budget), _limit(problem))
+
+
+def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Full contact with the printed index: z^2 - z + rho sigma = 0 halves the range."""
+    return Axis(_as_printed(values, _problem(h, H, full), budget), 0.5)
+
+
+def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The same in partial contact."""
+    problem = _problem(h, H, waves)
+    limit = 0.5 * _limit(problem)
+    return Axis(_as_printed(values, problem, budget), limit)
+
+
+def _limit(problem: Problem) -> float:
+    """lambda_max of S over that of S on the held cells."""
+    held = np.flatnonzero(problem.lambda_H)
+    S = problem.both.operator.S
+    return problem.both.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
+
+
+def _problem(h: float, H: float, contact: Contact) -> Problem:
+    partition = uniform(square(), H)
+    return made(meshes.structured(square(), h), partition, *contact(partition))
+
+
+def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
+    """The number is the error that is left after all steps, relative."""
+
+    def left(share: float) -> float:
+        rho = share * 2 / problem.both.operator.lambda_max
+        mu = iterate(problem.both.operator, problem.offset, rho, budget.max_steps, VARIANTS[0])
+        return problem.error(mu) / problem.size
+
+    rows = [attempt(share, lambda _: problem, budget, _size, share=share) for share in values.tolist()]
+    return [replace(row, measured=left(row.value)) for row in rows]
+
+
+def _size(problem: Problem) -> float:
+    return problem.size
+
+
+def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
+    """Only the iteration itself, with the bound of its last iterate."""
+    operator, rows = problem.both.operator, []
+    tolerance = budget.accuracy * problem.size
+    for share in values.tolist():
+        rho = share * 2 / operator.lambda_max
+        mu = iterate(operator, problem.offset, rho, budget.max_steps, VARIANTS[1])
+        bound = residual_bound(operator, problem.offset, mu, rho)
+        result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, VARIANTS[1])
+        found = judge(problem, result, tolerance)
+        left = problem.error(mu) / problem.size
+        rows.append(Row(share, found, NO_TOOL, left, message=f"bound {bound:.2g}"))
+    return rows

@@ -1,0 +1,287 @@
+"""Extremes: problems with known solutions, what is told of them, and what was mended in the library."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import clarabel
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import yaml
+
+from unilateral import case as cases
+from unilateral import extremes, uzawa
+from unilateral import mesh as meshes
+from unilateral.active_set import active_set
+from unilateral.certificate import certify
+from unilateral.condense import condense
+from unilateral.errors import InputError
+from unilateral.extremes import KINDS, Budget, precision
+from unilateral.extremes.deep import FILL, finest, predicted_bytes
+from unilateral.extremes.outcome import (
+    NOT_CONVERGED,
+    REFUSED,
+    RIGHT,
+    WRONG,
+    Row,
+    attempt,
+    crossing,
+    judge,
+    within,
+)
+from unilateral.extremes.problem import Problem, full, made, waves
+from unilateral.norms import on_cells, on_mesh
+from unilateral.partition import Partition, uniform
+from unilateral.polygon import Polygon, square
+from unilateral.solve import Stop, pair, solve
+
+ROOT = Path(__file__).parents[1]
+BUDGET = Budget(1e-6, 2000)
+
+
+def problem(h: float = 1 / 8, H: float = 1 / 4, contact=waves, times: float = 1.0) -> Problem:
+    partition = uniform(square(), H)
+    return made(meshes.structured(square(), h), partition, *contact(partition), times)
+
+
+def interior_point(of: Problem) -> np.ndarray:
+    """lambda_H by clarabel: min mu . D mu / 2 + <mu, F(0)> over mu >= 0."""
+    operator, m = of.both.operator, len(of.offset)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
+    D, bounds = sp.csc_matrix(np.triu(operator.D)), -sp.identity(m, format="csc")
+    cone = [clarabel.NonnegativeConeT(m)]
+    solver = clarabel.DefaultSolver(D, operator.H_i * of.offset, bounds, np.zeros(m), cone, settings)
+    return np.asarray(solver.solve().x)
+
+
+@pytest.mark.parametrize("contact", [waves, full])
+def test_the_known_solution_is_that_of_an_interior_point_code(contact) -> None:
+    """To 1e-6, clarabel's accuracy for multipliers."""
+    of = problem(contact=contact)
+    np.testing.assert_allclose(interior_point(of), of.lambda_H, atol=1e-6 * of.lambda_H.max())
+
+
+def test_the_known_solution_satisfies_the_discrete_problem() -> None:
+    of = problem()
+    assert of.error(of.lambda_H) < 1e-12 * of.size
+    gap = of.both.operator.gap(of.lambda_H, of.offset)
+    assert np.abs(np.minimum(gap, of.lambda_H)).max() < 1e-12
+    assert of.error(np.zeros(len(gap))) == pytest.approx(of.size, rel=1e-12)
+
+
+def test_a_bound_below_the_error_is_wrong_and_so_is_a_false_claim_of_convergence() -> None:
+    """Controls of the judgement."""
+    of = problem()
+    tolerance = 1e-6 * of.size
+    result = active_set(of.both.operator, of.offset, tolerance)
+    assert judge(of, result, tolerance) == RIGHT
+    off = replace(result, lambda_H=result.lambda_H + 1e-4)
+    assert judge(of, off, tolerance) == WRONG
+    assert judge(of, replace(off, bound=1.0, converged=False), tolerance) == NOT_CONVERGED
+    assert judge(of, replace(off, bound=1.0, converged=True), tolerance) == WRONG
+    assert judge(of, replace(off, bound=math.nan, converged=False), tolerance) == WRONG
+
+
+def test_a_wrong_solver_makes_the_point_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    of = problem()
+    assert attempt(1.0, lambda _: of, BUDGET, lambda each: each.condition).outcome == RIGHT
+    monkeypatch.setattr(
+        extremes.outcome, "active_set", lambda *_: replace(active_set(*_), lambda_H=np.zeros(len(of.offset)))
+    )
+    row = attempt(1.0, lambda _: of, BUDGET, lambda each: each.condition)
+    assert (row.outcome, row.tool) == (WRONG, WRONG)
+    assert row.message.startswith("active_set")
+
+
+def test_only_bad_input_is_refused() -> None:
+    def refuse(_: float) -> Problem:
+        raise InputError("too small")
+
+    row = attempt(1.0, refuse, BUDGET, lambda each: each.condition)
+    assert (row.outcome, row.message) == (REFUSED, "too small")
+    with pytest.raises(ZeroDivisionError):
+        attempt(1.0, lambda _: 1 / 0, BUDGET, lambda each: each.condition)  # type: ignore[arg-type, return-value]
+
+
+def test_numbers_above_what_is_predicted_are_wrong() -> None:
+    rows = [Row(1.0, RIGHT, RIGHT, 2.0, 1.0), Row(2.0, RIGHT, RIGHT, 1e-13, 0.0), Row(3.0, REFUSED, REFUSED)]
+    assert [row.outcome for row in within(rows, 1e-12)] == [WRONG, RIGHT, REFUSED]
+
+
+def test_crossings_by_hand() -> None:
+    values = np.array([1.0, 0.1, 0.01])
+    assert crossing(values, values**-2.0, 1e3) == pytest.approx(10**-1.5)
+    assert crossing(values, np.array([1.0, 2.0, np.inf]), 1e3) == 0.01
+    assert math.isnan(crossing(values, values, 1e3))
+
+
+def test_a_survey_of_one_axis() -> None:
+    axes = {"size": {"kind": "scaled", "label": "L", "values": [1, 0.5, 1e-6]}}
+    table = extremes.survey(axes, 1 / 4, 1 / 2, BUDGET)
+    assert table["outcome"].values.tolist() == [RIGHT, RIGHT, REFUSED]
+    assert "too small for double precision" in str(table["message"].values[2])
+    assert table["measured_limit"].item() == 1e-6
+    both = extremes.joined([table, table.assign_coords(axis=["other, with a longer name"])])
+    assert both.sizes == {"point": 6, "axis": 2}
+    assert both["axis"].values.tolist() == ["size", "other, with a longer name"]
+    with pytest.raises(InputError, match=r"extremes\.axes\.size: the kind 'sized' is none of scaled"):
+        extremes.survey({"size": {**axes["size"], "kind": "sized"}}, 1 / 4, 1 / 2, BUDGET)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_axis_has_a_right_point_and_no_wrong_one(kind: str) -> None:
+    """On a coarse mesh, at the mildest two values of the study."""
+    study = yaml.safe_load((ROOT / "workflow/config/extremes.yaml").read_text())["extremes"]
+    axis = next(axis for axis in study["axes"].values() if axis["kind"] == kind)
+    axis = {**axis, "values": axis["values"][:2], "accuracy": 1e-4}
+    table = extremes.survey({kind: axis}, 1 / 8, 1 / 4, Budget(1e-4, 5000))
+    assert WRONG not in table["outcome"].values
+    assert RIGHT in table["outcome"].values
+
+
+def test_all_of_the_single_precision_is_single() -> None:
+    of = precision.operator_in(problem(), np.float32)
+    assert {each.dtype for each in (of.half, of.D, of.S, of.H_i, of.spectrum)} == {np.dtype(np.float32)}
+    exact = problem().both.operator
+    assert 1e-9 < np.abs(of.S - exact.S).max() / exact.lambda_max < 1e-5
+
+
+@pytest.mark.parametrize("n", [16, 64, 128])
+def test_rounding_of_A3_is_within_its_estimate_and_above_the_bound(n: int) -> None:
+    """The exact multiplier's u is off by the rounding of A_3, of which no algebraic bound tells."""
+    of = problem(1 / n, 1 / 8, full)
+    lost = of.error(active_set(of.both.operator, of.offset, 1e-6).lambda_H) / of.norm(of.u)
+    assert lost <= of.rounding
+    assert of.rounding == pytest.approx(max(1e-12, np.finfo(float).eps * 4 * n**2), rel=0.1)
+
+
+@pytest.mark.parametrize("n", [32, 64])
+def test_the_factors_have_as_many_numbers_as_nested_dissection_predicts(n: int) -> None:
+    """George's 31/8 n log2 n is asymptotic: a quarter either way."""
+    lu = condense(meshes.structured(square(), 1 / n)).lu
+    unknowns = (n + 1) ** 2
+    assert lu.L.nnz + lu.U.nnz == pytest.approx(2 * FILL * unknowns * math.log2(unknowns), rel=0.25)
+
+
+def test_the_finest_mesh_fills_the_memory() -> None:
+    assert predicted_bytes(finest(16e9)) == pytest.approx(16e9, rel=1e-9)
+    table = extremes.deep(1 / 16, 1 / 8, 16e9, BUDGET)
+    assert table["outcome"] == RIGHT
+    assert int(table["unknowns"]) == 289
+
+
+def test_rectangles_between_ticks() -> None:
+    mesh = meshes.tensor(np.array([0, 1e-4, 0.5, 1]))
+    assert mesh.n_nodes == 16
+    assert mesh.areas.sum() == pytest.approx(1, rel=1e-15)
+    assert mesh.areas.min() == pytest.approx(0.5e-8, rel=1e-12)
+
+
+# What broke, and was mended.
+
+
+@pytest.mark.parametrize("size", [1e-290, 1e-200, 1e-165, 1e-160, 1e150, 1e200, 1e290])
+@pytest.mark.parametrize("H", [1 / 4, 1 / 8])
+def test_solvers_scale_with_the_data(size: float, H: float) -> None:
+    """H = 1/8 is h, where S is singular: below 1e-160 bound and lambda_H were 0, as the square of g was."""
+    of = problem(H=H)
+    operator = of.both.operator
+    found = active_set(operator, size * of.offset, size * 1e-5)
+    assert found.converged
+    expected = active_set(operator, of.offset, 1e-5).lambda_H
+    difference = np.linalg.norm(operator.half @ (found.lambda_H / size - expected))
+    assert difference <= found.bound / size + 1e-7 * of.size
+    assert uzawa.energy_bound(operator, size * of.offset, 0 * expected) >= size * of.size
+
+
+@pytest.mark.parametrize("size", [1e-290, 1e-155, 1.0, 1e152, 1e290])
+def test_uzawa_scales_with_the_data(size: float) -> None:
+    """Steps and bounds do not depend on the size; 1e152 was said to have diverged."""
+    of = problem()
+    ours = uzawa.uzawa(of.both.operator, of.offset, 1e-6)
+    scaled = uzawa.uzawa(of.both.operator, size * of.offset, size * 1e-6)
+    assert scaled.converged
+    assert abs(scaled.iterations - ours.iterations) <= 1
+    assert scaled.bound == pytest.approx(size * ours.bound, rel=0.1)
+    residual = uzawa.residual_bound(of.both.operator, size * of.offset, scaled.lambda_H, scaled.rho)
+    assert residual == pytest.approx(scaled.bound, rel=1e-6)
+
+
+def scaled_case(name: str, factor: str, folder: Path) -> cases.Case:
+    """The catalogue's case with u and g multiplied by a factor."""
+    declaration = yaml.safe_load((ROOT / f"manufactured/{name}.yaml").read_text())
+    for atom in declaration["u"]:
+        key = "formula" if atom["atom"] == "smooth" else "times"
+        atom[key] = f"({factor})*({atom.get(key, 1)})"
+    gap = declaration["gap"]
+    gap["elsewhere"] = f"({factor})*({gap['elsewhere']})"
+    for side in gap.get("sides", []):
+        side["formula"] = f"({factor})*({side['formula']})"
+    file = folder / f"{name}.yaml"
+    file.write_text(yaml.safe_dump(declaration))
+    return cases.load(file, square())
+
+
+@pytest.mark.parametrize("factor", ["1e-150", "1e-13", "1e13", "1e150"])
+@pytest.mark.parametrize("name", ["thirds", "full_contact", "no_contact"])
+def test_cases_of_any_size_are_certified_and_solved_alike(name: str, factor: str, tmp_path: Path) -> None:
+    """At 1e-13 lambda counted as 0, at 1e13 round-off of a flux as negative; contact was said to vanish."""
+    case, of = scaled_case(name, factor, tmp_path), problem(h=1 / 16, H=1 / 8)
+    certificate = certify(case)
+    assert certificate.contact == certify(cases.load(name, square())).contact
+    errors = []
+    for each in (case, cases.load(name, square())):
+        cells = on_cells(each, of.both.partition)
+        errors.append(solve(on_mesh(each, of.condensed), cells, of.both, 0.5, Stop()))
+        assert cells.lambda_is_zero == (name == "no_contact")
+    scaled, plain = errors
+    assert scaled.result.iterations == plain.result.iterations
+    assert scaled.h1_error == pytest.approx(float(factor) * plain.h1_error, rel=1e-9)
+
+
+def test_a_small_negative_multiplier_is_noticed(tmp_path: Path) -> None:
+    """u = -1e-13 (x^2 + y^2)/2 has lambda = -1e-13 on two sides, which passed as round-off."""
+    declaration = yaml.safe_load((ROOT / "manufactured/no_contact.yaml").read_text())
+    declaration["u"] = [{"atom": "smooth", "formula": "-1e-13*(x**2 + y**2)/2"}]
+    declaration["gap"] = {"elsewhere": "1e-13"}
+    (tmp_path / "negative.yaml").write_text(yaml.safe_dump(declaration))
+    with pytest.raises(InputError, match="lambda = du/dn < 0"):
+        certify(cases.load(tmp_path / "negative.yaml", square()))
+
+
+@pytest.mark.parametrize("factor", ["1e-170", "1e160"])
+def test_cases_whose_errors_have_no_square_are_refused(factor: str, tmp_path: Path) -> None:
+    """Their errors were printed as 0, or the tolerance was infinite."""
+    case = scaled_case("full_contact", factor, tmp_path)
+    with pytest.raises(InputError, match="squares of its errors leave double precision; scale the data"):
+        on_mesh(case, problem().condensed)
+
+
+def test_a_polygon_far_away_is_refused_before_its_nodes_move() -> None:
+    """At 1e14 a third of a per cent of an edge was lost, and nothing said."""
+    far = Polygon(square().vertices + 1e8, "square")
+    assert meshes.unstructured(far, 1 / 8).h == pytest.approx(1 / 8, rel=1e-7)
+    for distance in (1e10, 1e14):
+        with pytest.raises(InputError, match=r"coordinates as large as .* are rounded by .* to the origin"):
+            meshes.unstructured(Polygon(square().vertices + distance, "square"), 1 / 8)
+
+
+def test_thin_domains_are_told_from_small_ones() -> None:
+    needle = Polygon(np.array([[0, 0], [1, 0], [1, 1e-5]]), "needle")
+    with pytest.raises(InputError, match="too small for double precision, or too thin"):
+        condense(meshes.unstructured(needle, 1 / 8))
+
+
+def test_ends_of_cells_next_to_mesh_vertices_do_no_harm() -> None:
+    """The operator changes by what the cells change, down to the last bit of an arc length."""
+    mesh, cells = meshes.structured(square(), 1 / 8), uniform(square(), 1 / 4)
+    inside = ~np.isin(cells.points, square().starts)
+    D = pair(condense(mesh), cells).operator.D
+    for distance in (1e-8, 1e-12, 1e-15):
+        near = pair(condense(mesh), Partition(square(), cells.points + distance * inside)).operator.D
+        assert 0 < np.abs(near - D).max() <= max(8 * distance, 1e-14) * np.abs(D).max()

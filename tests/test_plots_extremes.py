@@ -1,0 +1,126 @@
+"""The figure of where it breaks: its points, their marks, and only those."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import texts
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from unilateral import plots
+from unilateral.errors import InputError
+from unilateral.plots.extremes import KINDS
+
+COLUMNS = ["label", "kind", "log10_value", "log10_limit", "log10_tool_limit"]
+
+
+def table() -> pd.DataFrame:
+    """An axis downwards with two limits, one upwards without; all kinds, and two points near each other."""
+    down = [
+        ["size", kind, -1.5 * k, -2.0, -4.0] for k, kind in enumerate(["right", "right", *list(KINDS)[1:]])
+    ]
+    up = [["rho", "right", x, np.nan, np.nan] for x in (-0.3, -0.0004, 0.0004, 0.3)]
+    return pd.DataFrame(down + up, columns=COLUMNS)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    table().to_csv(tmp_path / "extremes.csv", index=False)
+    return tmp_path
+
+
+def draw(folder: Path, target: str = "figure.svg") -> bytes:
+    plots.extremes(folder / "extremes.csv", folder / target)
+    return (folder / target).read_bytes()
+
+
+def test_the_same_table_gives_the_same_bytes(folder: Path) -> None:
+    first = draw(folder)
+    assert draw(folder, "again.svg") == first
+    program = "import sys\nfrom unilateral import plots\nplots.extremes('extremes.csv', 'other.svg')"
+    program += "\nassert 'matplotlib.pyplot' not in sys.modules"
+    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
+    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+    assert (folder / "other.svg").read_bytes() == first
+    changed = table()
+    changed.loc[1, "log10_value"] -= 0.5
+    changed.to_csv(folder / "extremes.csv", index=False)
+    assert draw(folder) != first
+
+
+def test_text_is_as_large_as_in_a_paper_and_on_the_page(
+    folder: Path, drawn: list[tuple[Figure, Bbox]]
+) -> None:
+    svg = draw(folder).decode()
+    assert not re.search(r"\d{4}-\d\d-\d\d|dc:date|<text", svg)
+    page, box = drawn[0]
+    width, height = page.get_size_inches()
+    assert width == pytest.approx(17 / 2.54)
+    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
+    assert min(box.x0, box.y0) >= 0
+    assert box.x1 <= width
+    assert box.y1 <= height
+
+
+def test_every_point_stands_at_its_value_with_its_mark(
+    folder: Path, drawn: list[tuple[Figure, Bbox]]
+) -> None:
+    draw(folder)
+    strips = drawn[0][0].axes
+    assert [strip.get_title(loc="left") for strip in strips] == ["size", "rho"]
+    for strip, (_, of) in zip(strips, table().groupby("label", sort=False), strict=True):
+        found = {
+            (round(float(x), 9), line.get_marker())
+            for line in strip.lines
+            for x in np.atleast_1d(line.get_xdata())
+            if line.get_marker() != "None"
+        }
+        assert found == {
+            (round(x, 9), KINDS[kind][0]) for x, kind in zip(of["log10_value"], of["kind"], strict=True)
+        }
+
+
+def test_mild_is_left_and_limits_are_where_they_are_predicted(
+    folder: Path, drawn: list[tuple[Figure, Bbox]]
+) -> None:
+    draw(folder)
+    size, rho = drawn[0][0].axes
+    assert size.xaxis_inverted()
+    assert not rho.xaxis_inverted()
+    upright = [{float(x) for x in line.get_xdata()} for line in size.lines if line.get_marker() == "None"]
+    assert {-2.0} in upright
+    assert {-4.0} in upright
+    assert len([line for line in rho.lines if line.get_marker() == "None"]) == 1
+
+
+def test_near_points_are_drawn_apart(folder: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+    draw(folder)
+    rho = drawn[0][0].axes[1]
+    points = next(
+        line.get_xydata() for line in rho.lines if line.get_marker() == "o" and len(line.get_xdata())
+    )
+    heights = dict(np.round(np.asarray(points), 6).tolist())
+    assert heights[-0.0004] * heights[0.0004] < 0
+    assert heights[-0.3] == heights[0.3] == 0
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+def test_a_missing_column_is_named(column: str, folder: Path) -> None:
+    table().drop(columns=column).to_csv(folder / "extremes.csv", index=False)
+    with pytest.raises(InputError, match=f"the column '{column}' is missing"):
+        draw(folder)
+    assert not (folder / "figure.svg").exists()
+
+
+def test_an_unknown_kind_is_named(folder: Path) -> None:
+    table().replace({"kind": {"refused": "denied"}}).to_csv(folder / "extremes.csv", index=False)
+    with pytest.raises(InputError, match="column 'kind': 'denied' is none of right"):
+        draw(folder)

@@ -1,0 +1,151 @@
+"""The stored extremes: complete, never wrong, and where theory says. Nothing is solved here."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+from unilateral import extremes_data, tables
+from unilateral.expression import real
+
+ROOT = Path(__file__).parents[1]
+STUDY = yaml.safe_load((ROOT / "workflow/config/extremes.yaml").read_text())["extremes"]
+AXES = STUDY["axes"]
+EVERYWHERE = [
+    *("ratio", "odd", "shift", "short", "near", "kernel", "kernel_loaded", "data_down", "data_up", "flat"),
+    *("touching", "shrinking", "vertex", "nothing", "scale_up", "step_full", "step_partial"),
+]
+VARIANTS = ["printed_full", "printed_partial", "single", "double"]
+"""What the library does not offer."""
+LAWS = {"shift": -2, "short": -1, "odd": 3, "slit": -1, "side": -1}
+
+
+@cache
+def stored() -> xr.Dataset:
+    return tables.load(ROOT / "results/extremes/extremes.nc")
+
+
+def of(axis: str) -> xr.Dataset:
+    return stored().isel(point=stored()["axis_of"].values == axis).sel(axis=axis)
+
+
+def test_the_table_is_complete() -> None:
+    assert set(stored()["axis"].values) == set(AXES)
+    for name, axis in AXES.items():
+        np.testing.assert_allclose(
+            of(name)["value"], [real(value, name) for value in axis["values"]], rtol=1e-15
+        )
+        assert str(of(name)["label"].item()) == axis["label"]
+    assert [name for name in stored().variables if not stored()[name].attrs.get("units")] in ([], ["axis"])
+
+
+def test_nothing_is_wrong_and_what_is_refused_says_why() -> None:
+    table = stored()
+    assert set(table["outcome"].values) == {"right", "not converged", "refused"}
+    assert set(table["tool"].values) == {"right", "not converged", "refused", ""}
+    messages = table["message"].values[table["outcome"].values == "refused"]
+    assert len(messages)
+    for message in messages:
+        assert any(
+            word in message for word in ("scale it", "move polygon", "list every node once", "repeats")
+        )
+
+
+@pytest.mark.parametrize("axis", sorted(set(AXES) - set(VARIANTS)))
+def test_a_tool_is_never_worse_than_plain_uzawa(axis: str) -> None:
+    plain, tool = of(axis)["outcome"].values, of(axis)["tool"].values
+    assert np.all((plain != "right") | (tool == "right"))
+    assert "" not in tool
+
+
+@pytest.mark.parametrize("axis", EVERYWHERE)
+def test_the_tool_is_right_everywhere(axis: str) -> None:
+    """Where S is singular an active set finds u_h; elsewhere Nesterov has steps enough."""
+    assert set(of(axis)["tool"].values) == {"right"}
+
+
+def test_beta_is_0_from_h_equal_to_H_on() -> None:
+    table = of("ratio")
+    np.testing.assert_array_equal(np.isinf(table["measured"]), table["value"] >= 1)
+
+
+@pytest.mark.parametrize(
+    ("axis", "exponent"), [("shift", -2), ("short", -1), ("odd", 3), ("slit", -1), ("side", -1)]
+)
+def test_condition_numbers_follow_their_laws(axis: str, exponent: float) -> None:
+    """Over the last finite values; a tenth either way for what is not yet asymptotic."""
+    value, number = of(axis)["value"].values, of(axis)["measured"].values
+    last = np.flatnonzero(np.isfinite(number))[-3:]
+    slope = np.polyfit(np.log(value[last]), np.log(number[last]), 1)[0]
+    assert slope == pytest.approx(exponent, abs=0.1)
+
+
+def test_flat_triangles_leave_the_condition_number_alone() -> None:
+    """The regular family of the paper is not needed for it: no angle is near 180 degrees."""
+    number = of("aspect")["measured"].values
+    finite = number[np.isfinite(number)]
+    assert len(finite) >= 4
+    assert finite.max() < 1.1 * finite.min()
+
+
+def test_cells_off_mesh_vertices_change_the_operator_by_their_distance() -> None:
+    table = of("near")
+    share = table["measured"].values / table["predicted"].values
+    assert np.all((share > 0.1) & (share < 1.1))
+
+
+def test_contact_is_lost_where_its_mean_is() -> None:
+    np.testing.assert_array_equal(of("shrinking")["measured"], of("shrinking")["predicted"])
+
+
+def test_one_multiplier_may_be_far_from_smooth_and_two_may_differ() -> None:
+    """O(1), relative, for a gap that goes to 0; and with g orthogonal to the kernel another one is found."""
+    assert np.all(of("kernel_loaded")["measured"] > 0.9)
+    assert np.all(of("kernel")["measured"] > 0.1)
+
+
+@pytest.mark.parametrize("axis", VARIANTS[:2])
+def test_the_printed_index_converges_below_half_the_limit(axis: str) -> None:
+    """Above it a bounded cycle is left: the clip keeps every iterate within a few times the solution."""
+    table = of(axis)
+    assert np.all(table["outcome"].values[table["value"].values < 0.5] == "right")
+    assert np.all(table["measured"] < 10)
+
+
+def test_the_step_in_full_contact_leaves_a_bounded_cycle() -> None:
+    table = of("step_full")
+    above = table["value"].values > 1
+    assert np.all(table["measured"].values[above] > 0.1)
+    assert np.all(table["measured"].values[above] < 10)
+    assert np.all(table["measured"].values[~above] < 1e-12)
+
+
+def test_single_precision_stops_where_double_goes_on() -> None:
+    assert np.all(of("single")["measured"].values > 1e6 * of("double")["measured"].values)
+    assert set(of("double")["outcome"].values) == {"right"}
+    share = of("double")["measured"].values / of("double")["predicted"].values
+    assert np.all((share > 0.1) & (share < 10))
+
+
+def test_the_figure_s_rows_are_the_points() -> None:
+    frame = extremes_data.frame(stored())
+    assert len(frame) == stored().sizes["point"]
+    np.testing.assert_allclose(10 ** frame["log10_value"], stored()["value"], rtol=1e-12)
+    rescued = frame["kind"] == extremes_data.RESCUED
+    assert np.all(stored()["tool"].values[rescued] == "right")
+    assert np.count_nonzero(rescued) == np.count_nonzero(
+        (stored()["outcome"] == "not converged") & (stored()["tool"] == "right")
+    )
+
+
+def test_the_table_of_limits_has_a_row_per_axis() -> None:
+    lines = extremes_data.limits_table(stored()).splitlines()
+    assert len(lines) == 2 + len(AXES)
+    assert all(line.count("|") == lines[0].count("|") for line in lines)
+    assert extremes_data.limits_table(stored()) in (ROOT / "paper.md").read_text(encoding="utf-8")
+    assert extremes_data.sentences(stored()) in (ROOT / "paper.md").read_text(encoding="utf-8")

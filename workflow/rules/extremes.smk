@@ -1,0 +1,69 @@
+# Where it breaks: the axes in several jobs -> one table; and, on request only, the finest h.
+EXTREMES = config["extremes"]
+
+
+wildcard_constraints:
+    part="|".join(EXTREMES["jobs"]),
+
+
+rule extremes_part:
+    input:
+        library("extremes", "expression", "tables"),
+    output:
+        "results/extremes/parts/{part}.nc",
+    params:
+        study={key: value for key, value in EXTREMES.items() if key not in ("axes", "jobs")},
+        axes=lambda wildcards: {name: EXTREMES["axes"][name] for name in EXTREMES["jobs"][wildcards.part]},
+    message:
+        "extremes: {wildcards.part}"
+    script:
+        "../scripts/try_extremes.py"
+
+
+rule extremes:
+    input:
+        library("extremes", "tables"),
+        parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["jobs"]),
+    output:
+        "results/extremes/extremes.nc",
+    message:
+        "extremes: the table"
+    script:
+        "../scripts/collect_extremes.py"
+
+
+rule extremes_table:
+    input:
+        library("extremes_data", "tables"),
+        extremes="results/extremes/extremes.nc",
+    output:
+        update("figures/extremes.csv"),
+    message:
+        "The table behind the figure of where it breaks"
+    script:
+        "../scripts/table_extremes.py"
+
+
+rule extremes_figure:
+    input:
+        library("plots"),
+        table="figures/extremes.csv",
+    output:
+        update("figures/extremes.svg"),
+    message:
+        "The figure of where it breaks"
+    script:
+        "../scripts/draw_extremes.py"
+
+
+rule deep:
+    input:
+        library("extremes", "expression", "tables"),
+    output:
+        "results/deep/deep.nc",
+    params:
+        study=config["deep"],
+    message:
+        "deep: the finest mesh that is asked for"
+    script:
+        "../scripts/measure_deep.py"
