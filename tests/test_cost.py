@@ -97,7 +97,7 @@ def test_operations_of_barzilai_borwein_are_those_of_a_cut_step() -> None:
         counted_step("barzilai_borwein", 9, cut) - counted_step("barzilai_borwein", 5, cut)
         for cut in (True, False)
     )
-    assert [4 * operations.PER_CELL["barzilai_borwein"], 40] == list(per_cell)
+    assert [4 * operations.PER_CELL["barzilai_borwein"], 52] == list(per_cell)
 
 
 def brute_cholesky(a: np.ndarray) -> None:

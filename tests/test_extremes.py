@@ -212,6 +212,20 @@ def test_uzawa_scales_with_the_data(size: float) -> None:
     assert residual == pytest.approx(scaled.bound, rel=1e-6)
 
 
+@pytest.mark.parametrize("size", [1e-290, 1e-155, 1e152, 1e290])
+@pytest.mark.parametrize("method", ["nesterov", "barzilai_borwein", "newton"])
+def test_every_method_scales_with_the_data(method: str, size: float) -> None:
+    """Squares of 1e200 overflowed in the steps of Barzilai and Borwein, which left NaN."""
+    of = problem()
+    ours, scaled = (
+        uzawa.uzawa(of.both.operator, factor * of.offset, factor * 1e-6, method=method)
+        for factor in (1.0, size)
+    )
+    assert scaled.converged
+    difference = np.linalg.norm(of.both.operator.half @ (scaled.lambda_H / size - ours.lambda_H))
+    assert difference <= ours.bound + scaled.bound / size
+
+
 def scaled_case(name: str, factor: str, folder: Path) -> cases.Case:
     """The catalogue's case with u and g multiplied by a factor."""
     declaration = yaml.safe_load((ROOT / f"manufactured/{name}.yaml").read_text())

@@ -52,25 +52,28 @@ class BarzilaiBorwein:
 
     Their safeguard, without which such steps may cycle: where the objective exceeds a reference, the largest
     of a run of `patience` values that brought no new best one, the step is cut to the minimum along it.
-    Values are relative to the best one, so that rounding leaves their differences.
+    Values are relative to the best one, so that rounding leaves their differences, and in units of the data
+    (a power of 2, which rounds nothing), for the square of a huge number would be infinite.
     """
 
     share = 1.0
     patience = 10
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
+        self.unit = 2.0 ** (math.frexp(max(np.max(np.abs(b)), np.max(np.abs(y))))[1] - 1)
         self.step, self.old, self.old_F = rho, y.copy(), np.zeros_like(y)
         self.value, self.reference, self.candidate, self.waited = 0.0, math.inf, 0.0, 0
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
-        s, change = y - self.old, F - self.old_F
+        s, change = (y - self.old) / self.unit, (F - self.old_F) / self.unit
         curvature = float(s @ change)
         if curvature > 0:
-            slope = float(s @ self.old_F)
+            slope = float(s @ (self.old_F / self.unit))
             self.step = float(s @ s) / curvature
             if self.value + slope + 0.5 * curvature > self.reference:
                 cut = -slope / curvature
-                y[:], F = self.old + cut * s, self.old_F + cut * change
+                reach = cut * self.unit
+                y[:], F = self.old + reach * s, self.old_F + reach * change
                 slope, curvature = cut * slope, cut**2 * curvature
             self._remember(self.value + slope + 0.5 * curvature)
         self.old, self.old_F = y.copy(), F.copy()

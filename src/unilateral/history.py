@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.condense import Condensed, DualOperator
 from unilateral.operations import newton_solve
 from unilateral.solve import Pair
-from unilateral.uzawa import Apply
+from unilateral.uzawa import Apply, energy_norm
 from unilateral.variants import REFRESH
 
 Array = NDArray[np.float64]
@@ -76,7 +75,8 @@ class History:
         """Of `residual_bound`, in double precision whatever the loop's own."""
         S = self.operator.S
         R = np.minimum(y, self.rho * (S @ y + self.root * self.offset))
-        return math.sqrt(max(float(R @ (S @ R)), 0.0)) + dnrm2(R) * self.per_residual
+        size = dnrm2(R)
+        return energy_norm(S, R, size) + size * self.per_residual
 
     def with_solves(self, y: Array, F: Array, R: Array) -> None:
         """As the history itself; and the solve on the cells in contact, y > R, that follows the step."""

@@ -53,7 +53,7 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
         return math.inf
     R = np.minimum(mu, rho * operator.gap(mu, offset))
     in_L2 = dnrm2(np.sqrt(operator.H_i) * R)
-    return _in_S(operator.D, R, in_L2) + in_L2 / (rho * math.sqrt(operator.lambda_min))
+    return energy_norm(operator.D, R, in_L2) + in_L2 / (rho * math.sqrt(operator.lambda_min))
 
 
 def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
@@ -164,7 +164,7 @@ class _Iteration:
         if not size < DIVERGED:
             return math.inf
         self.applications += 1
-        return _in_S(self.operator.S, R, size) + size * self.per_residual
+        return energy_norm(self.operator.S, R, size) + size * self.per_residual
 
 
 def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
@@ -176,8 +176,8 @@ def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
     return unit * math.sqrt(max(c * c * area + 2 * float(weighted_mu / unit @ (gap / unit + c)), 0.0))
 
 
-def _in_S(matrix: Array, R: Array, unit: float) -> float:
-    """(R . matrix R)^{1/2}, in units of the size of R."""
+def energy_norm(matrix: Array, R: Array, unit: float) -> float:
+    """(R . matrix R)^{1/2} for R (m,) of the size `unit`, with which squares neither overflow nor vanish."""
     return unit * math.sqrt(max(float(R / unit @ (matrix @ (R / unit))), 0.0)) if unit > 0 else 0.0
 
 
