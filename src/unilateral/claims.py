@@ -93,7 +93,7 @@ class Judgement:
     def margin(self) -> float:
         """NaN, which is no pass, where the observed number is."""
         slack = self.found.observed - self.found.required
-        slack = slack if self.found.at_least else -slack
+        slack = (slack if self.found.at_least else -slack) + 0.0
         return slack / abs(self.found.required) if self.found.required else slack
 
     @property
