@@ -94,10 +94,12 @@ def test_the_figure_shows_every_claim(tmp_path: Path, drawn: list[tuple[Figure, 
     tables.save_csv(table, tmp_path / "verdict.csv")
     plots.verdict(tmp_path / "verdict.csv", tmp_path / "verdict.svg")
     figure, seen = drawn[0]
-    axes = figure.axes[0]
-    shown = sorted(float(line.get_xdata()[0]) for line in axes.lines)
-    assert shown == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["4.5", "4.4", "4.3", "4.2", "4.1"]
+    shown = [[float(line.get_xdata()[0]) for line in axes.lines] for axes in figure.axes]
+    assert sum(shown, []) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    named = [[label.get_text() for label in axes.get_yticklabels()] for axes in figure.axes]
+    assert named == [["4.1", "4.2", "4.3"], ["4.4", "4.5"]]
+    heights = [[float(line.get_ydata()[0]) for line in axes.lines] for axes in figure.axes]
+    assert heights == [[2, 1, 0], [2, 1]]
     assert min(text.get_fontsize() for text in texts(figure)) >= 8
     assert seen.x0 >= -0.01
     assert seen.y0 >= -0.01

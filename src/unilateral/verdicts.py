@@ -75,11 +75,11 @@ def _percent(margin: float) -> str:
 
 
 def verdict_frame(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """One row per claim, for the figure of all: label, section, kind of its verdict, margin within limits."""
+    """One row per claim, for the figure of all: label, kind of its verdict, margin within limits."""
     rows = []
     for each in records:
-        of = {"label": each["id"], "section": each["section"], "kind": _kind(each["verdict"])}
-        rows.append(of | {"margin": min(max(each["margin"], LEAST), PLENTY)})
+        margin = min(max(each["margin"], LEAST), PLENTY)
+        rows.append({"label": each["id"], "kind": _kind(each["verdict"]), "margin": margin})
     return pd.DataFrame(rows)
 
 
