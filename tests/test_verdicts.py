@@ -94,8 +94,8 @@ def test_the_figure_shows_every_claim(tmp_path: Path, drawn: list[tuple[Figure, 
     tables.save_csv(table, tmp_path / "verdict.csv")
     plots.verdict(tmp_path / "verdict.csv", tmp_path / "verdict.svg")
     figure, seen = drawn[0]
-    shown = [[float(line.get_xdata()[0]) for line in axes.lines] for axes in figure.axes]
-    assert sum(shown, []) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    shown = [float(line.get_xdata()[0]) for axes in figure.axes for line in axes.lines]
+    assert shown == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
     named = [[label.get_text() for label in axes.get_yticklabels()] for axes in figure.axes]
     assert named == [["4.1", "4.2", "4.3"], ["4.4", "4.5"]]
     heights = [[float(line.get_ydata()[0]) for line in axes.lines] for axes in figure.axes]
