@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import clarabel
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import xarray as xr
 import yaml
 
 from unilateral import case as cases
@@ -17,11 +19,13 @@ from unilateral import extremes, uzawa
 from unilateral import mesh as meshes
 from unilateral.active_set import active_set
 from unilateral.certificate import certify
+from unilateral.checks import extremes as checks
 from unilateral.condense import condense
 from unilateral.errors import InputError
-from unilateral.extremes import KINDS, Budget, precision
+from unilateral.extremes import KINDS, Budget, cells, contact, precision, shapes, steps
 from unilateral.extremes.deep import FILL, finest, predicted_bytes
 from unilateral.extremes.outcome import (
+    NO_TOOL,
     NOT_CONVERGED,
     REFUSED,
     RIGHT,
@@ -79,22 +83,27 @@ def test_a_bound_below_the_error_is_wrong_and_so_is_a_false_claim_of_convergence
     of = problem()
     tolerance = 1e-6 * of.size
     result = active_set(of.both.operator, of.offset, tolerance)
-    assert judge(of, result, tolerance) == RIGHT
+    assert judge(of, result, tolerance).outcome == RIGHT
     off = replace(result, lambda_H=result.lambda_H + 1e-4)
-    assert judge(of, off, tolerance) == WRONG
-    assert judge(of, replace(off, bound=1.0, converged=False), tolerance) == NOT_CONVERGED
-    assert judge(of, replace(off, bound=1.0, converged=True), tolerance) == WRONG
-    assert judge(of, replace(off, bound=math.nan, converged=False), tolerance) == WRONG
+    assert judge(of, off, tolerance).outcome == WRONG
+    for bound, converged, outcome in (
+        (1.0, False, NOT_CONVERGED),
+        (1.0, True, WRONG),
+        (math.nan, False, WRONG),
+    ):
+        assert judge(of, replace(off, bound=bound, converged=converged), tolerance).outcome == outcome
 
 
 def test_a_wrong_solver_makes_the_point_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     of = problem()
-    assert attempt(1.0, lambda _: of, BUDGET, lambda each: each.condition).outcome == RIGHT
+    assert attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition).outcome == RIGHT
     monkeypatch.setattr(
         extremes.outcome, "active_set", lambda *_: replace(active_set(*_), lambda_H=np.zeros(len(of.offset)))
     )
-    row = attempt(1.0, lambda _: of, BUDGET, lambda each: each.condition)
+    row = attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition)
     assert (row.outcome, row.tool) == (WRONG, WRONG)
+    assert row.true_error == pytest.approx(of.size, rel=1e-9)
+    assert row.true_error > row.guaranteed + row.allowance
     assert row.message.startswith("active_set")
 
 
@@ -102,14 +111,18 @@ def test_only_bad_input_is_refused() -> None:
     def refuse(_: float) -> Problem:
         raise InputError("too small")
 
-    row = attempt(1.0, refuse, BUDGET, lambda each: each.condition)
+    row = attempt(1.0, refuse, BUDGET, lambda each, _: each.condition)
     assert (row.outcome, row.message) == (REFUSED, "too small")
     with pytest.raises(ZeroDivisionError):
-        attempt(1.0, lambda _: 1 / 0, BUDGET, lambda each: each.condition)  # type: ignore[arg-type, return-value]
+        attempt(1.0, lambda _: 1 / 0, BUDGET, lambda each, _: each.condition)  # type: ignore[arg-type, return-value]
 
 
 def test_numbers_above_what_is_predicted_are_wrong() -> None:
-    rows = [Row(1.0, RIGHT, RIGHT, 2.0, 1.0), Row(2.0, RIGHT, RIGHT, 1e-13, 0.0), Row(3.0, REFUSED, REFUSED)]
+    rows = [
+        Row(1.0, RIGHT, RIGHT, measured=2.0, predicted=1.0),
+        Row(2.0, RIGHT, RIGHT, measured=1e-13, predicted=0.0),
+        Row(3.0, REFUSED, REFUSED),
+    ]
     assert [row.outcome for row in within(rows, 1e-12)] == [WRONG, RIGHT, REFUSED]
 
 
@@ -118,6 +131,125 @@ def test_crossings_by_hand() -> None:
     assert crossing(values, values**-2.0, 1e3) == pytest.approx(10**-1.5)
     assert crossing(values, np.array([1.0, 2.0, np.inf]), 1e3) == 0.01
     assert math.isnan(crossing(values, values, 1e3))
+
+
+def test_the_tool_is_what_the_library_takes_and_there_is_none_with_a_given_rho() -> None:
+    """Few plain steps: Uzawa; too many: Nesterov; S singular: the active set. With a rho it keeps Uzawa."""
+    of, singular = problem(), problem(H=1 / 8)
+    none = [attempt(1.0, lambda _: of, BUDGET, lambda *_: 0.0, share=share) for share in (0.5, 2.5)]
+    assert [(row.outcome, row.tool) for row in none] == [(RIGHT, NO_TOOL), (NOT_CONVERGED, NO_TOOL)]
+    few = attempt(1.0, lambda _: of, Budget(1e-6, 100), lambda *_: 0.0)
+    assert (few.outcome, few.tool) == (NOT_CONVERGED, RIGHT)
+    few = attempt(1.0, lambda _: singular, Budget(1e-6, 10), lambda *_: 0.0)
+    assert (few.outcome, few.tool) == (NOT_CONVERGED, RIGHT)
+
+
+def test_in_partial_contact_the_held_cells_decide_near_the_solution_only() -> None:
+    """Below the local limit rho converges from nearby, above it no more; from 0 not even below it."""
+    of = problem()
+    limit, operator = steps.local_limit(of), of.both.operator
+    for share, near in ((0.97 * limit, True), (1.03 * limit, False)):
+        rho = share * 2 / operator.lambda_max
+        with nullcontext() if near else pytest.warns(RuntimeWarning):
+            found = uzawa.uzawa(operator, of.offset, 1e-13, rho, of.lambda_H * (1 + 1e-6), 2000)
+        assert found.converged == near
+        assert (of.error(found.lambda_H) < 1e-11 * of.size) == near
+    table = extremes.survey(
+        {"rho": {"kind": "step_partial", "label": "", "values": [1.8, 0.99 * limit]}}, 1 / 8, 1 / 4, BUDGET
+    )
+    assert table["outcome"].values.tolist() == [RIGHT, NOT_CONVERGED]
+    assert table["predicted_limit"].item() == 1
+    assert table["local_limit"].item() == pytest.approx(limit, rel=1e-12)
+
+
+def test_a_smoothed_multiplier_has_the_same_u() -> None:
+    """The kernel's share is half the mean of lambda_H on its cells, which is |Omega|/|boundary| = 1/4."""
+    of = cells._contact_at_h(1 / 8, 1.0)
+    mu = cells.smoothed(of.lambda_H)
+    unseen = of.both.B.T @ (mu - of.lambda_H)
+    assert np.abs(unseen).max() < 1e-14 * np.abs(of.both.B.T @ of.lambda_H).max()
+    np.testing.assert_allclose(np.abs(mu - of.lambda_H), 1 / 8, rtol=1e-12)
+
+
+def test_contact_in_a_point_leaves_the_mean_of_the_gap() -> None:
+    """The mean of 1 - cos(pi (s - 1/3)/2) over the cell around 1/3, (1/4, 1/2), by a quadrature."""
+    x, w = np.polynomial.legendre.leggauss(8)
+    mean = w @ (1 - np.cos(np.pi / 2 * (0.375 + 0.125 * x - 1 / 3))) / 2
+    row = contact.touching(np.array([1 / 4]), 1 / 8, 1 / 4, BUDGET).rows[0]
+    assert (row.outcome, row.tool) == (RIGHT, RIGHT)
+    assert row.measured == pytest.approx(mean, rel=1e-9)
+    assert row.predicted == pytest.approx(mean, rel=0.01)
+    assert int(row.message.split()[0]) > 1
+
+
+def test_rounding_of_coordinates_is_not_allowed_for() -> None:
+    """At 1e8 from the origin an error of 1e-6 passed as rounding."""
+    far = Polygon(square().vertices + 1e8, "square")
+    partition = uniform(far, 1 / 4)
+    of = made(meshes.unstructured(far, 1 / 8), partition, *waves(partition))
+    assert of.rounding < 1e-11
+    found = active_set(of.both.operator, of.offset, 1e-6 * of.size)
+    assert of.error(found.lambda_H) < of.rounding * of.norm(of.u)
+
+
+def test_no_condition_number_below_1_is_predicted() -> None:
+    axis = shapes.scaled(np.array([1.0, 100.0]), 1 / 8, 1 / 4, BUDGET)
+    assert math.isnan(axis.rows[1].predicted)
+    assert math.isnan(axis.limit)
+
+
+def judged(**changed: object) -> dict[str, xr.Dataset]:
+    """A table of two axes, the first upwards with a limit, the second downwards without."""
+    point = {
+        "axis_of": ["up", "up", "down", "down"],
+        "value": [1.0, 2.0, 1.0, 0.5],
+        "outcome": [RIGHT, NOT_CONVERGED, RIGHT, REFUSED],
+        "tool": [RIGHT, RIGHT, RIGHT, REFUSED],
+        "true_error": [0.5, 0.5, 1.05, np.nan],
+        "guaranteed": [1.0, 1.0, 1.0, np.nan],
+        "allowance": [0.1, 0.1, 0.1, np.nan],
+    }
+    axis = {
+        "predicted_limit": [1.999, np.nan],
+        "predicted_tool_limit": [np.nan, np.nan],
+        "measured_limit": [2.0, np.nan],
+        "measured_tool_limit": [np.nan, np.nan],
+    }
+    of_point = {name: ("point", changed.get(name, values)) for name, values in point.items()}
+    of_axis = {name: ("axis", changed.get(name, values)) for name, values in axis.items()}
+    return {"table": xr.Dataset({**of_point, **of_axis}, coords={"axis": ["up", "down"]})}
+
+
+def test_the_check_of_outcomes_recomputes_them() -> None:
+    assert checks.outcomes(judged(), "table").observed == 0
+    for error in (1.2, np.nan):
+        assert checks.outcomes(judged(true_error=[0.5, error, 1.05, np.nan]), "table").observed == 1
+    assert checks.outcomes(judged(outcome=[WRONG, RIGHT, RIGHT, REFUSED]), "table").observed == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("predicted_limit", [2.001, np.nan]),
+        ("measured_limit", [2.0, 0.5]),
+        ("measured_tool_limit", [2.0, np.nan]),
+        ("measured_tool_limit", [np.nan, 1.0]),
+    ],
+)
+def test_a_limit_met_early_or_where_all_was_promised_counts(name: str, values: list[float]) -> None:
+    assert checks.no_earlier(judged(), "table").observed == 0
+    assert checks.no_earlier(judged(**{name: values}), "table").observed == 1
+
+
+def test_where_nothing_is_promised_nothing_is_early() -> None:
+    tables = judged(predicted_limit=[1.999, cells.NOTHING], measured_limit=[2.0, 1.0])
+    assert checks.no_earlier(tables, "table").observed == 0
+
+
+@pytest.mark.parametrize(("measured", "observed"), [(2.0, 2 / 1.999 - 1), (1.998, np.inf), (np.nan, np.inf)])
+def test_a_step_that_fails_below_its_limit_fails(measured: float, observed: float) -> None:
+    found = checks.step_limit(judged(measured_limit=[measured, np.nan]), "table", ["up"], 0.01)
+    assert found.observed == pytest.approx(observed, rel=1e-9)
 
 
 def test_a_survey_of_one_axis() -> None:

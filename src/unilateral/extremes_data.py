@@ -11,19 +11,20 @@ import xarray as xr
 from numpy.typing import NDArray
 
 RESCUED = "right, but not by plain Uzawa"
-ALWAYS = "–"
+ALWAYS, NEVER, NO_TOOL = "–", "none", "no tool"
 LINE = 118
 
 
 def frame(table: xr.Dataset) -> pd.DataFrame:
     """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
     of = table.sel(axis=table["axis_of"])
+    limit = of["predicted_limit"].where(np.isfinite(of["predicted_limit"]))
     return pd.DataFrame(
         {
             "label": of["label"].values,
             "kind": _kinds(table),
             "log10_value": np.log10(table["value"].values),
-            "log10_limit": np.log10(of["predicted_limit"].values),
+            "log10_limit": np.log10(limit.values),
             "log10_tool_limit": np.log10(of["predicted_tool_limit"].values),
         }
     )
@@ -45,12 +46,14 @@ def limits_table(table: xr.Dataset) -> str:
     kinds = _kinds(table)
     for name in table["axis"].values:
         of, points = table.sel(axis=name), table["axis_of"].values == name
-        values = table["value"].values[points]
+        values, tooled = table["value"].values[points], np.all(table["tool"].values[points] != "")
         cells = [
             str(of["label"].item()),
             f"{_number(values[0])} … {_number(values[-1])}",
             f"{_limit(of['predicted_limit'])}, {_limit(of['measured_limit'])}",
-            f"{_limit(of['predicted_tool_limit'])}, {_limit(of['measured_tool_limit'])}",
+            f"{_limit(of['predicted_tool_limit'])}, {_limit(of['measured_tool_limit'])}"
+            if tooled
+            else NO_TOOL,
             ", ".join(f"{count} {kind}" for kind, count in Counter(kinds[points].tolist()).items()),
         ]
         lines.append(f"| {' | '.join(cells)} |")
@@ -58,7 +61,7 @@ def limits_table(table: xr.Dataset) -> str:
 
 
 def sentences(table: xr.Dataset) -> str:
-    """How many points there are, and what became of them."""
+    """How many points there are, what became of them, and how far rho may go in partial contact."""
     count = Counter(_kinds(table).tolist())
     text = (
         f"Of {table.sizes['point']} points on {table.sizes['axis']} axes {count['right']} are right by plain "
@@ -66,10 +69,31 @@ def sentences(table: xr.Dataset) -> str:
         f"active set; {count['not converged']} end without convergence and with a valid bound, "
         f"{count['refused']} are refused with a message, and {count['wrong']} are wrong."
     )
-    return textwrap.fill(text, LINE)
+    return textwrap.fill(f"{text} {_partial_contact(table)}", LINE)
+
+
+def _partial_contact(table: xr.Dataset) -> str:
+    last, first, local = _last_and_first(table, "step_partial")
+    printed, none, _ = _last_and_first(table, "printed_partial")
+    return (
+        f"In partial contact steps up to {last} times the limit converged and {first} did not; only near "
+        f"the solution, where the held cells alone decide, is {local} the limit. With the printed index "
+        f"steps up to {printed} times converged and {none} did not."
+    )
+
+
+def _last_and_first(table: xr.Dataset, axis: str) -> tuple[str, str, str]:
+    """The last value before the first that is not right, that one, and the local limit."""
+    of = table.sel(axis=axis)
+    values = table["value"].values[table["axis_of"].values == axis]
+    first = float(of["measured_limit"])
+    last = float(values[values < first].max())
+    return _number(last), _number(first), _number(float(of["local_limit"]))
 
 
 def _limit(value: xr.DataArray) -> str:
+    if np.isinf(value):
+        return NEVER
     return ALWAYS if np.isnan(value) else _number(float(value))
 
 

@@ -10,33 +10,33 @@ LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measur
 
 
 def outcomes(tables: Tables, table: str) -> Found:
-    """How many points are neither right, nor refused, nor without convergence but with a valid bound."""
+    """How many points are called wrong, or are tried and have an error above bound and allowance."""
     of = tables[table]
-    rows = {
-        str(name): float(np.count_nonzero(of["outcome"].values[of["axis_of"].values == name] == "wrong"))
-        for name in of["axis"].values
-    }
+    outcome, error = of["outcome"].values, of["true_error"].values
+    above = ~(error <= of["guaranteed"].values + of["allowance"].values) & (outcome != "refused")
+    wrong = above | (outcome == "wrong") | (of["tool"].values == "wrong")
+    names = of["axis_of"].values
+    rows = {str(name): float(np.count_nonzero(wrong[names == name])) for name in of["axis"].values}
     return worst(rows, "wrong points on an axis", 0.0, False)
 
 
 def no_earlier(tables: Tables, table: str) -> Found:
-    """How many limits are met before the value up to which all was predicted to be right."""
+    """How many limits are met before the value up to which all was predicted to be right; NaN: everywhere."""
     of, rows = tables[table], {}
     for name in of["axis"].values:
         values = of["value"].values[of["axis_of"].values == name]
         sign = 1 if values[-1] > values[0] else -1
         pairs = [[float(of[key].sel(axis=name)) for key in pair] for pair in LIMITS]
-        rows[str(name)] = float(sum(sign * measured < sign * limit for limit, measured in pairs))
+        early = [np.isfinite(measured) and not sign * measured >= sign * limit for limit, measured in pairs]
+        rows[str(name)] = float(sum(early))
     return worst(rows, "limits of an axis met too early", 0.0, False)
 
 
 def step_limit(tables: Tables, table: str, axes: list[str], most: float) -> Found:
-    """How far the first step rho that fails is from the predicted limit, relative."""
-    of = tables[table]
-    rows = {
-        axis: abs(float(of["measured_limit"].sel(axis=axis) / of["predicted_limit"].sel(axis=axis)) - 1)
-        for axis in axes
-    }
+    """How far above the predicted limit the first step rho that fails is, relative; inf if it is below."""
+    limits = tables[table].sel(axis=axes)
+    beyond = (limits["measured_limit"] / limits["predicted_limit"]).values - 1
+    rows = {axis: float(each) if each >= 0 else np.inf for axis, each in zip(axes, beyond, strict=True)}
     return worst(rows, "the first rho that fails, over the predicted limit, less 1", most, False)
 
 

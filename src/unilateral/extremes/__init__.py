@@ -28,14 +28,25 @@ KINDS = {
 }
 
 
-COLUMNS = ("value", "outcome", "tool", "measured", "predicted", "message")
-LIMITS = ("predicted_limit", "predicted_tool_limit", "measured_limit", "measured_tool_limit")
+COLUMNS = (
+    "value",
+    "outcome",
+    "tool",
+    "true_error",
+    "guaranteed",
+    "allowance",
+    "measured",
+    "predicted",
+    "message",
+)
+LIMITS = ("predicted_limit", "predicted_tool_limit", "local_limit", "measured_limit", "measured_tool_limit")
 
 
 def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:
     """The axes' points, in the order of their values, from mild to extreme; see variables.yaml.
 
-    Limits are predicted as values up to which all is right, and measured as the first one that is not.
+    Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
+    the first one that is not.
     Raises InputError for an unknown kind.
     """
     points: dict[str, list[Any]] = {name: [] for name in ("axis_of", *COLUMNS)}
@@ -47,7 +58,8 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
             for column in COLUMNS:
                 points[column].append(getattr(row, column))
         measured = (_first(found.rows, what) for what in ("outcome", "tool"))
-        for key, value in zip(LIMITS, (found.limit, found.tool_limit, *measured), strict=True):
+        told = (found.limit, found.tool_limit, found.local_limit)
+        for key, value in zip(LIMITS, (*told, *measured), strict=True):
             limits[key].append(value)
     table = {name: ("point", values) for name, values in points.items()}
     of_axis = {"label": [axis["label"] for axis in axes.values()], **limits}

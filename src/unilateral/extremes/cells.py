@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral import mesh as meshes
-from unilateral.active_set import active_set
-from unilateral.extremes.outcome import Axis, Budget, attempts, crossing, predicted, within
+from unilateral.extremes.outcome import NOTHING, Axis, Budget, attempts, crossing, predicted, within
 from unilateral.extremes.problem import Array, Problem, full, made, waves
 from unilateral.extremes.shapes import ROUNDED
 from unilateral.mesh import Mesh
@@ -73,7 +72,7 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
     def problem(distance: float) -> Problem:
         return _waved(mesh, Partition(square(), aligned.points + distance * inside))
 
-    def change(of: Problem) -> float:
+    def change(of: Problem, _: Array) -> float:
         return float(np.abs(of.both.operator.D - there).max() / np.abs(there).max())
 
     rows = attempts(values, problem, budget, change)
@@ -83,20 +82,27 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h of those values, g orthogonal to the kernel of S: how far another multiplier with this u_h is."""
 
-    def distance(problem: Problem) -> float:
-        return _distance(problem, problem.lambda_H)
+    def distance(problem: Problem, found: Array) -> float:
+        return _distance(problem, found, problem.lambda_H)
 
-    return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), values[0])
+    return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), NOTHING)
 
 
 def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h, that gap on every other cell, so that lambda_H is unique: how far it is from a smooth one."""
 
-    def distance(problem: Problem) -> float:
-        return _distance(problem, 0.5 * (problem.lambda_H + np.roll(problem.lambda_H, 1)))
+    def distance(problem: Problem, found: Array) -> float:
+        return _distance(problem, found, smoothed(problem.lambda_H))
 
     rows = attempts(values, lambda gap: _contact_at_h(h, gap), budget, distance)
-    return Axis(predicted(rows, np.ones(len(rows))), values[0])
+    known = _contact_at_h(h, float(values[0]))
+    return Axis(predicted(rows, np.full(len(rows), distance(known, known.lambda_H))), NOTHING)
+
+
+def smoothed(lambda_H: Array) -> Array:
+    """The multiplier (m,) without what B^T does not see, the kernel (-1)^i of equal cells at H = h."""
+    kernel = (-1.0) ** np.arange(len(lambda_H))
+    return np.asarray(lambda_H - kernel * (kernel @ lambda_H) / len(lambda_H))
 
 
 def _contact_at_h(h: float, gap: float) -> Problem:
@@ -107,16 +113,15 @@ def _contact_at_h(h: float, gap: float) -> Problem:
     return made(meshes.structured(square(), h), partition, lambda_H, gap * free)
 
 
-def _distance(problem: Problem, mu: Array) -> float:
-    """Of the active set's multiplier from mu, in L2, relative."""
-    operator = problem.both.operator
-    found = active_set(operator, problem.offset, np.inf).lambda_H
-    return float(np.sqrt(operator.H_i @ (found - mu) ** 2 / (operator.H_i @ mu**2)))
+def _distance(problem: Problem, found: Array, mu: Array) -> float:
+    """Of a multiplier from mu, in L2, relative."""
+    H_i = problem.both.operator.H_i
+    return float(np.sqrt(H_i @ (found - mu) ** 2 / (H_i @ mu**2)))
 
 
 def _waved(mesh: Mesh, partition: Partition) -> Problem:
     return made(mesh, partition, *waves(partition))
 
 
-def _condition(problem: Problem) -> float:
+def _condition(problem: Problem, _: Array) -> float:
     return problem.condition

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral import mesh as meshes
-from unilateral.active_set import active_set
 from unilateral.condense import condense
-from unilateral.extremes.outcome import Axis, Budget, attempt, attempts, predicted, within
+from unilateral.extremes.outcome import Axis, Budget, Row, attempt, attempts, predicted, within
 from unilateral.extremes.problem import Array, Problem, full, made, place, waves
 from unilateral.partition import uniform
 from unilateral.polygon import square
 from unilateral.solve import pair
 from unilateral.uzawa import DIVERGED
 
+TOUCH = 1 / 3
 SCALES = 1e-10
 """How far, relative, a multiplier may be from that of the data of size 1 times their size."""
 
@@ -22,9 +22,9 @@ def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f and g multiplied by that: how far the active set's lambda_H is from that of 1, multiplied."""
     mesh, partition = meshes.structured(square(), h), uniform(square(), H)
 
-    def change(problem: Problem) -> float:
-        found = active_set(problem.both.operator, problem.offset, np.inf).lambda_H / problem.lambda_H.max()
-        return float(np.abs(found - problem.lambda_H / problem.lambda_H.max()).max())
+    def change(problem: Problem, found: Array) -> float:
+        unit = problem.lambda_H.max()
+        return float(np.abs(found / unit - problem.lambda_H / unit).max())
 
     def problem(times: float) -> Problem:
         return made(mesh, partition, *waves(partition), times)
@@ -56,15 +56,20 @@ def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """lambda = 0 and a gap (s - 1/2)^2, which is 0 in one point of the bottom; over H, h in proportion."""
+    """lambda = 0 and a gap that is 0 in one point inside a cell, from lambda^0 = 1 there; over H.
 
-    def problem(size: float) -> Problem:
+    The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
+    third of the cell from one of its ends.
+    """
+
+    def attempted(size: float) -> Row:
         partition = uniform(square(), size)
-        s = 4 * place(partition)
-        return made(meshes.structured(square(), size * h / H), partition, 0 * s, (s - 0.5) ** 2)
+        gap = 1 - np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi / partition.lengths
+        of = made(meshes.structured(square(), size * h / H), partition, np.zeros(len(gap)), gap)
+        there = (np.arange(len(gap)) == np.argmin(gap)).astype(float)
+        return attempt(size, lambda _: of, budget, _smallest_gap, start=there)
 
-    rows = attempts(values, problem, budget, _held, start=1.0)
-    return Axis(predicted(rows, np.zeros(len(rows))))
+    return Axis(predicted([attempted(size) for size in values.tolist()], (np.pi * values) ** 2 / 72))
 
 
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -108,9 +113,12 @@ def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return Axis(predicted(rows, np.zeros(len(rows))))
 
 
-def _held(problem: Problem) -> float:
+def _smallest_gap(problem: Problem, found: Array) -> float:
+    return float(problem.both.operator.gap(found, problem.offset).min())
+
+
+def _held(problem: Problem, found: Array) -> float:
     """How many cells the active set loads."""
-    found = active_set(problem.both.operator, problem.offset, np.inf).lambda_H
     return float(np.count_nonzero(found > problem.rounding * problem.norm(problem.u)))
 
 

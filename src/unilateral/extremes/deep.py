@@ -40,7 +40,7 @@ def deep(h: float, H: float, memory: float, budget: Budget) -> xr.Dataset:
         held.append(made(meshes.structured(square(), h), partition, *full(partition)))
         return held[0]
 
-    row = attempt(h, problem, budget, lambda of: float(of.condensed.lu.L.nnz + of.condensed.lu.U.nnz))
+    row = attempt(h, problem, budget, lambda of, _: float(of.condensed.lu.L.nnz + of.condensed.lu.U.nnz))
     n = held[0].condensed.mesh.n_nodes
     table = {
         "h": held[0].condensed.mesh.h,

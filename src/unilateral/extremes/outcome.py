@@ -12,22 +12,50 @@ from unilateral.acceleration import STEPS
 from unilateral.active_set import active_set
 from unilateral.errors import InputError
 from unilateral.extremes.problem import Array, Problem
+from unilateral.solve import Stop, iterate
 from unilateral.uzawa import DualResult, uzawa
 
 RIGHT, NOT_CONVERGED, REFUSED, WRONG = OUTCOMES = ("right", "not converged", "refused", "wrong")
-
-
 NO_TOOL = ""
 """The library offers no such thing."""
+Measure = Callable[[Problem, Array], float]
+"""A number of a problem and the active set's lambda_H (m,)."""
+NOTHING = np.inf
+"""The limit on an axis with falling values where plain Uzawa is promised nothing."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a result is, by ||u(mu) - u_h||_1, the bound that it tells, and what is allowed for rounding."""
+
+    outcome: str
+    error: float
+    bound: float
+    allowance: float
+
+    @property
+    def used(self) -> float:
+        """The share of the bound that the error takes; a wrong result takes it all."""
+        allowed = self.bound + self.allowance
+        if self.outcome == WRONG:
+            return np.inf
+        return self.error / allowed if 0 < allowed < np.inf else 0.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """A point of an axis: the outcomes of plain Uzawa and of the tool's choice, a number, its prediction."""
+    """A point of an axis: the outcomes of plain Uzawa and of the tool's choice, a number, its prediction.
+
+    `true_error`, `guaranteed` (its bound) and `allowance` are those of the algorithm that is nearest to its
+    bound, or beyond it.
+    """
 
     value: float
     outcome: str
     tool: str
+    true_error: float = np.nan
+    guaranteed: float = np.nan
+    allowance: float = np.nan
     measured: float = np.nan
     predicted: float = np.nan
     message: str = ""
@@ -35,11 +63,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Axis:
-    """The rows, and up to where plain Uzawa and the tool are predicted to be right; NaN: everywhere."""
+    """The rows, and up to where plain Uzawa and the tool are predicted to be right; NaN: everywhere.
+
+    `local_limit` is up to where plain Uzawa converges from nearby; NaN where that is not asked for.
+    """
 
     rows: list[Row]
     limit: float = np.nan
     tool_limit: float = np.nan
+    local_limit: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -60,26 +92,28 @@ class Budget:
         return float((self.max_steps / np.log(self.accuracy)) ** 2)
 
 
-def judge(problem: Problem, result: DualResult, tolerance: float) -> str:
+def judge(problem: Problem, result: DualResult, tolerance: float) -> Verdict:
     """By the true error; a result that says more than is true is wrong, whatever its error."""
     error = problem.error(result.lambda_H)
-    rounding = problem.rounding * max(problem.size, problem.norm(problem.u))
-    if not error <= result.bound + rounding or result.converged != (result.bound <= tolerance):
-        return WRONG
-    return RIGHT if result.converged else NOT_CONVERGED
+    allowance = problem.rounding * max(problem.size, problem.norm(problem.u))
+    outcome = RIGHT if result.converged else NOT_CONVERGED
+    if not error <= result.bound + allowance or result.converged != (result.bound <= tolerance):
+        outcome = WRONG
+    return Verdict(outcome, error, result.bound, allowance)
 
 
 def attempt(
     value: float,
     make: Callable[[float], Problem],
     budget: Budget,
-    measure: Callable[[Problem], float],
-    start: float = 0.0,
+    measure: Measure,
+    start: float | Array = 0.0,
     share: float | None = None,
 ) -> Row:
     """Plain Uzawa from `start` on every cell, rho a share of 2/lambda_max(S); and all other algorithms.
 
-    Any wrong result makes the point wrong; only an InputError counts as refused.
+    Any wrong result makes the point wrong; only an InputError counts as refused. With a share there is no
+    outcome of the tool, which takes rho as it is given.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -98,20 +132,34 @@ def attempt(
             for method in STEPS
             if method != plain.algorithm and not (method == "newton" and operator.singular)
         ]
+        chosen = iterate(operator, offset, tolerance, Stop(max_steps=budget.max_steps), begin)
         found = {each.algorithm: judge(problem, each, tolerance) for each in (plain, exact, *others)}
-        number = measure(problem)
-    names = [name for name, outcome in found.items() if outcome == WRONG]
-    if names:
-        return Row(value, WRONG, WRONG, number, message=f"{', '.join(names)}: the error is above the bound")
-    tool = found[exact.algorithm if operator.singular else "nesterov"]
-    return Row(value, found[plain.algorithm], tool, number, message=_said(plain, tolerance))
+        tool = judge(problem, chosen, tolerance)
+        number = measure(problem, exact.lambda_H)
+    worst = max((*found.values(), tool), key=lambda each: each.used)
+    row = Row(value, found[plain.algorithm].outcome, tool.outcome, *_numbers(worst), number)
+    if worst.outcome == WRONG:
+        names = [name for name, each in found.items() if each.outcome == WRONG] or ["the tool"]
+        said = f"{', '.join(names)}: the error is above the bound"
+        return replace(row, outcome=WRONG, tool=WRONG, message=said)
+    return replace(row, tool=row.tool if share is None else NO_TOOL, message=_said(plain, tolerance))
+
+
+def untooled(value: float, verdict: Verdict, measured: float, predicted: float = np.nan) -> Row:
+    """The row of an algorithm that the library does not offer."""
+    said = f"bound {verdict.bound:.2g}"
+    return Row(value, verdict.outcome, NO_TOOL, *_numbers(verdict), measured, predicted, said)
+
+
+def _numbers(verdict: Verdict) -> tuple[float, float, float]:
+    return verdict.error, verdict.bound, verdict.allowance
 
 
 def attempts(
     values: Array,
     make: Callable[[float], Problem],
     budget: Budget,
-    measure: Callable[[Problem], float],
+    measure: Measure,
     start: float = 0.0,
 ) -> list[Row]:
     """An attempt for every value, from mild to extreme."""

@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 
 from unilateral import mesh as meshes
 from unilateral.condense import DualOperator, elimination_order, factorise, last_block
-from unilateral.extremes.outcome import NO_TOOL, Axis, Budget, Row, crossing, judge
+from unilateral.extremes.outcome import Axis, Budget, crossing, judge, untooled
 from unilateral.extremes.problem import Array, Problem, full, made
 from unilateral.partition import uniform
 from unilateral.polygon import square
@@ -49,7 +49,7 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
         result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, np.nan, "uzawa")
         found = judge(problem, result, tolerance)
         distance = np.sqrt(of.H_i @ (mu - problem.lambda_H) ** 2 / (of.H_i @ problem.lambda_H**2))
-        rows.append(Row(H, found, NO_TOOL, float(distance), eps * problem.condition, f"bound {bound:.1e}"))
+        rows.append(untooled(H, found, float(distance), eps * problem.condition))
     limit = crossing(values, np.array([row.predicted for row in rows]), budget.accuracy)
     return Axis(rows, limit)
 

@@ -50,11 +50,10 @@ class Problem:
 
     @property
     def rounding(self) -> float:
-        """What rounding may do to u, relative: that of K 1 = 0, eps tr K / |Omega|, and of coordinates."""
+        """What rounding may do to u, relative: that of K 1 = 0, eps tr K / |Omega|."""
         mesh, eps = self.condensed.mesh, float(np.finfo(float).eps)
         constants = eps * float(stiffness_and_mass(mesh)[0].diagonal().sum()) / mesh.polygon.area
-        places = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / mesh.h
-        return max(LEAST, constants, 10 * places)
+        return max(LEAST, constants)
 
     def error(self, mu: Array) -> float:
         """||u(mu) - u_h||_1 of any multiplier (m,), by a solve on all nodes."""

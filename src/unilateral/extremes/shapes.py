@@ -79,7 +79,7 @@ def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     here = of(0.0).both.operator.S
 
-    def change(problem: Problem) -> float:
+    def change(problem: Problem, _: Array) -> float:
         return float(np.abs(problem.both.operator.S - here).max() / np.abs(here).max())
 
     rows = attempts(values, of, budget, change)
@@ -95,7 +95,10 @@ def _thin(
     budget: Budget,
     contact: Contact,
 ) -> Axis:
-    """h and H in units of the longest side; cond(S) ~ |boundary|/(|Omega| min H_i), from the first one's."""
+    """h and H in units of the longest side; cond(S) ~ |boundary|/(|Omega| min H_i), from the first one's.
+
+    That is a law of its growth: where it would fall, nothing is predicted.
+    """
 
     def problem(value: float) -> Problem:
         polygon = of(value)
@@ -104,7 +107,7 @@ def _thin(
 
     rows = attempts(values, problem, budget, _condition)
     law = np.array([_law(of(value), H) for value in values])
-    numbers = rows[0].measured * law / law[0]
+    numbers = np.where(law >= law[0], rows[0].measured * law / law[0], np.nan)
     lost = np.array([_lost(of(value), h) for value in values]) / CONSTANTS
     limit = crossing(values, numbers, budget.condition)
     tool = crossing(values, np.maximum(numbers / budget.accelerated, lost), 1.0)
@@ -131,5 +134,5 @@ def _law(polygon: Polygon, H: float) -> float:
     return polygon.perimeter / polygon.area / float(shortest)
 
 
-def _condition(problem: Problem) -> float:
+def _condition(problem: Problem, _: Array) -> float:
     return problem.condition

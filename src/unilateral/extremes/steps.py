@@ -8,7 +8,7 @@ import numpy as np
 
 from unilateral import mesh as meshes
 from unilateral.experiments import VARIANTS, iterate
-from unilateral.extremes.outcome import NO_TOOL, Axis, Budget, Row, attempt, judge
+from unilateral.extremes.outcome import Axis, Budget, Row, attempt, judge, untooled
 from unilateral.extremes.problem import Array, Contact, Problem, full, made, waves
 from unilateral.partition import uniform
 from unilateral.polygon import square
@@ -21,9 +21,9 @@ def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Contact on three intervals: 1 is safe, and the limit is that of S on the held cells alone."""
+    """Contact on three intervals, where 1 is proved to be safe; larger steps may do."""
     problem = _problem(h, H, waves)
-    return Axis(_as_meant(values, problem, budget), _limit(problem))
+    return Axis(_as_meant(values, problem, budget), 1.0, local_limit=local_limit(problem))
 
 
 def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -32,14 +32,13 @@ def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same in partial contact."""
+    """The same in partial contact; the half is proved as long as the clip is not active."""
     problem = _problem(h, H, waves)
-    limit = 0.5 * _limit(problem)
-    return Axis(_as_printed(values, problem, budget), limit)
+    return Axis(_as_printed(values, problem, budget), 0.5, local_limit=0.5 * local_limit(problem))
 
 
-def _limit(problem: Problem) -> float:
-    """lambda_max of S over that of S on the held cells."""
+def local_limit(problem: Problem) -> float:
+    """lambda_max of S over that on the held cells, which alone decide once no other cell is loaded again."""
     held = np.flatnonzero(problem.lambda_H)
     S = problem.both.operator.S
     return problem.both.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
@@ -58,12 +57,11 @@ def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
         mu = iterate(problem.both.operator, problem.offset, rho, budget.max_steps, VARIANTS[0])
         return problem.error(mu) / problem.size
 
-    rows = [attempt(share, lambda _: problem, budget, _size, share=share) for share in values.tolist()]
+    rows = [
+        attempt(share, lambda _: problem, budget, lambda of, _: of.size, share=share)
+        for share in values.tolist()
+    ]
     return [replace(row, measured=left(row.value)) for row in rows]
-
-
-def _size(problem: Problem) -> float:
-    return problem.size
 
 
 def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
@@ -77,5 +75,5 @@ def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
         result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, VARIANTS[1])
         found = judge(problem, result, tolerance)
         left = problem.error(mu) / problem.size
-        rows.append(Row(share, found, NO_TOOL, left, message=f"bound {bound:.2g}"))
+        rows.append(untooled(share, found, left))
     return rows
