@@ -2,9 +2,10 @@
 
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh.
 Pieces that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than
-KINK_SIZE of the shortest side and than KINK_SHARE of a circle's radius. Towards a singular point pieces are
-quartered until they are small against their distance from it; the piece that contains the point is split
-there into pieces that have it as their first corner, after it is small against the distance of other points.
+KINK_SIZE of the shortest side (but no side counts as shorter than SHORTEST of the longest) and than
+KINK_SHARE of a circle's radius. Towards a singular point pieces are quartered until they are small against
+their distance from it; the piece that contains the point is split there into pieces that have it as their
+first corner, after it is small against the distance of other points.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ Index = NDArray[np.intp]
 KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
 KINK_SHARE = 1 / 64
+SHORTEST = 1 / 64
+"""Of the longest side: no kink far away is resolved any better because some side is shorter."""
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
@@ -71,7 +74,8 @@ def split_triangles(mesh: Mesh, case: Irregular) -> Split:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
     corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
     points, kinks = _singular_points(case), case.kinks()
-    smallest = KINK_SIZE * case.polygon.lengths.min()
+    lengths = case.polygon.lengths
+    smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
     singular = []
     corners, parent = _one_point_each(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
