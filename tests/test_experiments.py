@@ -120,12 +120,14 @@ def test_the_counts_and_the_iterates_of_both_ways():
     cells = [partitions.uniform(square(), 2 * h) for h in sizes]
     found = trials.elimination(on, cells, 20)
     assert float(found["difference"]) < 1e-12
-    np.testing.assert_array_equal(found["with_S"], [2 * (16 * 2) ** 2 / 4, 2 * 32**2])
+    np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
         lu = condensed("square", n)[0].lu
-        coupling = 4 * coupled("square", n, n // 2).B.nnz
-        assert float(found["with_A"][k]) == 2 * (lu.L.nnz + lu.U.nnz) + coupling
-        assert float(found["with_A_3"][k]) == 2 * (4 * n) ** 2 + coupling
+        m, nb, nnz = 2 * n, 4 * n, coupled("square", n, n // 2).B.nnz
+        coupling = (2 * nnz - nb) + (2 * nnz - m) + 2 * m
+        below, above = lu.L.nnz - lu.shape[0], lu.U.nnz - lu.shape[0]
+        assert float(found["with_A"][k]) == 2 * below + 2 * above + lu.shape[0] + coupling
+        assert float(found["with_A_3"][k]) == 2 * nb**2 + coupling
 
 
 def test_the_bounds_bound_and_say_nothing_where_beta_is_0():

@@ -13,6 +13,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral import operations
 from unilateral.surfaces import predicted
 from unilateral.tables import error_in
 from unilateral.variants import Variant
@@ -26,18 +27,26 @@ ALPHA = 0.5
 """lambda ~ s_+^alpha in the base case: what the rates of its best approximation depend on."""
 LAST = (1e-5, 1e-10)
 """Levels between which the growth of the steps is measured, away from the start."""
+SHOWN = 1e-6
+"""The level to which steps are shown: further down rounding changes Barzilai and Borwein's, at H = 2h."""
+CLOSE = 1.05
+"""Ratios H/h whose error at the same work is at most that much larger than the best one's are as good."""
 NORM_OF = {"h1": "u_norm", "l2": "l2_norm"}
 
 
 class Choice(NamedTuple):
     """What to use for an error in a norm; relative error and operations are those on the finest mesh.
 
+    `losses` are the errors at the same work of each H/h over those of the best; the rest is at the given one.
+    `set_by` are the cases that need as low a stop, and `stop_elsewhere` is enough for the others.
     `halving` is the fitted factor of work for half of the error, `theory` that of work ~ h^-3 with the
     rate of the best approximation; `of_algorithms` the work of each there, over the least.
     """
 
-    H_over_h: float
+    losses: dict[float, float]
     stop: float
+    set_by: tuple[str, ...]
+    stop_elsewhere: float
     h: float
     error: float
     operations: float
@@ -99,14 +108,10 @@ def front(work: Array, error: Array) -> NDArray[np.intp]:
 
 
 def growth(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarsest: float) -> float:
-    """The exponent p of steps ~ H^-p, for the last five digits, by least squares over H <= `coarsest`.
-
-    For newton, whose steps all come before its last digits, of all its steps.
-    """
+    """The exponent p of steps ~ H^-p, for the last five digits, by least squares over H <= `coarsest`."""
     steps = crossed["steps"].sel(algorithm=algorithm, H_over_h=H_over_h)
-    digits = steps.sel(stop=LAST[1], method="nearest")
-    if algorithm != "newton":
-        digits = digits - steps.sel(stop=LAST[0], method="nearest")
+    last, first = (steps.sel(stop=level, method="nearest") for level in LAST[::-1])
+    digits = last - first
     digits = digits[(crossed["H"].values <= coarsest) & np.isfinite(digits.values)]
     return float(-np.polyfit(np.log(digits["H"]), np.log(digits), 1)[0])
 
@@ -135,24 +140,35 @@ def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     return found.isel(algorithm=cheapest_one).drop_vars("algorithm")
 
 
-def choice(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> Choice:
-    """The H/h with the least geometric mean of error * work^(rate/3) over the same sizes H <= `coarsest`.
+def losses(cases: xr.Dataset, norm: str) -> dict[float, float]:
+    """Of each H/h, the geometric mean of error * work^(rate/3) over cases and sizes, over the least one.
 
-    The exponent, from work ~ h^-3, makes meshes comparable; the algorithm is the cheapest on each. All stop
-    where `enough` says. A ratio takes part if it has three such sizes.
+    Errors are the discrete solution's, work is the set-up, most of it whatever the algorithm. The exponent,
+    from work ~ h^-3, makes meshes comparable. A ratio takes part if it has three sizes, all by the same ones.
     """
+    rate = float(predicted(norm, ALPHA))
+    error = relative(cases, norm) / excess(cases, norm)
+    score = xr.apply_ufunc(np.log, error.isel(stop=-1) * cases["setup_operations"] ** (rate / 3))
+    enough_sizes = (score.count("H") >= 3).all("case")
+    mean = score.sel(H_over_h=enough_sizes).dropna("H").mean(["case", "H"])
+    over = np.exp(mean - mean.min()).sortby("H_over_h")
+    return dict(zip(over["H_over_h"].values.tolist(), over.values.tolist(), strict=True))
+
+
+def choice(crossed: xr.Dataset, cases: xr.Dataset, norm: str, H_over_h: float, coarsest: float) -> Choice:
+    """Over H <= `coarsest`, all stopped where `enough` says, with the cheapest algorithm on each mesh."""
     stop, rate = enough(cases, norm, coarsest), float(predicted(norm, ALPHA))
+    by_case = {str(name): enough(cases.sel(case=[name]), norm, coarsest) for name in cases["case"].values}
     fine = crossed.sel(H=crossed["H"] <= coarsest)
     at = best(fine, norm, stop)
-    score = xr.apply_ufunc(np.log, at["error"] * at["work"] ** (rate / 3))
-    taking_part = score[score.count("H") >= 3]
-    ratio = taking_part.dropna("H").mean("H").idxmin().item()
-    of = at.sel(H_over_h=ratio).dropna("H")
+    of = at.sel(H_over_h=H_over_h).dropna("H")
     last = of.isel(H=-1)
-    work = fine["operations"].sel(stop=stop, H_over_h=ratio, H=last["H"]) / last["work"]
+    work = fine["operations"].sel(stop=stop, H_over_h=H_over_h, H=last["H"]) / last["work"]
     return Choice(
-        ratio,
+        losses(cases.sel(H=cases["H"] <= coarsest), norm),
         stop,
+        tuple(name for name, own in by_case.items() if own == stop),
+        min((own for own in by_case.values() if own != stop), default=stop),
         last["h"].item(),
         last["error"].item(),
         last["work"].item(),
@@ -175,7 +191,12 @@ def cheapest(crossed: xr.Dataset, norm: str, target: float) -> dict[str, Any] | 
 
 
 def breaks_even(algebra: xr.Dataset) -> Array:
-    """(H,) the steps after which forming S has paid, against solves with A."""
+    """(H,) the steps after which forming S has paid, against solves with A; the spectrum is not counted.
+
+    With A, too, rho and the guaranteed stop need it, and there it is taken as given.
+    """
     more = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
+    cells = algebra["multipliers"].sel(algebra="S").values
+    more = more - [operations.spectrum(int(m)) for m in cells]
     saved = algebra["step_operations"].sel(algebra="A") - algebra["step_operations"].sel(algebra="S")
     return (more / saved).values

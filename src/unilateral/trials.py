@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral import operations
 from unilateral.active_set import active_set
 from unilateral.case import Case
 from unilateral.condense import Condensed, condense
@@ -108,7 +109,7 @@ def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
 
 
 def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: int) -> xr.Dataset:
-    """Multiplications and additions of one step (5.1)-(5.3): with A factorised, with A_3, and with S.
+    """Operations to find F in one step (5.1)-(5.3), by `operations`: with A factorised, with A_3, and with S.
 
     And how far u^n on the boundary is after some steps by the first way from that by the second, on the
     coarsest mesh, relative to it.
@@ -117,12 +118,11 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
         condensed = condense(mesh)
         both = pair(condensed, partition)
-        coupling = 4 * both.B.nnz
-        factors = condensed.lu.L.nnz + condensed.lu.U.nnz
+        m, nb, nnz = partition.n_cells, len(mesh.boundary), both.B.nnz
         counts[:, k] = (
-            2 * factors + coupling,
-            2 * len(mesh.boundary) ** 2 + coupling,
-            2 * partition.n_cells**2,
+            operations.apply_A(m, nb, nnz, operations.factors(condensed.lu)),
+            operations.apply_A_3(m, nb, nnz),
+            operations.apply_S(m),
         )
         if k == 0:
             difference = _by_both_ways(condensed, both, steps)

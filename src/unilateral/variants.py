@@ -1,4 +1,4 @@
-"""The configurations of the study of cost: a base, one field of it varied at a time, two of them crossed."""
+"""The configurations of the study of cost: a base, one field of it varied at a time, some pairs crossed."""
 
 from __future__ import annotations
 
@@ -24,14 +24,17 @@ class Variant(NamedTuple):
 
 
 def plan(study: Mapping[str, Any]) -> list[Variant]:
-    """The base, each of its fields varied alone, and two of them crossed; each once, in that order."""
+    """The base, each of its fields varied alone, and some of them crossed; each once, in that order."""
 
     def variant(changed: Mapping[str, Any]) -> Variant:
         fields = study["base"] | changed
         return Variant(**fields | {"H_over_h": real(fields["H_over_h"], "cost.H_over_h")})
 
-    vary, cross = study["vary"], study["cross"]
+    vary = study["vary"]
     alone = [{name: value} for name, values in vary.items() for value in values]
-    crossed = itertools.product(*([study["base"][name], *vary[name]] for name in cross))
-    together = [dict(zip(cross, values, strict=True)) for values in crossed]
+    together = [
+        dict(zip(names, values, strict=True))
+        for names in study["cross"]
+        for values in itertools.product(*([study["base"][name], *vary[name]] for name in names))
+    ]
     return list(dict.fromkeys(variant(changed) for changed in [{}, *alone, *together]))

@@ -71,6 +71,16 @@ class Discrete:
         solve = partial(uzawa, max_steps=MOST_NEWTON, method="newton")
         return solve(self.both.operator, self.offset, tolerance).lambda_H
 
+    @cached_property
+    def discrete_errors(self) -> tuple[float, float, float, float]:
+        """`errors` of (u_h, lambda_H)."""
+        return self.errors(self.lambda_H)
+
+    @cached_property
+    def norms(self) -> tuple[float, float, float, float]:
+        """||u||_1, the bounds of ||lambda||_{-1/2} and ||lambda||_0."""
+        return (self.problem.u_norm, *self.errors(np.zeros(self.cells.partition.n_cells))[1:])
+
     def errors(self, mu: Array) -> tuple[float, float, float, float]:
         """||u - u(mu)||_1, the bounds of ||lambda - mu||_{-1/2} and ||lambda - mu||_0, for mu (m,)."""
         difference = self.problem.flux_load - self.both.B.T @ mu
@@ -79,7 +89,7 @@ class Discrete:
         return self.problem.h1_error(difference)[0], least, float(upper[0]), self.cells.l2_error(mu)
 
     def rho(self, algorithm: str) -> float:
-        """The step: 1.9 sigma_1, safe on every mesh; the best if all is in contact; or the method's own."""
+        """1.9 sigma_1 of the mesh, which is safe; the best if all is in contact; or the method's own."""
         operator = self.both.operator
         if algorithm == "safe":
             return SAFE * self.sigma_1
@@ -118,7 +128,7 @@ class Discrete:
     def run(self, variant: Variant, stops: Sequence[float], max_steps: int) -> tuple[list[Reached], float]:
         """What is reached at each of the falling levels, as long as they are met, and seconds a step."""
         operator, method, rho = self.both.operator, method_of(variant), self.rho(variant.algorithm)
-        tolerances = [stop * self.errors(self.lambda_H)[0] for stop in stops]
+        tolerances = [stop * self.discrete_errors[0] for stop in stops]
         apply = self.apply(variant)
         history = History(operator, self.offset, rho, tolerances)
         observe = history.with_solves if method == "newton" else history

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -27,6 +28,8 @@ COLUMNS = (
     "excess",
 )
 """Of the table behind the figure."""
+UNFITTED = ("barzilai_borwein", "newton")
+"""Algorithms whose steps follow no power of H: they change with rounding, or are a few."""
 
 
 def work_frame(
@@ -35,21 +38,24 @@ def work_frame(
     """One row per point of the work-precision figure.
 
     kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
-    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm, with the fitted exponent;
+    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
+    the fitted exponent;
     step: work of one, or of the set-up, by matrix; stop: the largest excess at a level.
     """
     parts = []
     for norm in NORMS:
         at = trade.best(crossed, norm, trade.enough(cases, norm, coarsest))
         lines = at.to_dataframe().reset_index().dropna()
-        worst = trade.excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H"])
+        worst = trade.excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
         stops = pd.DataFrame({"kind": "stop", "stop": worst["stop"], "excess": worst})
         parts += [
             each.assign(norm=norm) for each in (_front(crossed, norm), lines.assign(kind="line"), stops)
         ]
     for algorithm in crossed["algorithm"].values:
-        last = crossed["steps"].sel(H_over_h=H_over_h, algorithm=algorithm).isel(stop=-1)
-        slope = trade.growth(crossed, algorithm, H_over_h, coarsest)
+        steps = crossed["steps"].sel(H_over_h=H_over_h, algorithm=algorithm)
+        last = steps.sel(stop=trade.SHOWN, method="nearest")
+        fitted = algorithm not in UNFITTED
+        slope = round(trade.growth(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
         line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
         parts.append(pd.DataFrame(line))
     lines = {name: algebra["step_operations"].sel(algebra=name) for name in algebra["algebra"].values}

@@ -1,7 +1,7 @@
 # Accuracy against cost: the runs of a job's meshes -> tables -> the work-precision diagrams.
 
 COST = config["cost"]
-AXES = [COST["cross"], *([name] for name in COST["vary"] if name not in COST["cross"])]
+AXES = [*COST["cross"], *([name] for name in COST["vary"] if name not in sum(COST["cross"], []))]
 
 
 wildcard_constraints:

@@ -42,9 +42,9 @@ def of_cost(given, study):
     H_over_h = real(study["base"]["H_over_h"], "H_over_h")
     coarsest = real(study["fitted_from"], "fitted_from")
     return {
-        "advice": advice.advice(crossed, cases, coarsest),
+        "advice": advice.advice(crossed, cases, H_over_h, coarsest),
         "targets": advice.targets(crossed, study["targets"]),
-        "halving": advice.halving(cases, scene, crossed, coarsest),
+        "halving": advice.halving(cases, scene, crossed, H_over_h, coarsest),
         "cost": advice.sentences(crossed, algebra, precision, H_over_h, coarsest),
     }
 

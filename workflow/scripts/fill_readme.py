@@ -7,14 +7,19 @@ from unilateral import advice, documents, tables
 from unilateral.expression import real
 
 
-def main(paths, scenes, ratio, pairs, uniform_ratios, rule, crossed, cases, fitted_from, readme):
+def main(paths, scenes, ratio, pairs, uniform_ratios, rule, crossed, cases, cost, readme):
     found = {name: tables.load(path) for name, path in zip(scenes, paths, strict=True)}
     beta = pd.read_csv(pairs)
     blocks = {
         "rates": documents.rates_table(found, real(ratio, "judged_ratio")),
         "beta": documents.infsup_table(beta, [real(each, "uniform_ratios") for each in uniform_ratios]),
         "rule": documents.infsup_rule(beta, **rule),
-        "advice": advice.advice(tables.load(crossed), tables.load(cases), real(fitted_from, "fitted_from")),
+        "advice": advice.advice(
+            tables.load(crossed),
+            tables.load(cases),
+            real(cost["base"]["H_over_h"], "H_over_h"),
+            real(cost["fitted_from"], "fitted_from"),
+        ),
     }
     documents.fill(readme, blocks)
 
@@ -30,6 +35,6 @@ if __name__ == "__main__":
         snakemake.params.infsup["rule"],
         snakemake.input.crossed,
         snakemake.input.cases,
-        snakemake.params.cost["fitted_from"],
+        snakemake.params.cost,
         snakemake.output[0],
     )

@@ -10,7 +10,9 @@ def main(crossed, cases, algebra, timings, study, path):
     crossed, cases, algebra = (tables.load(each) for each in (crossed, cases, algebra))
     if timings:
         base = variants.plan(study)[0]
-        crossed, algebra = work_data.in_seconds(crossed, algebra, tables.load(timings), base, study["cross"])
+        crossed, algebra = work_data.in_seconds(
+            crossed, algebra, tables.load(timings), base, study["cross"][0]
+        )
     H_over_h, coarsest = (
         real(study["base"]["H_over_h"], "H_over_h"),
         real(study["fitted_from"], "fitted_from"),

@@ -8,19 +8,25 @@ from unilateral import trade
 from unilateral.checks.found import Found, Tables, worst
 
 
-def growth(tables: Tables, algorithm: str, H_over_h: float, coarsest: float, most: float) -> Found:
-    """The exponent p of steps ~ H^-p, see `trade.growth`."""
-    found = trade.growth(tables["cost/algorithm"], algorithm, H_over_h, coarsest)
-    return worst({algorithm: found}, "the exponent p of steps ~ H^(-p)", most, False)
+def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: float) -> Found:
+    """From a size to the next, the growth of an algorithm's steps to the last level over another one's."""
+    steps = tables["cost/algorithm"]["steps"].isel(stop=-1)
+    share = steps.sel(algorithm=algorithm, H=steps["H"] <= coarsest) / steps.sel(algorithm=than)
+    rows: dict[str, float] = {}
+    for ratio in share["H_over_h"].values:
+        of = share.sel(H_over_h=ratio).dropna("H")
+        factors = of.values[1:] / of.values[:-1]
+        rows |= {
+            f"H/h = {ratio:g}, H = {H:g}": float(f) for H, f in zip(of["H"].values[1:], factors, strict=True)
+        }
+    return worst(rows, f"growth of the steps of {algorithm} over that of {than}", most, False)
 
 
-def exponent(
-    tables: Tables, algorithm: str, H_over_h: float, coarsest: float, expected: float, tolerance: float
-) -> Found:
-    """Its distance from the expected one."""
-    p = trade.growth(tables["cost/algorithm"], algorithm, H_over_h, coarsest)
-    quantity = f"the distance of p from {expected:g}, steps ~ H^(-p)"
-    return worst({f"{algorithm}, p = {p:.3g}": abs(p - expected)}, quantity, tolerance, False)
+def few(tables: Tables, algorithm: str, most: float) -> Found:
+    """The most steps of any run."""
+    steps = tables["cost/algorithm"]["steps"].sel(algorithm=algorithm)
+    rows = {f"H/h = {ratio:g}": float(steps.sel(H_over_h=ratio).max()) for ratio in steps["H_over_h"].values}
+    return worst(rows, "steps to the last level", most, False)
 
 
 def safe_step(tables: Tables, most: float) -> Found:
@@ -36,16 +42,20 @@ def safe_step(tables: Tables, most: float) -> Found:
 
 
 def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most: float) -> Found:
-    """The error at a level over that of the discrete solution, the largest of every case."""
+    """The error at a level over the discrete solution's, the largest of a case at any H/h; inf if not met."""
     cases = tables["cost/case"]
-    of = trade.excess(cases.sel(H=cases["H"] <= coarsest), norm).sel(stop=stop).max("H", skipna=False)
+    fine = cases.sel(H=cases["H"] <= coarsest)
+    excess = trade.excess(fine, norm).sel(stop=stop)
+    of = excess.fillna(np.inf).where(np.isfinite(fine["setup_operations"])).max(["H", "H_over_h"])
     rows = {str(name): float(of.sel(case=name)) for name in of["case"].values}
     return worst(rows, f"error at the level {stop:g} over that of the discrete solution", most, False)
 
 
-def stop_is_not_enough(tables: Tables, case: str, stop: float, coarsest: float, least: float) -> Found:
+def stop_is_not_enough(
+    tables: Tables, case: str, H_over_h: float, stop: float, coarsest: float, least: float
+) -> Found:
     """In H^{-1/2} the lower bound of the error at a level over the upper bound of the discrete solution's."""
-    table = tables["cost/case"].sel(case=case)
+    table = tables["cost/case"].sel(case=case, H_over_h=H_over_h)
     fine = table.sel(H=table["H"] <= coarsest)
     share = fine["hm12_error_lower"].sel(stop=stop) / fine["hm12_discrete_upper"]
     rows = {f"{case}, H = {H:g}": float(each) for H, each in zip(fine["H"].values, share, strict=True)}

@@ -98,22 +98,22 @@ def _line(axes: Axes, x: pd.Series, y: pd.Series, look: dict[str, Any]) -> None:
 
 
 def _steps(axes: Axes, rows: pd.DataFrame) -> None:
-    """With the fitted exponents beside the finest points; where lines coincide one of them stands there."""
+    """With fitted exponents, if any, beside the finest points; one where lines coincide."""
     ends: list[float] = []
     for label, line in rows.groupby("label", sort=False):
         look = {**ALGORITHMS[str(label)][1], "lw": 0.9}
         _line(axes, line["H"], line["steps"], look)
         end = line.loc[line["H"].idxmin()]
-        if all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
+        if end["slope"] == end["slope"] and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
             place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
-            text = f"$H^{{-{end['slope']:.2f}}}$"
+            text = f"$H^{{-{end['slope']:.1f}}}$"
             axes.annotate(text, (end["H"], end["steps"]), color=look["color"], fontsize=SMALL, **place)
             ends.append(end["steps"])
     sizes = sorted(rows["H"].unique(), reverse=True)
     axes.set_xlim(1.3 * sizes[0], sizes[-1] / 5.0)
     axes.set_xticks(sizes[::2], [as_fraction(H) for H in sizes[::2]])
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set(title="steps to the last level", xlabel="$H$")
+    axes.set(title=r"steps to the level $10^{-6}$", xlabel="$H$")
 
 
 def _step(axes: Axes, rows: pd.DataFrame, work: str) -> None:
