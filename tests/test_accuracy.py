@@ -146,6 +146,7 @@ def test_the_next_size_follows_the_observed_rate():
     assert next_H([0.2, 0.1], [0.4, 0.2], 0.199) == pytest.approx(0.08)
     assert next_H([0.2, 0.1], [0.2, 0.3], 0.25) == pytest.approx(0.1 * 0.75**4)
     assert next_H([0.2, 0.1], [math.inf, 0.2], 0.1) == 0.05
+    assert next_H([0.2, 0.1], [0.2, math.inf], 0.1) == 0.05
 
 
 def test_prolongation_keeps_the_integral_and_nested_values():
@@ -193,6 +194,40 @@ def test_nothing_to_do_is_done_at_once(tmp_path):
     (only,) = levels(problem_file.load(str(file)), Goal(0.01, **LIMITS))
     assert only.certified
     assert only.solved.total("h1") == only.solved.u_norm == 0
+
+
+PEAKS = {
+    "g": ("0", '["-1 + 4*exp(-((x - 3/10)*{0})**2)", -1, -1, -1]', ("300", "1000", "10000")),
+    "f": ("{0}*exp(-((x - 3/10)**2 + (y - 1/2)**2)*1e6)", "0", ("1e4",)),
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "size"), [(field, size) for field, (_, _, sizes) in PEAKS.items() for size in sizes]
+)
+def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(tmp_path, field, size):
+    """Where u_h = 0 was certified: ||u||_1 >= (sigma_1 int g_+^2)^(1/2), int g_+^2 > 4 / k; f's peak alone.
+
+    Where k s <= 1/2 g is at least 2, for 4 exp(-1/4) > 3, and 1 / sigma_1 = sqrt(2) / tanh(1 / sqrt(8)).
+    """
+    f, g, _ = PEAKS[field]
+    file = tmp_path / "peak.yaml"
+    file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f.format(size)}\ng: {g.format(size)}\n")
+    done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
+    least = math.sqrt(4 / float(size) / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
+    assert len(done) == 2
+    for level in done:
+        assert not level.certified
+        assert level.solved.bound.u >= (least if field == "g" else math.inf)
+
+
+def test_f_is_believed_where_its_peak_is_seen(tmp_path):
+    """Control: a wide one on the same meshes."""
+    file = tmp_path / "wide.yaml"
+    f = "1e4*exp(-((x - 3/10)**2 + (y - 1/2)**2)*10)"
+    file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f}\ng: 0\n")
+    done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
+    assert all(math.isfinite(level.solved.bound.u) for level in done)
 
 
 def test_free_sides_have_no_multipliers():

@@ -288,6 +288,27 @@ def test_an_interrupt_leaves_the_best_solution(capsys, monkeypatch):
     assert "NOT certified, interrupted: ||u - u_h||_1 <= " in out
 
 
+@pytest.mark.parametrize(
+    ("polygon", "f", "refusal"),
+    [
+        ("[[0, 0], [1/1000, 0], [1/1000, 1/1000], [0, 1/1000]]", "3*x - 2", "too small for double precision"),
+        ("[[1e9, 0], [1e9 + 1, 0], [1e9 + 1, 1], [1e9, 1]]", "3*(x - 1e9) - 2", "to the origin"),
+    ],
+)
+def test_a_refused_mesh_leaves_the_best_solution(capsys, tmp_path, polygon, f, refusal):
+    """The coarser ones are fine; control: the code is 2 where the first one is refused."""
+    file = tmp_path / "own.yaml"
+    file.write_text(f"polygon: {polygon}\nf: {f}\ng: 0\n")
+    code, out, err = run(capsys, "solve", str(file), "--accuracy", "1e-1")
+    assert (code, err.count("\n")) == (3, 1)
+    assert refusal in err
+    assert re.search(r"NOT certified, the next level is refused: \|\|u - u_h\|\|_1 <= [0-9.]+e", out)
+    code, found, _ = as_json(capsys, str(file), "--accuracy", "1e-1")
+    assert (code, found["converged"]) == (3, False)
+    assert found["unknowns"] > 50
+    assert run(capsys, "solve", str(file), "--accuracy", "1e-1", "--max-unknowns", "4")[:2] == (2, "")
+
+
 def test_an_interrupt_before_there_is_one(capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from unilateral.atoms import X, Y
-from unilateral.enclosure import SHARP, enclose, lower_bound
+from unilateral.enclosure import MOST_PIECES, SHARP, enclose, linear_pieces, lower_bound
 from unilateral.expression import compile_numpy, parse
 
 UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
@@ -87,3 +87,53 @@ def test_samples_alone_would_not_do():
     grid = np.linspace(0, 1, 33)
     assert compile_numpy([formula], (X, Y))(grid, grid)[0].min() == 1
     assert lower_bound(formula, (X, Y), UNIT) <= -1
+
+
+def test_a_negative_power_of_a_positive_part_falls():
+    """pos(x, -1/2) = x^(-1/2) on (0, 1], and 0 below."""
+    formula = 2 * parse("pos(x, 3/2)", ("x",), "here").diff(X).diff(X)
+    boxes = np.array([[-2.0, -1.0], [-1.0, 0.25], [0.25, 1.0]])
+    lower, upper = enclose(formula, {X: boxes})
+    assert lower == pytest.approx([0, 0, 1.5], rel=1e-12, abs=1e-300)
+    assert upper == pytest.approx([0, np.inf, 3], rel=1e-12, abs=1e-300)
+
+
+def deviation(formula, ends):
+    """The most by which the formula differs from its linear interpolant, at 100 points of each piece."""
+    at = ends[:-1, None] + np.diff(ends)[:, None] * np.linspace(0, 1, 100)
+    values = compile_numpy([formula], (X,))(at)[0]
+    linear = values[:, :1] + (values[:, -1:] - values[:, :1]) * np.linspace(0, 1, 100)
+    return np.abs(values - linear).max()
+
+
+@pytest.mark.parametrize(
+    ("text", "kinks"),
+    [
+        ("4*exp(-((x - 3/10)*1000)**2)", []),
+        ("sin(20*x)", []),
+        ("pos(x - 1/3, 1)*exp(x) + pos(1/2 - x, 3/2)", [1 / 3, 1 / 2]),
+        ("pos(x + 1, 0)*x**2", []),
+    ],
+)
+def test_pieces_are_linear_up_to_the_tolerance(text, kinks):
+    """Against samples; control: on pieces four times as long the formula is not."""
+    formula = parse(text, ("x",), "here")
+    ends = linear_pieces(formula, X, np.array([0, *kinks, 1]), lambda lengths: 0.01 + 0 * lengths)
+    assert np.all(np.isin([0, *kinks, 1], ends))
+    assert deviation(formula, ends) <= 0.01
+    assert deviation(formula, np.append(ends[:-1:4], 1)) > 0.01
+
+
+def test_a_straight_line_is_one_piece():
+    assert linear_pieces(3 * X - 1, X, np.array([0.0, 1.0]), lambda lengths: 1e-9 + 0 * lengths).tolist() == [
+        0,
+        1,
+    ]
+
+
+@pytest.mark.parametrize("text", ["sin(10000*x)", "exp(-((x - 3/10)*10**12)**2)"])
+def test_what_takes_too_many_pieces_is_refused(text):
+    """By their number, and by their length."""
+    formula = parse(text, ("x",), "here")
+    with pytest.raises(ValueError, match=f"varies faster than {MOST_PIECES} pieces can resolve"):
+        linear_pieces(formula, X, np.array([0.0, 1.0]), lambda lengths: 0.01 + 0 * lengths)

@@ -83,6 +83,34 @@ def test_kinks_are_where_f_and_g_have_them(declared):
     assert problem.flux_singular() == []
 
 
+def test_a_peak_of_g_is_seen_between_the_points_of_a_rule(declared):
+    """The means of g, by quadrature, on cells of length 1/2, against the closed form; and where it is cut."""
+    peak = "-1 + 4*exp(-((x - 3/10)*1000)**2)"
+    problem = problem_file.load(declared(g=f'["{peak}", -1, -1, -1]'))
+    means = obstacle_means(problem, partitions.uniform(square(), 1 / 2))
+    assert means[0] == pytest.approx(-1 + 2 * 4 * np.sqrt(np.pi) / 1000, rel=1e-4)
+    assert means[1:] == pytest.approx(-1)
+    points = [p.t for p in problem.singular()]
+    assert {p.side for p in problem.singular()} == {0}
+    assert np.abs(np.array(points) - 0.3).min() < 1e-3
+    free = problem_file.load(declared(g=f'["{peak}", -1, -1, -1]', free_sides="[0]"))
+    assert free.singular() == []
+
+
+@pytest.mark.parametrize("file", PROBLEMS, ids=[file.stem for file in PROBLEMS])
+def test_g_of_an_ordinary_problem_is_not_cut(file):
+    problem = problem_file.load(str(file))
+    assert len(problem.singular()) == sum(len(kink.crossings(problem.polygon)) for kink in problem.kinks())
+
+
+def test_data_of_any_size_in_between_are_accepted(declared):
+    for size in ("1e-139", "1e139"):
+        assert problem_file.load(declared(f=f"{size}*x", g=f"{size}*y")).largest_source == pytest.approx(
+            float(size)
+        )
+    assert problem_file.load(declared(f="pos(x - 2, 1)", g="0")).largest_source < 1e-300
+
+
 def test_loads_and_means_see_the_kinks(declared):
     """The integral of f over Omega and the means of g, against their closed forms."""
     problem = problem_file.load(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
@@ -134,6 +162,19 @@ ONE_LINE = {
     "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
     "overflow of f": ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
     "pole of g": ({"g": "1/(x - 1/3)"}, ", field g: it is not finite on side 0"),
+    "f too large": (
+        {"f": "1e150*x"},
+        ", field f: it is as large as 1e+150 in the polygon, and squares of err",
+    ),
+    "g too large": ({"g": "1e141*x"}, ", field g: it is as large as 1e+141 on side 0, and squares of errors"),
+    "both too small": (
+        {"f": "1e-160*(3*x - 2)"},
+        ", fields f and g: they are at most 2e-160, and squares of",
+    ),
+    "g too fast": (
+        {"g": "sin(10000*x)"},
+        ", field g: on side 0 it varies faster than 512 pieces can resolve",
+    ),
     "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
     "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
     "root in g": ({"g": "sqrt(x)"}, ", field g: write a fractional power as pos(a, k)"),

@@ -1,7 +1,8 @@
-"""A stated accuracy, certified at the least cost: nested solves from coarse to fine.
+"""A stated accuracy, certified at the least cost for H = 2h: solves from coarse to fine.
 
-Each level has H = 2h, starts from the last lambda_H, and is iterated until the algebraic bound is a tenth of
-the error that is wanted. The first level whose guaranteed total bound is small enough is the last.
+Other ratios, which might cost less, are not tried. Each level starts from the last lambda_H, and is iterated
+until the algebraic bound is a tenth of the error that is wanted. The first level whose guaranteed total bound
+is small enough is the last.
 """
 
 from __future__ import annotations
@@ -78,7 +79,8 @@ def levels(
     """The levels as they are solved; the last one is certified, or the budget does not allow another.
 
     `kind` is that of the meshes, "structured" or "unstructured", by default the first where there is one.
-    Raises InputError if the coarsest mesh has more unknowns than the goal allows.
+    Raises InputError if the coarsest mesh has more unknowns than the goal allows, or, perhaps after some
+    levels, a mesh cannot be made.
     """
     stop = stop or Stop()
     kind = kind or natural_kind(problem.polygon)
@@ -125,7 +127,7 @@ def next_H(sizes: Sequence[float], bounds: Sequence[float], target: float) -> fl
     Bounds are taken to fall at the rate of the last two; without two of them, or a target, H is halved.
     """
     H, bound = sizes[-1], bounds[-1]
-    if len(sizes) < 2 or target <= 0 or not math.isfinite(bounds[-2]):
+    if len(sizes) < 2 or target <= 0 or not (math.isfinite(bounds[-2]) and math.isfinite(bound)):
         return H / 2
     observed = math.log(bounds[-2] / bound) / math.log(sizes[-2] / H)
     wanted = H * (MARGIN * target / bound) ** (1 / min(max(observed, RATES[0]), RATES[1]))

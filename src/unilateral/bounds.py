@@ -27,7 +27,8 @@ and (m, m + r)_1 = <lambda - lambda~, u - u~> <= 0, so that neither ||u - u~||_1
     ||r||_1 <= (sum over T of min(1, d_T / pi)^2 ||f - f_h||_T^2)^{1/2},
 
 d_T the diameter of T, by the inequality of Payne and Weinberger (1960); that is added to both bounds.
-They are guaranteed up to rounding and the quadrature of f and g.
+They are guaranteed up to rounding and the quadrature of f and g. Where a bound of |f| is given, quadrature
+is believed only if it sees a value of at least SEEN times that bound; else both bounds are infinite.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 PUSH = 0.5
 """Of H_i lambda_i: what lies less than that above g counts as contact. Only the sharpness depends on it."""
+SEEN = 0.5
+"""Of the bound of |f|: what the largest |f| at the points of the rules must reach."""
 
 
 class Data(Obstacle, Protocol):
@@ -80,16 +83,23 @@ class TotalBound:
 
 
 def total_bound(
-    problem: Data, mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int] = ()
+    problem: Data,
+    mesh: Mesh,
+    cells: Partition,
+    u_h: Array,
+    lambda_H: Array,
+    free: Collection[int] = (),
+    largest_source: float = 0.0,
 ) -> TotalBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
 
     They are as sharp as (u_h, lambda_H) is near the discrete solution. g has to be in H^1 of every side that
     is not free, at least where it exceeds `feasible`'s v. Raises InputError if the arrays do not fit the mesh
-    and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    and the cells, or lambda_H is negative somewhere or not 0 on a free side. They are infinite where
+    quadrature misses a peak of f: `largest_source` bounds |f|, if such a bound is known.
     """
     _check(mesh, cells, u_h, lambda_H, free)
-    f_h, data = _projected_source(problem, mesh)
+    f_h, data = _projected_source(problem, mesh, largest_source)
     spaces, flux, held = (
         hypercircle(mesh, f_h),
         _on_edges(mesh, cells, lambda_H),
@@ -130,8 +140,8 @@ def _check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Coll
         raise InputError(f"lambda_H is not 0 on side {cells.side[loaded[0]]}, which is free; it must be")
 
 
-def _projected_source(problem: Data, mesh: Mesh) -> tuple[Array, float]:
-    """f_h (m, 3) at the triangles' vertices, and the bound of what f - f_h does."""
+def _projected_source(problem: Data, mesh: Mesh, largest: float = 0.0) -> tuple[Array, float]:
+    """f_h (m, 3) at the triangles' vertices, and the bound of what f - f_h does; `largest` bounds |f|."""
     rules = list(triangle_rules(mesh, problem))
     values = [problem.source(rule.origin, rule.offset).reshape(rule.weight.shape) for rule in rules]
     moments, squares = np.zeros((len(mesh.triangles), 3)), np.zeros(len(mesh.triangles))
@@ -141,6 +151,9 @@ def _projected_source(problem: Data, mesh: Mesh) -> tuple[Array, float]:
     for rule, f in zip(rules, values, strict=True):
         rest = f - np.einsum("kb,kqb->kq", f_h[rule.triangle], rule.barycentric)
         np.add.at(squares, rule.triangle, np.sum(rule.weight * rest**2, axis=1))
+    seen = max(float(np.abs(f).max(initial=0.0)) for f in values)
+    if SEEN * largest > max(seen, np.finfo(float).tiny):
+        return f_h, math.inf
     share = np.minimum(1.0, longest_edges(mesh.points, mesh.triangles) / math.pi)
     return f_h, math.sqrt(float(share**2 @ squares))
 

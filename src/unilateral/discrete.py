@@ -64,7 +64,9 @@ class Discrete:
         """The solution that belongs to lambda_H, and its guaranteed errors."""
         u_h = self.response(result.lambda_H)
         lambda_H = self.both.extended(result.lambda_H)
-        bound = total_bound(self.problem, self.mesh, self.both.partition, u_h, lambda_H, self.free)
+        problem, cells = self.problem, self.both.partition
+        largest = problem.largest_source if isinstance(problem, Problem) else 0.0
+        bound = total_bound(problem, self.mesh, cells, u_h, lambda_H, self.free, largest)
         u_norm = math.sqrt(max(float(u_h @ (self.condensed.A @ u_h)), 0.0))
         lambda_norm = float(np.linalg.norm(self.both.operator.half @ result.lambda_H))
         return Bounded(self, result, u_h, lambda_H, bound, u_norm, lambda_norm)

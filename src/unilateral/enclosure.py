@@ -17,6 +17,7 @@ from unilateral.expression import compile_numpy, pos, positive_power
 Array = NDArray[np.float64]
 Interval = tuple[Array, Array]
 Boxes = NDArray[np.float64]
+Tolerance = Callable[[Array], Array]
 Part = Callable[[Boxes], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 ULPS = 8
 SHARP = 1e-3
@@ -25,6 +26,8 @@ SAME = 1e-9
 """So is one that misses it by less than this share of the value."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
+MOST_PIECES = 512
+MOST_HALVINGS = 30
 
 
 def lower_bound(
@@ -60,6 +63,49 @@ def lower_bound(
     return min(left_out, float(np.min(lower, initial=np.inf)))
 
 
+def linear_pieces(formula: sympy.Expr, symbol: sympy.Symbol, ends: Array, tolerance: Tolerance) -> Array:
+    """`ends` (k + 1,) with more points (m,) between which the formula is linear up to the tolerance.
+
+    That is given for pieces of the lengths (k,). Guaranteed by enclosures: with d the length, a width w of
+    the formula, d / 4 times that of its first derivative, or d^2 / 8 times the largest second derivative. It
+    may have kinks at the `ends` only. Raises ValueError where MOST_PIECES do not suffice.
+    """
+    derivatives, steps = _derivatives(formula, symbol)
+    found = [np.asarray(ends, dtype=float)]
+    boxes = np.stack([found[0][:-1], found[0][1:]], axis=1)[:, None]
+    for _ in range(MOST_HALVINGS):
+        limits = {symbol: boxes[:, 0], **{step: np.tile([0.0, 1.0], (len(boxes), 1)) for step in steps}}
+        value, slope, curvature = (enclose(e, limits) for e in (formula, *derivatives))
+        d = np.diff(boxes[:, 0])[:, 0]
+        with np.errstate(all="ignore"):
+            bounds = [
+                value[1] - value[0],
+                d / 4 * (slope[1] - slope[0]),
+                d**2 / 8 * np.maximum(*np.abs(curvature)),
+            ]
+            boxes = _halved(boxes[~(np.fmin.reduce(bounds) <= tolerance(d))])
+        found.append(boxes[: len(boxes) // 2, 0, 1])
+        if len(boxes) == 0:
+            return np.unique(np.concatenate(found))
+        if sum(map(len, found)) > MOST_PIECES:
+            break
+    raise ValueError(f"it varies faster than {MOST_PIECES} pieces can resolve; give a smoother one")
+
+
+def _derivatives(formula: sympy.Expr, symbol: sympy.Symbol) -> tuple[list[sympy.Expr], list[sympy.Symbol]]:
+    """The first and the second one off the kinks; the symbols in them stand for the steps pos(a, 0)."""
+    steps: dict[sympy.Expr, sympy.Symbol] = {}
+    found = [formula]
+    for _ in range(2):
+        found.append(_frozen(found[-1], steps).diff(symbol))
+    return [_frozen(e, steps) for e in found[1:]], list(steps.values())
+
+
+def _frozen(e: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> sympy.Expr:
+    steps |= {power: sympy.Dummy() for power in e.atoms(pos) - set(steps) if power.args[1] == 0}
+    return e.xreplace(steps)
+
+
 def enclose(formula: sympy.Expr, limits: dict[sympy.Symbol, Array]) -> Interval:
     """Lower and upper bounds (k,) of a formula of the grammar on k boxes, each variable's limits (k, 2)."""
     size = len(next(iter(limits.values())))
@@ -75,9 +121,7 @@ def _enclose(e: sympy.Expr, limits: dict[sympy.Symbol, Array]) -> Interval:
         value = np.array([float(e)])
         return _outward(value, value)
     if e.func is pos:
-        lower, upper = _enclose(e.args[0], limits)
-        k = float(e.args[1])
-        return _outward(positive_power(lower, k), positive_power(upper, k))
+        return _positive_power(_enclose(e.args[0], limits), float(e.args[1]))
     parts = [_enclose(arg, limits) for arg in e.args]
     if e.is_Add:
         return reduce(lambda a, b: _outward(a[0] + b[0], a[1] + b[1]), parts)
@@ -112,6 +156,14 @@ def _power(base: Interval, n: int) -> Interval:
         return low, high
     low, high = _outward(1 / high, 1 / low)
     return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
+
+
+def _positive_power(base: Interval, k: float) -> Interval:
+    """For k < 0 it falls where it is not 0."""
+    low, high = (positive_power(end, k) for end in base)
+    if k < 0:
+        low, high = np.where(base[0] > 0, high, 0.0), np.where((base[0] > 0) | (base[1] <= 0), low, np.inf)
+    return _outward(low, high)
 
 
 def _sin(lower: Array, upper: Array) -> Interval:

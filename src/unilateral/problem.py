@@ -11,13 +11,17 @@ import sympy
 from numpy.typing import NDArray
 
 from unilateral.atoms import Kink, Singular, T, X, Y
-from unilateral.enclosure import lower_bound
+from unilateral.enclosure import SAME, linear_pieces, lower_bound
 from unilateral.expression import Compiled, compile_numpy, kinks, pos
 from unilateral.mesh_io import segment_distances
 from unilateral.polygon import Polygon
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+SHORT = 1 / 32
+"""Of a side: on pieces of at least that length quadrature sees what is linear, on every mesh."""
+LINEAR, FAIRLY_LINEAR = 0.01, 0.1
+"""Of g's range on a side: how far g may be from linear on such a piece, and on a shorter one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +68,42 @@ class Problem:
         return []
 
     def singular(self) -> list[Singular]:
-        """The points of sides at which f or g is only finitely smooth."""
+        """The points of sides at which f or g is only finitely smooth, or g varies fast.
+
+        Raises ValueError where g varies too fast to be resolved.
+        """
         found = [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        found += self._fast
         for side, g in enumerate(self.g):
             found += [Singular(side, t, int(k.q)) for t, k in kinks(g, T) if 0 <= t <= 1]
         return found
+
+    @cached_property
+    def _fast(self) -> list[Singular]:
+        """The ends of the pieces, shorter than SHORT, that it takes for g to be all but linear on all."""
+        sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
+        return [Singular(side, t, 1) for side in sides for t in self._fast_on(side)]
+
+    def _fast_on(self, side: int) -> list[float]:
+        least, largest = self.range_of_g(side)
+        inner = [t for t, _ in kinks(self.g[side], T) if 0 < t < 1]
+        spread, rounding = largest - least, SAME * max(abs(least), abs(largest))
+
+        def tolerance(lengths: Array) -> Array:
+            return np.maximum(np.where(lengths < SHORT, FAIRLY_LINEAR, LINEAR) * spread, rounding)
+
+        try:
+            ends = linear_pieces(self.g[side], T, np.unique([0.0, *inner, 1.0]), tolerance)
+        except ValueError as error:
+            raise ValueError(f"on side {side} {error}") from None
+        short = np.diff(ends) < SHORT
+        found = ends[np.append(short, False) | np.append(False, short)]
+        return [t for t in found.tolist() if 0 < t < 1]
+
+    @cached_property
+    def largest_source(self) -> float:
+        """A guaranteed bound of |f| in Omega, infinite where none is found."""
+        return max(map(abs, self.range_of_f()))
 
     def range_of_f(self) -> tuple[float, float]:
         """Guaranteed bounds of f in Omega, infinite where none are found."""

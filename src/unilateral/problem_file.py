@@ -17,8 +17,10 @@ from unilateral.polygon import Polygon
 from unilateral.problem import Problem, curve
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
-LARGEST = 1e100
-"""Of |f| and |g|, whose squares have to be finite."""
+SMALLEST, LARGEST = 1e-140, 1e140
+"""Of |f| and |g|, so that squares of errors are normal numbers, and none overflows."""
+ZERO = 1e-320
+"""What interval arithmetic makes of 0, at most."""
 ROUND_OFF = 1e-12
 
 
@@ -112,15 +114,23 @@ def _formula(text: object, where: str) -> sympy.Expr:
 
 def _check(problem: Problem, name: str) -> None:
     """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace."""
-    if not max(map(abs, problem.range_of_f())) < LARGEST:
-        raise InputError(f"{name}, field f: it is not finite in the polygon, or no bound can be found")
+    _check_largest(problem.largest_source, f"{name}, field f", "in the polygon")
     n = problem.polygon.n_sides
     constrained = [side for side in range(n) if side not in problem.free_sides]
     largest = 0.0
     for side in constrained:
         largest = max(largest, *map(abs, problem.range_of_g(side)))
-        if not largest < LARGEST:
-            raise InputError(f"{name}, field g: it is not finite on side {side}, or no bound can be found")
+        _check_largest(largest, f"{name}, field g", f"on side {side}")
+    size = max(problem.largest_source, largest)
+    if ZERO < size < SMALLEST:
+        raise InputError(
+            f"{name}, fields f and g: they are at most {size:.3g}, and squares of errors leave double "
+            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+        )
+    try:
+        problem.singular()
+    except ValueError as error:
+        raise InputError(f"{name}, field g: {error}") from None
     start, _ = problem.obstacle(np.arange(n), np.zeros(n))
     end, _ = problem.obstacle(np.arange(n), problem.polygon.lengths)
     for side, before in ((side, (side - 1) % n) for side in constrained):
@@ -129,3 +139,13 @@ def _check(problem: Problem, name: str) -> None:
                 f"{name}, field g: it jumps at vertex {side}, from {end[before]:.6g} on side {before} to "
                 f"{start[side]:.6g} on side {side}; it has to be continuous"
             )
+
+
+def _check_largest(size: float, where: str, place: str) -> None:
+    if not np.isfinite(size):
+        raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
+    if size > LARGEST:
+        raise InputError(
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors leave double precision; "
+            f"scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+        )

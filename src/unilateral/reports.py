@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import signal
+import sys
 from typing import Any
 
 from unilateral.accuracy import LARGEST_BOUNDARY, Goal, Level
@@ -20,6 +21,11 @@ def say(text: str) -> None:
     """On standard output, at once."""
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
     print(text, flush=True)
+
+
+def complain(message: object) -> None:
+    """One line on standard error."""
+    print("unilateral:", *str(message).split(), file=sys.stderr)
 
 
 def head(found: dict[str, Any]) -> str:
@@ -77,8 +83,8 @@ def level_line(level: Level, goal: Goal) -> str:
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 
 
-def ending(best: Level, goal: Goal, interrupted: bool) -> str:
-    """Whether the accuracy is certified, and if not what ended the search."""
+def ending(best: Level, goal: Goal, ended: str) -> str:
+    """Whether the accuracy is certified, and if not what `ended` the search, by default the budget."""
     error, size = best.solved.total(goal.norm), best.solved.size(goal.norm)
     reached = f"{ERROR[goal.norm]} <= {error:.4e}"
     if size > 0:
@@ -87,7 +93,7 @@ def ending(best: Level, goal: Goal, interrupted: bool) -> str:
         return f"  certified: {reached}"
     budget = [f"--max-unknowns {goal.max_unknowns}", f"at most {LARGEST_BOUNDARY} boundary nodes"]
     budget += [f"--max-seconds {goal.max_seconds:g}"] * (goal.max_seconds < math.inf)
-    why = "interrupted" if interrupted else f"out of budget ({', '.join(budget)})"
+    why = ended or f"out of budget ({', '.join(budget)})"
     nothing = goal.norm == "hm12" and best.solved.lambda_norm == 0
     return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
 

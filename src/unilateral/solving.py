@@ -20,7 +20,7 @@ from unilateral.discrete import discretise, solve_to_fraction
 from unilateral.errors import InputError
 from unilateral.mesh import Mesh
 from unilateral.problem import Problem
-from unilateral.reports import ending, head, level_head, level_line, say, table
+from unilateral.reports import complain, ending, head, level_head, level_line, say, table
 from unilateral.solve import Pair, Stop, guarded_beta, pair, solve
 from unilateral.uzawa import DualResult
 
@@ -110,17 +110,20 @@ def _up_to_accuracy(
 ) -> int:
     goal = Goal(options.accuracy, options.norm or "h1", options.max_unknowns, options.max_seconds or math.inf)
     done: list[Level] = []
-    interrupted = False
+    ended = ""
     try:
         for level in levels(problem, goal, free, _stop(options), options.mesh):
             if not options.json:
                 say(level_line(level, goal) if done else level_head(problem.name, goal, level))
             done.append(level)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, InputError) as stopped:
         if not done:
             raise
-        interrupted = True
-    best = min(done, key=lambda level: level.solved.total(goal.norm))
+        ended = "interrupted"
+        if isinstance(stopped, InputError):
+            ended = "the next level is refused"
+            complain(stopped)
+    best = min(reversed(done), key=lambda level: level.solved.total(goal.norm))
     solved = best.solved
     found = _found(problem, solved.discrete.mesh, solved.discrete.both, solved.result)
     if isinstance(problem, Case):
@@ -133,9 +136,9 @@ def _up_to_accuracy(
     }
     _add_cost(found, begin)
     if not options.json:
-        say(ending(best, goal, interrupted))
+        say(ending(best, goal, ended))
     say(table(found, solved.result, solved.bound, options.json))
-    return INTERRUPTED if interrupted else 0 if best.certified else NOT_CONVERGED
+    return INTERRUPTED if ended == "interrupted" else 0 if best.certified else NOT_CONVERGED
 
 
 def _stop(options: argparse.Namespace) -> Stop:
