@@ -183,7 +183,7 @@ def test_a_budget_ends_the_search_with_the_best_so_far(limits, ended):
 
 
 def test_a_budget_below_the_coarsest_mesh_is_bad_input():
-    with pytest.raises(InputError, match="the coarsest mesh of 'square' has 25 unknowns, more than the 24"):
+    with pytest.raises(InputError, match="the coarsest mesh of 'square' has 25 unknowns; --max-unknowns 24 has to be"):
         next(levels(load("natural"), Goal(0.1, max_unknowns=24)))
 
 
@@ -280,3 +280,53 @@ def test_a_scene_on_structured_meshes_needs_no_gmsh(tmp_path):
         "sweep.sweep(mesh.structured(domain, 1 / 8), cases, [cells], gram)"
     )
     assert gmsh_is_imported_after(solve, "dual_norm.dual_norm(cells, cases)") == [False, True]
+
+
+def declared(folder, **fields):
+    """The problem of a file with these fields, on the unit square unless they say otherwise."""
+    given = {"polygon": [[0, 0], [1, 0], [1, 1], [0, 1]]} | fields
+    file = folder / "mine.yaml"
+    file.write_text("".join(f"{name}: {value}\n" for name, value in given.items()))
+    return problem_file.load(str(file))
+
+
+def test_a_peak_at_a_declared_kink_is_seen(tmp_path):
+    """g = 0 > u_h = -5 in one point only, not one of the rule's; the error is at least 0.49."""
+    apex = declared(tmp_path, f=-5, g="-1e5*pos(x-2/5,1) - 1e5*pos(2/5-x,1)")
+    first = next(levels(apex, Goal(0.05)))
+    assert not first.certified
+    assert first.solved.total("h1") >= 0.49
+
+
+def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path):
+    angles = 2 * np.pi * np.arange(1500) / 1500
+    polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
+    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 1500)
+    with pytest.raises(InputError, match=r"'wheel' needs 6000 boundary nodes .* at most 4096 are possible"):
+        next(levels(wheel, Goal(0.05)))
+
+
+def test_structured_cells_consist_of_whole_edges():
+    """On the L-shape, whose sides have lengths 1 and 2, for any H."""
+    for level in levels(load("violates_j", "lshape"), Goal(0.1, "hm12", 3_000)):
+        mesh = level.solved.discrete.mesh
+        assert set(level.partition.points) <= set(mesh.s)
+        assert 2 * level.partition.n_cells == len(mesh.boundary)
+
+
+def test_an_iteration_that_fails_ends_the_search():
+    """A finer mesh would not help it."""
+    with pytest.warns(RuntimeWarning, match="stopped after 1 steps"):
+        found = list(levels(load("natural"), Goal(1e-2), stop=Stop(max_steps=1)))
+    assert len(found) == 1
+    assert not found[0].certified
+
+
+def test_no_multiplier_at_all_is_exact(tmp_path):
+    """Every side is left out, so lambda = lambda_H = 0."""
+    idle = declared(tmp_path, f="1 + x", g=0)
+    assert idle.idle_sides() == (0, 1, 2, 3)
+    found = list(levels(idle, Goal(0.1, "hm12"), idle.idle_sides()))
+    assert len(found) == 1
+    assert found[0].certified
+    assert found[0].solved.total("hm12") == 0

@@ -57,7 +57,10 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve; `target` is the error that is wanted, as far as this level knows the solution's norm."""
+    """One solve; `target` is the error that is wanted, as far as this level knows the solution's norm.
+
+    `seconds` counts its mesh, too.
+    """
 
     solved: Bounded
     target: float
@@ -88,18 +91,32 @@ def levels(
     done: list[Level] = []
     H: float | None = float(problem.polygon.lengths.max()) / COARSEST
     while H is not None:
-        partition = partitions.uniform(problem.polygon, H)
+        start = time.perf_counter()
+        partition = partitions.uniform(problem.polygon, _nested(problem.polygon, H, kind))
+        if 2 * partition.n_cells > LARGEST_BOUNDARY:
+            raise InputError(
+                f"'{problem.polygon.name}' needs {2 * partition.n_cells} boundary nodes for H = {H:.4g}; at "
+                f"most {LARGEST_BOUNDARY} are possible, so take fewer sides"
+            )
         mesh = two_edges_per_cell(partition, kind)
         if mesh.n_nodes > goal.max_unknowns:
             break
-        done.append(_solved(problem, mesh, partition, goal, free, stop, done[-1] if done else None))
+        done.append(_solved(problem, mesh, partition, goal, free, stop, done[-1] if done else None, start))
         yield done[-1]
         H = _next_H(done, goal, time.perf_counter() - begin)
     if not done:
         raise InputError(
-            f"the coarsest mesh of '{problem.polygon.name}' has {mesh.n_nodes} unknowns, more than the "
-            f"{goal.max_unknowns} allowed"
+            f"the coarsest mesh of '{problem.polygon.name}' has {mesh.n_nodes} unknowns; --max-unknowns "
+            f"{goal.max_unknowns} has to be at least that"
         )
+
+
+def _nested(polygon: Polygon, H: float, kind: str) -> float:
+    """H, or on structured meshes the next smaller one whose cells consist of whole edges.
+
+    There all sides are multiples of the first one.
+    """
+    return float(polygon.lengths[0] / polygon.counts(H)[0]) if kind == "structured" else H
 
 
 def natural_kind(polygon: Polygon) -> str:
@@ -142,8 +159,8 @@ def _solved(
     free: Sequence[int],
     stop: Stop,
     before: Level | None,
+    begin: float,
 ) -> Level:
-    begin = time.perf_counter()
     discrete = discretise(problem, mesh, partition, free)
     in_norm = discrete.beta if goal.norm == "hm12" else 1.0
     start, tolerance = None, FIRST * discrete.first_residual
@@ -167,7 +184,7 @@ def _target(solved: Bounded, goal: Goal) -> float:
 def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     """The next level's H within the budget, or None."""
     last, left = done[-1], goal.max_seconds - seconds
-    if last.certified or left <= 0:
+    if last.certified or left <= 0 or not last.solved.result.converged:
         return None
     H, unknowns = last.partition.H, last.unknowns
     totals = [level.solved.total(goal.norm) for level in done]

@@ -118,7 +118,7 @@ def total_bound(
     oscillation = oscillation_bound(mesh, spaces.triangle, flux.rest[:, None], flux.constant).item()
     return TotalBound(
         u=math.sqrt(max(distance**2 + 2 * product + of_v**2, 0.0)) + data,
-        lambda_=eta + oscillation + data,
+        lambda_=eta + oscillation + data if np.any(held) else 0.0,
         eta=eta,
         distance=distance,
         extension=missing.norm,

@@ -176,7 +176,7 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
     file = Path(name) if name.endswith((".yaml", ".yml")) else _catalogue() / f"{name}.yaml"
     if not file.is_file():
         if isinstance(file, Path) and file == Path(name):
-            raise InputError(f"there is no file {name} that could declare a case")
+            raise InputError(f"there is no file {name} that could declare a case or a problem")
         raise InputError(f"case '{name}' is unknown; the catalogue has {', '.join(names())}")
     schema = resources.files("unilateral") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read(file, name), schema, name)

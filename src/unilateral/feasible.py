@@ -117,7 +117,9 @@ def constraint(problem: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask)
     start = mesh.s[:-1] - mesh.polygon.starts[mesh.side]
     rule = boundary_rule(mesh.polygon, mesh.s, problem.singular())
     held = on[rule.interval]
-    edge, s, side = rule.interval[held], rule.s[held], rule.side[held]
+    edge, s, side, weight = _with_places(
+        mesh, problem, on, (rule.interval[held], rule.s[held], rule.side[held], rule.weight[held])
+    )
     g, slope = problem.obstacle(side, s)
     places = np.stack([start, start + lengths, start + 0.5 * lengths], axis=1)
     on_edges = problem.obstacle(np.repeat(mesh.side, 3), places.ravel())[0].reshape(-1, 3)
@@ -131,12 +133,27 @@ def constraint(problem: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask)
         at_unknowns,
         edge,
         x=np.clip((s - start[edge]) / lengths[edge], 0.0, 1.0),
-        weight=rule.weight[held],
+        weight=weight,
         g=g,
         slope=slope,
         jumps=np.any(at_unknowns[unknowns] > on_edges + tolerance, axis=1),
         singular=_with_points(mesh, [mesh.polygon.arc_length(p.side, p.t) for p in problem.singular()]),
     )
+
+
+def _with_places(
+    mesh: Mesh, problem: Obstacle, on: Mask, rule: tuple[Index, Array, Index, Array]
+) -> tuple[Index, Array, Index, Array]:
+    """A rule with the singular points, of weight 0, where g may peak: edges, arc lengths, sides, weights."""
+    points, lengths = problem.singular(), mesh.polygon.lengths
+    side = np.array([point.side for point in points], dtype=np.intp)
+    s = np.array([point.t for point in points]) * lengths[side]
+    edge = np.searchsorted(mesh.s, mesh.polygon.starts[side] + s, side="right") - 1
+    edge = np.minimum(edge, len(mesh.side) - 1)
+    kept = on[edge] & (mesh.side[edge] == side)
+    places = (edge[kept], s[kept], side[kept], np.zeros(np.count_nonzero(kept)))
+    edge, s, side, weight = (np.append(*pair) for pair in zip(rule, places, strict=True))
+    return edge, s, side, weight
 
 
 def _with_points(mesh: Mesh, points: list[float]) -> Mask:

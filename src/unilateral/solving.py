@@ -123,7 +123,9 @@ def _up_to_accuracy(
         if isinstance(stopped, InputError):
             ended = "the next level is refused"
             complain(stopped)
-    best = min(reversed(done), key=lambda level: level.solved.total(goal.norm))
+    if not (ended or done[-1].certified or done[-1].solved.result.converged):
+        ended = "the iteration did not converge (--max-steps, --rho, --algorithm)"
+    best = min(reversed(done), key=lambda level: (not level.certified, level.solved.total(goal.norm)))
     solved = best.solved
     found = _found(problem, solved.discrete.mesh, solved.discrete.both, solved.result)
     if isinstance(problem, Case):
