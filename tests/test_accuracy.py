@@ -183,7 +183,7 @@ def test_a_budget_ends_the_search_with_the_best_so_far(limits, ended):
 
 
 def test_a_budget_below_the_coarsest_mesh_is_bad_input():
-    with pytest.raises(InputError, match="the coarsest mesh of 'square' has 25 unknowns; --max-unknowns 24 has to be"):
+    with pytest.raises(InputError, match="'square' has 25 unknowns; --max-unknowns 24 has to be"):
         next(levels(load("natural"), Goal(0.1, max_unknowns=24)))
 
 

@@ -390,7 +390,10 @@ def test_a_size_must_be_a_positive_number(capsys, option, text):
         (("solve", "natural", *SIZES, "--norm", "h1"), "--norm is only for --accuracy"),
         (("solve", "natural", *SIZES, "--max-seconds", "9"), "--max-seconds is only for --accuracy"),
         (("solve", "natural", "--accuracy", "0.1", "--norm", "l2"), "invalid choice: 'l2'"),
-        (("solve", "natural", "--accuracy", "0.1", "--max-unknowns", "24"), "'square' has 25 unknowns; --max-unknowns"),
+        (
+            ("solve", "natural", "--accuracy", "0.1", "--max-unknowns", "24"),
+            "has 25 unknowns; --max-unknowns",
+        ),
         (("solve", "smooth", *SIZES, "--free-sides", "1,x"), "'1,x' must be numbers of sides such as 1,2,3"),
         (("solve", "smooth", *SIZES, "--free-sides", "2,4"), "'square' has the sides 0 to 3, not 4"),
         (("solve", "smooth", *SIZES, "--free-sides", "0"), "case 'smooth' has contact on side 0"),
@@ -430,7 +433,10 @@ def test_bad_arguments(capsys, arguments, message):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (DECLARATION.replace("title", "titel").encode(), "there is no field 'titel' here; the fields are title"),
+        (
+            DECLARATION.replace("title", "titel").encode(),
+            "there is no field 'titel' here",
+        ),
         (DECLARATION.replace("2 }]", "}]").encode(), "u[0]"),
         (DECLARATION.replace("formula: ", "formula: -").encode(), "lambda = du/dn < 0"),
         (b"\x00\xff\xfe\x80", "is not a YAML file"),
