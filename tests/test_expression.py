@@ -74,6 +74,8 @@ REFUSED = {
     "pos(x, 101)": "'pos(x, 101)' needs a rational power",
     "pos(x, pi)": "'pos(x, pi)' needs a rational power",
     "pos(x, 1/21)": "its denominator at most 20",
+    "pos(((x + 1/7)**100)**100 - 1/3, 1)": "needs an argument of a degree up to 100",
+    "pos((x**10 + 1)**11, 1)": "needs an argument of a degree up to 100",
     "'x'": "''x'' is not a decimal number",
     "b'x'": "is not a decimal number",
     "True": "'True' is not a decimal number",

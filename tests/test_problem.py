@@ -154,6 +154,10 @@ ONE_LINE = {
     "no g": ({"g": None}, ": 'g' is a required property"),
     "unknown symbol": ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
     "code": ({"f": "open('x')"}, ", field f: 'open('x')' is not a known function"),
+    "half a formula on a free side": (
+        {"g": "[0, '1/(0', 0, 0]", "free_sides": "[1]"},
+        ", field g[1]: '1/(0' is not a formula in x, y",
+    ),
     "half a formula": ({"f": "x +"}, ", field f: 'x +' is not a formula in x, y"),
     "no formula": ({"f": "''"}, ", field f: '' is not a formula in x, y"),
     "a truth value": ({"f": "yes"}, ", field f: True is not of type 'number', 'string'"),

@@ -230,7 +230,18 @@ class _Reader(ast.NodeVisitor):
         if function is pos and not _is_power(arguments[1]):
             limits = f"between 0 and {MAX_EXPONENT}, its denominator at most {MAX_DENOMINATOR}"
             raise self.refuse(node, f"needs a rational power {limits}")
+        if function is pos and _degree(arguments[0]) > MAX_EXPONENT:
+            raise self.refuse(node, f"needs an argument of a degree up to {MAX_EXPONENT}")
         return self.checked(node, function(*arguments))
+
+
+def _degree(e: sympy.Expr) -> float:
+    """At least that of a polynomial when it is multiplied out, which its zeros need."""
+    if e.is_Pow and e.exp.is_Rational:
+        return float(abs(e.exp)) * _degree(e.base)
+    if e.is_Mul:
+        return sum(map(_degree, e.args))
+    return max(map(_degree, e.args), default=float(e.is_Symbol))
 
 
 def _is_power(k: sympy.Expr) -> bool:

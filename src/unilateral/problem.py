@@ -40,7 +40,8 @@ class Problem:
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         """f (k,) at the places points + offset (k, 2)."""
-        return self._source(*(points + offset).T)[0]
+        with np.errstate(all="ignore"):  # f is finite, as its enclosure says; parts of it need not be
+            return self._source(*(points + offset).T)[0]
 
     def obstacle(self, side: Index, s: Array) -> tuple[Array, Array]:
         """g (k,) and dg/ds (k,) at the arc lengths s (k,) of the sides (k,)."""
@@ -48,7 +49,8 @@ class Problem:
         g, slope = np.zeros(len(s)), np.zeros(len(s))
         for i in np.unique(side):
             here = side == i
-            g[here], slope[here] = self._obstacles[i](t[here])
+            with np.errstate(all="ignore"):
+                g[here], slope[here] = self._obstacles[i](t[here])
         return g, slope / self.polygon.lengths[side]
 
     @cached_property

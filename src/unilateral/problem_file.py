@@ -81,12 +81,13 @@ def _obstacles(
     found = []
     for side, ((x0, y0), (x1, y1)) in enumerate(zip(vertices, vertices[1:] + vertices[:1], strict=True)):
         text, place = (given[side], f"{where}[{side}]") if isinstance(given, list) else (given, where)
+        if text is None and side not in free:
+            raise InputError(f"{place}: there is no formula, and side {side} is not free")
+        formula = parse(0 if text is None else text, ("x", "y"), place)
         if side in free:
             found.append(sympy.Integer(0))
             continue
-        if text is None:
-            raise InputError(f"{place}: there is no formula, and side {side} is not free")
-        along = parse(text, ("x", "y"), place).subs({X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)})
+        along = formula.subs({X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)})
         try:
             powers = [k for t, k in kinks(along, T) if 0 <= t <= 1]
         except ValueError as error:
