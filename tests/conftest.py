@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -95,3 +98,21 @@ def texts(figure: Figure) -> list[Text]:
     """What is written in a figure."""
     found = [artist for artist in figure.findobj(Text) if isinstance(artist, Text)]
     return [text for text in found if text.get_visible() and text.get_text()]
+
+
+def check_page(page: Figure, box: Bbox) -> None:
+    """Text as large as in a paper, nothing beyond the page, 17 cm wide; what were beyond it would be seen."""
+    width, height = page.get_size_inches()
+    assert width == pytest.approx(17 / 2.54)
+    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
+    assert min(box.x0, box.y0) >= 0
+    assert box.x1 <= width
+    assert box.y1 <= height
+    page.text(0.99, 0.5, "beyond the page")
+    assert page.get_tightbbox().x1 > width
+
+
+def run_elsewhere(program: str, folder: Path) -> None:
+    """A program run in another process, with other seeds of its hashes and another time zone."""
+    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
+    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
@@ -14,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import texts
+from conftest import check_page, run_elsewhere, texts
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
@@ -140,8 +137,7 @@ def test_another_process_gives_the_same_bytes(folder: Path) -> None:
     program = (
         f"import sys\nfrom unilateral import plots\n{calls}\nassert 'matplotlib.pyplot' not in sys.modules"
     )
-    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
-    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+    run_elsewhere(program, folder)
     for figure in TABLES:
         assert (folder / f"{figure}_2.svg").read_bytes() == (folder / f"{figure}.svg").read_bytes()
 
@@ -170,16 +166,7 @@ def test_text_is_as_large_as_in_a_paper_and_on_the_page(
     figure: str, folder: Path, drawn: list[tuple[Figure, Bbox]]
 ) -> None:
     draw(figure, folder)
-    page, box = drawn[0]
-    width, height = page.get_size_inches()
-    assert width == pytest.approx(17 / 2.54)
-    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
-    assert box.x0 >= 0
-    assert box.y0 >= 0
-    assert box.x1 <= width
-    assert box.y1 <= height
-    page.text(0.99, 0.5, "beyond the page")
-    assert page.get_tightbbox().x1 > width
+    check_page(*drawn[0])
 
 
 def test_rates_are_those_of_the_table(folder: Path, drawn: list[tuple[Figure, Bbox]]) -> None:

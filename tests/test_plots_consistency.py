@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import texts
+from conftest import check_page, run_elsewhere, texts
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -70,8 +67,7 @@ def test_another_process_gives_the_same_bytes(folder: Path) -> None:
     first = draw(folder)
     program = "import sys\nfrom unilateral import plots\nplots.consistency('consistency.csv', 'figure.svg')"
     program += "\nassert 'matplotlib.pyplot' not in sys.modules"
-    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
-    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+    run_elsewhere(program, folder)
     assert (folder / "figure.svg").read_bytes() == first
 
 
@@ -80,15 +76,7 @@ def test_text_is_as_large_as_in_a_paper_and_on_the_page(
 ) -> None:
     svg = draw(folder).decode()
     assert not re.search(r"\d{4}-\d\d-\d\d|dc:date|<text", svg)
-    page, box = drawn[0]
-    width, height = page.get_size_inches()
-    assert width == pytest.approx(17 / 2.54)
-    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
-    assert min(box.x0, box.y0) >= 0
-    assert box.x1 <= width
-    assert box.y1 <= height
-    page.text(0.99, 0.5, "beyond the page")
-    assert page.get_tightbbox().x1 > width
+    check_page(*drawn[0])
 
 
 def test_both_means_stand_on_their_cells(folder: Path, drawn: list[tuple[Figure, Bbox]]) -> None:

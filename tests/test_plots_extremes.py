@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import texts
+from conftest import check_page, run_elsewhere
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
@@ -47,8 +44,7 @@ def test_the_same_table_gives_the_same_bytes(folder: Path) -> None:
     assert draw(folder, "again.svg") == first
     program = "import sys\nfrom unilateral import plots\nplots.extremes('extremes.csv', 'other.svg')"
     program += "\nassert 'matplotlib.pyplot' not in sys.modules"
-    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
-    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+    run_elsewhere(program, folder)
     assert (folder / "other.svg").read_bytes() == first
     changed = table()
     changed.loc[1, "log10_value"] -= 0.5
@@ -61,13 +57,7 @@ def test_text_is_as_large_as_in_a_paper_and_on_the_page(
 ) -> None:
     svg = draw(folder).decode()
     assert not re.search(r"\d{4}-\d\d-\d\d|dc:date|<text", svg)
-    page, box = drawn[0]
-    width, height = page.get_size_inches()
-    assert width == pytest.approx(17 / 2.54)
-    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
-    assert min(box.x0, box.y0) >= 0
-    assert box.x1 <= width
-    assert box.y1 <= height
+    check_page(*drawn[0])
 
 
 def test_every_point_stands_at_its_value_with_its_mark(

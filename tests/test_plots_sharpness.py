@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from conftest import texts
+from conftest import check_page, run_elsewhere
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
@@ -83,8 +80,7 @@ def test_another_process_gives_the_same_bytes(folder: Path) -> None:
     first = draw(folder)
     program = "import sys\nfrom unilateral import plots\nplots.sharpness('sharpness.csv', 'figure.svg')"
     program += "\nassert 'matplotlib.pyplot' not in sys.modules"
-    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
-    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+    run_elsewhere(program, folder)
     assert (folder / "figure.svg").read_bytes() == first
 
 
@@ -93,16 +89,7 @@ def test_text_is_as_large_as_in_a_paper_and_on_the_page(
 ) -> None:
     svg = draw(folder).decode()
     assert not re.search(r"\d{4}-\d\d-\d\d|dc:date|<text", svg)
-    page, box = drawn[0]
-    width, height = page.get_size_inches()
-    assert width == pytest.approx(17 / 2.54)
-    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
-    assert box.x0 >= 0
-    assert box.y0 >= 0
-    assert box.x1 <= width
-    assert box.y1 <= height
-    page.text(0.99, 0.5, "beyond the page")
-    assert page.get_tightbbox().x1 > width
+    check_page(*drawn[0])
 
 
 def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(
