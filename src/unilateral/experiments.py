@@ -15,7 +15,7 @@ from unilateral.mesh import Mesh
 from unilateral.norms import OnMesh, on_cells, on_mesh
 from unilateral.partition import Partition
 from unilateral.quadrature import boundary_rule
-from unilateral.solve import Pair, pair
+from unilateral.solve import Pair, pair, response
 
 Array = NDArray[np.float64]
 VARIANTS = ("as meant", "as printed", "without the clip")
@@ -102,10 +102,9 @@ def _saddle(
     to |L(u_h, lambda_H)|. The excess is A(U_h, V - U_h) - F(V - U_h) with V = (v, mu).
     """
     H_i, boundary = both.partition.lengths, condensed.mesh.boundary
-    total = load.copy()
-    total[boundary] += both.B.T @ lambda_H
-    u_h = condensed.solve(total)
-    weak = condensed.A @ u_h - total
+    u_h = response(condensed, both, load, lambda_H)
+    weak = condensed.A @ u_h - load
+    weak[boundary] -= both.B.T @ lambda_H
 
     def L(v: Array, mu: Array) -> float:
         return float(0.5 * v @ (condensed.A @ v) - load @ v - mu @ (both.B @ v[boundary] - H_i * g_means))
@@ -125,9 +124,7 @@ def _off_cells(problem: OnMesh, both: Pair, lambda_H: Array) -> float:
     """The part of u_h - g, in L2, that is not constant on the cells; relative."""
     condensed, partition = problem.condensed, both.partition
     mesh, polygon = condensed.mesh, partition.polygon
-    total = problem.load.copy()
-    total[mesh.boundary] += both.B.T @ lambda_H
-    trace = condensed.solve(total)[mesh.boundary]
+    trace = response(condensed, both, problem.load, lambda_H)[mesh.boundary]
     rule = boundary_rule(polygon, np.union1d(mesh.s, partition.points), problem.case.singular())
     u, _, gap = problem.case.boundary(rule.side, rule.s, rule.near)
     s = polygon.starts[rule.side] + rule.s
