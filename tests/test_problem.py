@@ -176,8 +176,8 @@ ONE_LINE = {
         ", fields f and g: they are at most 2e-160, and squares of",
     ),
     "g too fast": (
-        {"g": "sin(10000*x)"},
-        ", field g: on side 0 it varies faster than 512 pieces can resolve",
+        {"g": "sin(100000*x)"},
+        ", field g: on side 0 it varies faster than 4096 pieces can resolve",
     ),
     "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
     "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),

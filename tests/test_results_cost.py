@@ -51,6 +51,8 @@ def test_the_table_of_seconds_has_the_same_runs() -> None:
     for name in (*Variant._fields, "h", "H"):
         np.testing.assert_array_equal(table[name].values, timings[name].values)
     assert np.array_equal(np.isfinite(timings["seconds"]), np.isfinite(table["steps"]))
+    S_in_mb = 8 * table["multipliers"].values ** 2 / 2**20
+    assert np.all(timings["peak_mb"].values > S_in_mb)
 
 
 def test_every_run_in_double_precision_with_S_reached_every_level() -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from unilateral.case import Case
 from unilateral.dual_norm import Gram
 from unilateral.history import Reached
+from unilateral.memory import forget_peak, peak_mb
 from unilateral.mesh import Mesh
 from unilateral.variants import Variant
 from unilateral.work import Discrete, OnThisMesh, method_of
@@ -77,6 +78,7 @@ def measure(
     for variant in variants:
         if not np.any(np.isclose(sizes, variant.H_over_h * mesh.h, rtol=1e-9)):
             continue
+        forget_peak()
         discrete = on_this.discrete(variant)
         most = limits.max_steps if variant.algebra == "S" else limits.costly_steps
         steps = longest.get(variant._replace(precision="float64"), math.inf)
@@ -94,7 +96,7 @@ def _times(
     forming = on_this.pairs[variant.H_over_h][1] if variant.algebra == "S" else 0.0
     setup = on_this.condensing + forming
     seconds = _filled([setup + each.seconds for each in reached], stops)
-    values = {"setup_seconds": setup, "seconds_per_step": per_step, "seconds": seconds}
+    values = {"setup_seconds": setup, "seconds_per_step": per_step, "seconds": seconds, "peak_mb": peak_mb()}
     sizes = {"h": on_this.condensed.mesh.h, "H": on_this.pairs[variant.H_over_h][0].partition.H}
     return variant._asdict() | sizes | values
 

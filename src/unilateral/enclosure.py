@@ -26,7 +26,7 @@ SAME = 1e-9
 """So is one that misses it by less than this share of the value."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
-MOST_PIECES = 512
+MOST_PIECES = 4096
 MOST_HALVINGS = 30
 
 

@@ -66,7 +66,7 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
     a, b = edges[:-1], edges[1:]
     middle = 0.5 * (a + b)
-    nearest = np.abs(middle[:, None] - anchors[None]).argmin(axis=1)
+    nearest = np.searchsorted(between, middle)
     p, k = anchors[nearest], grading[nearest][:, None]
     sign = np.where(middle >= p, 1.0, -1.0)[:, None]
     ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])

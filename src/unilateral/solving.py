@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import resource
 import time
 from typing import Any
 
@@ -18,6 +17,7 @@ from unilateral.certificate import certify
 from unilateral.condense import condense
 from unilateral.discrete import discretise, solve_to_fraction
 from unilateral.errors import InputError
+from unilateral.memory import peak_mb
 from unilateral.mesh import Mesh
 from unilateral.problem import Problem
 from unilateral.reports import complain, ending, head, level_head, level_line, say, table
@@ -187,4 +187,4 @@ def _errors(on_mesh: norms.OnMesh, both: Pair, result: DualResult) -> Found:
 
 def _add_cost(found: Found, begin: float) -> None:
     found["seconds"] = time.perf_counter() - begin
-    found["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    found["peak_mb"] = peak_mb()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Sequence
 
@@ -13,6 +12,7 @@ from unilateral.case import Case
 from unilateral.condense import condense
 from unilateral.dual_norm import Gram
 from unilateral.infsup import InfSup, infsup
+from unilateral.memory import peak_mb
 from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov, on_cells, on_mesh
 from unilateral.partition import Partition
@@ -85,13 +85,12 @@ def sweep(
                 table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), solution.hm12_discrete)
                 table["hm12_error_upper"][c, 0, k] = upper[0]
                 table["hm12_best"][c, 0, k] = form.best_approximation(c)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
         {
             "seconds": (("case", "mesh", "partition"), seconds),
             "condense_seconds": ("mesh", [condense_seconds]),
-            "peak_mb": ("mesh", [peak]),
+            "peak_mb": ("mesh", [peak_mb()]),
         },
         coords=coordinates,
     )

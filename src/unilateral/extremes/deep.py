@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import resource
-
 import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
@@ -11,6 +9,7 @@ from scipy.optimize import brentq
 from unilateral import mesh as meshes
 from unilateral.extremes.outcome import Budget, attempt
 from unilateral.extremes.problem import Problem, full, made
+from unilateral.memory import peak_mb
 from unilateral.partition import uniform
 from unilateral.polygon import square
 
@@ -49,7 +48,7 @@ def deep(h: float, H: float, memory: float, budget: Budget) -> xr.Dataset:
         "factor_numbers": row.measured,
         "factor_numbers_predicted": 2 * FILL * n * np.log2(n),
         "predicted_mb": predicted_bytes(h) / 1e6,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "peak_mb": peak_mb(),
         "finest_h": finest(memory),
     }
     return xr.Dataset({name: ((), value) for name, value in table.items()})
