@@ -11,6 +11,7 @@ from conftest import condensed, coupled, discrete, load
 from unilateral import experiments, trials
 from unilateral import mesh as meshes
 from unilateral import partition as partitions
+from unilateral.condense import dissected
 from unilateral.norms import on_cells, on_mesh
 from unilateral.polygon import square
 
@@ -122,7 +123,7 @@ def test_the_counts_and_the_iterates_of_both_ways():
     assert float(found["difference"]) < 1e-12
     np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
-        lu = condensed("square", n)[0].lu
+        lu = dissected(condensed("square", n)[0]).lu
         m, nb, nnz = 2 * n, 4 * n, coupled("square", n, n // 2).B.nnz
         coupling = (2 * nnz - nb) + (2 * nnz - m) + 2 * m
         below, above = lu.L.nnz - lu.shape[0], lu.U.nnz - lu.shape[0]

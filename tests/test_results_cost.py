@@ -124,10 +124,8 @@ def test_refinement_takes_the_steps_of_double_precision() -> None:
 @pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
 def test_half_an_error_costs_no_more_than_theory_says(norm: str, case: str) -> None:
     """Work ~ h^-3 and error ~ h^rate: 2^(3/rate), the rate less its tolerance."""
-    cases = stored("case").sel(case=case, H_over_h=2)
-    at = cases.sel(stop=trade.enough(stored("case"), norm, COARSEST), H=cases["H"] <= COARSEST)
-    found = trade.halving(at["operations"].values, trade.relative(at, norm).values)
-    assert 1 < found <= 2 ** (3 / (RATES[norm] - SLACK[norm]))
+    found = advice.prices(advice.by_case(stored("case")), 2, COARSEST)[norm][f"`{case}`"]
+    assert 1 < found.halving <= 2 ** (3 / (RATES[norm] - SLACK[norm]))
 
 
 def test_an_error_that_does_not_fall_is_noticed() -> None:
@@ -151,25 +149,46 @@ def test_the_front_beats_every_run(norm: str) -> None:
 
 
 def test_advice_names_only_runs_that_were_made() -> None:
+    cases = stored("case")
+    for norm, by_name in advice.prices(advice.by_case(cases), 2, COARSEST).items():
+        for name, of in by_name.items():
+            at = cases.sel(case=name.strip("`"), H_over_h=2, stop=of.stop)
+            assert np.isclose(trade.relative(at, norm), of.error).any()
+            assert of.over_setup > 1
+
+
+def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u() -> None:
+    """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
+    lost = advice.losses(stored("case"))
+    for by_ratio in lost.values():
+        assert min(least for least, _ in by_ratio.values()) == 1
+    assert lost["hm12"][8.0][0] > lost["h1"][8.0][1]
+
+
+def test_tables_of_advice_have_as_many_cells_in_each_line() -> None:
     crossed, cases = stored("algorithm"), stored("case")
-    for norm in NORMS:
-        of_norm = trade.choice(crossed, cases, norm, 2, COARSEST)
-        at = crossed.sel(H_over_h=2, stop=of_norm.stop)
-        assert np.isclose(trade.relative(at, norm), of_norm.error).any()
-        assert min(of_norm.of_algorithms.values()) == 1.0
-    lines = advice.advice(crossed, cases, 2, COARSEST).splitlines()
-    assert [line.count("|") for line in lines[:5]] == 5 * [lines[0].count("|")]
+    tables_ = [
+        advice.advice(crossed, cases, 2, COARSEST).split("\n\n")[1],
+        advice.ratios(cases),
+        advice.price_table(cases, stored("scene"), 2, COARSEST),
+        advice.algorithms(crossed, 2),
+        advice.targets(crossed, STUDY["targets"]),
+    ]
+    for table in tables_:
+        cells = [line.count("|") for line in table.splitlines()]
+        assert len(cells) > 3
+        assert set(cells) == {cells[0]}
 
 
 def test_cheapest_is_met_and_nothing_cheaper_is() -> None:
-    crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
+    crossed = stored("algorithm").sel(algorithm="uzawa", stop=stored("algorithm")["stop"] < 1)
     for norm in NORMS:
-        found = trade.cheapest(crossed, norm, 0.1)
+        found = trade.cheapest(stored("algorithm"), norm, 0.1)
         assert found is not None
         assert found["error"] <= 0.1
         good = (trade.relative(crossed, norm) <= 0.1) & (crossed["operations"] < found["operations"])
         assert not good.any()
-    assert trade.cheapest(crossed, "h1", 1e-9) is None
+    assert trade.cheapest(stored("algorithm"), "h1", 1e-9) is None
 
 
 def test_no_number_of_seconds_is_in_a_table_that_is_compared() -> None:

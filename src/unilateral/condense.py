@@ -7,7 +7,7 @@ factorisation carries the Schur complement A_3 in the last block of its factors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,7 @@ from unilateral.partition import Partition
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
+NONE = np.empty(0, dtype=np.intp)
 CONSTANTS = 1e-8
 """How accurately constants must be solved for; what is guaranteed is so up to this rounding of A_3."""
 SINGULAR = 1e-12
@@ -121,6 +122,12 @@ def condense(mesh: Mesh) -> Condensed:
     return Condensed(mesh, A, cholesky.T @ cholesky, cholesky, lu, order)
 
 
+def dissected(condensed: Condensed) -> Condensed:
+    """The same with A factorised by nested dissection of all nodes, as one would who does not eliminate."""
+    order = elimination_order(condensed.A)
+    return replace(condensed, lu=factorise(condensed.A, order), order=order)
+
+
 def factorise(A: sp.csr_array, order: Ints) -> SuperLU:
     """The factors of A (n, n), in its precision, with the unknowns in that order."""
     return splu(
@@ -151,8 +158,8 @@ def dual_operator(condensed: Condensed, partition: Partition, B: sp.csr_array) -
     return DualOperator(half, partition.lengths, condensed.mesh.polygon.area)
 
 
-def elimination_order(A: sp.csr_array, boundary: Ints) -> Ints:
-    """(n,) node numbers: the interior by nested dissection, then the boundary as it is listed.
+def elimination_order(A: sp.csr_array, boundary: Ints = NONE) -> Ints:
+    """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
 
     Consecutive boundary nodes share an edge, so the elimination tree ends in their chain and SuperLU's
     postordering leaves them last.

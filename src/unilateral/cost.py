@@ -93,8 +93,8 @@ def _times(
     on_this: OnThisMesh, variant: Variant, reached: Sequence[Reached], per_step: float, stops: int
 ) -> dict[str, Any]:
     """A row of the table of seconds; they depend on the machine."""
-    forming = on_this.pairs[variant.H_over_h][1] if variant.algebra == "S" else 0.0
-    setup = on_this.condensing + forming
+    setup = on_this.dissecting if variant.algebra == "A" else on_this.condensing
+    setup += on_this.pairs[variant.H_over_h][1] if variant.algebra == "S" else 0.0
     seconds = _filled([setup + each.seconds for each in reached], stops)
     values = {"setup_seconds": setup, "seconds_per_step": per_step, "seconds": seconds, "peak_mb": peak_mb()}
     sizes = {"h": on_this.condensed.mesh.h, "H": on_this.pairs[variant.H_over_h][0].partition.H}
@@ -128,7 +128,7 @@ def _row(variant: Variant, discrete: Discrete, reached: Sequence[Reached], stops
         operator.lambda_max,
         discrete.sigma_1,
         discrete.rho(variant.algorithm),
-        discrete.of_A.nonzeros,
+        discrete.of_A[variant.algebra].nonzeros,
         costs.setup,
         costs.residual + costs.advance,
     )

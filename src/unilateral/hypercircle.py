@@ -121,7 +121,7 @@ def hypercircle(mesh: Mesh, f_h: Array) -> Hypercircle:
 
 def _rank(p2: skfem.Basis, A: sp.csr_array) -> Array:
     nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
-    order = elimination_order(A[nodes][:, nodes], np.empty(0, dtype=np.intp))
+    order = elimination_order(A[nodes][:, nodes])
     rank[nodes[order]] = np.arange(len(nodes))
     rank[p2.facet_dofs[0]] = rank[nodes[p2.mesh.facets]].min(axis=0) - 0.5
     return rank

@@ -13,12 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
 from unilateral import mesh as meshes
-from unilateral.condense import check_constants, elimination_order
+from unilateral.condense import check_constants, elimination_order, factorise
 from unilateral.grading import boundary_nodes
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
@@ -34,13 +33,8 @@ class Factor:
     """A symmetric positive definite matrix (n, n), factorised in an order (n,) or by nested dissection."""
 
     def __init__(self, A: sp.csr_array, order: Index | None = None) -> None:
-        self.order = elimination_order(A, np.empty(0, dtype=np.intp)) if order is None else order
-        self.lu = splu(
-            A[self.order][:, self.order].tocsc(),
-            permc_spec="NATURAL",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        self.order = elimination_order(A) if order is None else order
+        self.lu = factorise(A, self.order)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs, (n,), its entries in the order of elimination."""

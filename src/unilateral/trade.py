@@ -14,7 +14,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral import operations
-from unilateral.surfaces import predicted
 from unilateral.tables import error_in
 from unilateral.variants import Variant
 
@@ -23,36 +22,28 @@ ENOUGH = 1.1
 """An error that much larger than the discrete solution's is still good enough."""
 GAIN = 0.98
 """Points of a front whose error is not below that part of the one before are left out."""
-ALPHA = 0.5
-"""lambda ~ s_+^alpha in the base case: what the rates of its best approximation depend on."""
-LAST = (1e-5, 1e-10)
-"""Levels between which the growth of the steps is measured, away from the start."""
 SHOWN = 1e-6
-"""The level to which steps are shown: further down rounding changes Barzilai and Borwein's, at H = 2h."""
-CLOSE = 1.05
-"""Ratios H/h whose error at the same work is at most that much larger than the best one's are as good."""
+"""The level to which steps are compared: below it rounding changes Barzilai and Borwein's, at H = 2h."""
+SIZES = 3
+"""So many H are needed for the growth of steps, and one more for a line of errors over work."""
+WORKS = 256
+"""At which lines of errors are compared."""
 NORM_OF = {"h1": "u_norm", "l2": "l2_norm"}
 
 
-class Choice(NamedTuple):
-    """What to use for an error in a norm; relative error and operations are those on the finest mesh.
+class Price(NamedTuple):
+    """Of an error in a norm on the finest mesh: the level `stop` that is enough, h, the relative error.
 
-    `losses` are the errors at the same work of each H/h over those of the best; the rest is at the given one.
-    `set_by` are the cases that need as low a stop, and `stop_elsewhere` is enough for the others.
-    `halving` is the fitted factor of work for half of the error, `theory` that of work ~ h^-3 with the
-    rate of the best approximation; `of_algorithms` the work of each there, over the least.
+    `operations` are Uzawa's, `over_setup` what they are over those of the set-up; `halving` is the fitted
+    factor of work for half of the error.
     """
 
-    losses: dict[float, float]
     stop: float
-    set_by: tuple[str, ...]
-    stop_elsewhere: float
     h: float
     error: float
     operations: float
+    over_setup: float
     halving: float
-    theory: float
-    of_algorithms: dict[str, float]
 
 
 def along(table: xr.Dataset, base: Variant, axes: Sequence[str]) -> xr.Dataset:
@@ -108,17 +99,20 @@ def front(work: Array, error: Array) -> NDArray[np.intp]:
 
 
 def growth(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarsest: float) -> float:
-    """The exponent p of steps ~ H^-p, for the last five digits, by least squares over H <= `coarsest`."""
-    steps = crossed["steps"].sel(algorithm=algorithm, H_over_h=H_over_h)
-    last, first = (steps.sel(stop=level, method="nearest") for level in LAST[::-1])
-    digits = last - first
-    digits = digits[(crossed["H"].values <= coarsest) & np.isfinite(digits.values)]
-    return float(-np.polyfit(np.log(digits["H"]), np.log(digits), 1)[0])
+    """The exponent p of steps ~ H^-p to the level SHOWN, by least squares over H <= `coarsest`.
+
+    NaN with fewer than SIZES such H.
+    """
+    steps = crossed["steps"].sel(algorithm=algorithm, H_over_h=H_over_h).sel(stop=SHOWN, method="nearest")
+    steps = steps[(crossed["H"].values <= coarsest) & np.isfinite(steps.values)]
+    if steps.size < SIZES:
+        return np.nan
+    return float(-np.polyfit(np.log(steps["H"]), np.log(steps), 1)[0])
 
 
 def enough(cases: xr.Dataset, norm: str, coarsest: float) -> float:
-    """The largest stopping level that leaves no error above ENOUGH times the discrete solution's."""
-    of = excess(cases.where(cases["H"] <= coarsest, drop=True), norm)
+    """The largest stopping level below 1 that leaves no error above ENOUGH times the discrete solution's."""
+    of = excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
     worst = of.max([name for name in of.dims if name != "stop"])
     good = worst.values <= ENOUGH
     first = int(np.argmax(np.logical_and.accumulate(good[::-1])[::-1]))
@@ -140,53 +134,50 @@ def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     return found.isel(algorithm=cheapest_one).drop_vars("algorithm")
 
 
-def losses(cases: xr.Dataset, norm: str) -> dict[float, float]:
-    """Of each H/h, the geometric mean of error * work^(rate/3) over cases and sizes, over the least one.
+def losses(case: xr.Dataset, norm: str) -> dict[float, float]:
+    """Of each H/h the mean error at the same work over that of the best, of one case's (H_over_h, H, stop).
 
-    Errors are the discrete solution's, work is the set-up, most of it whatever the algorithm. The exponent,
-    from work ~ h^-3, makes meshes comparable. A ratio takes part if it has three sizes, all by the same ones.
+    Errors are the discrete solution's, work is the set-up, most of it whatever the algorithm. Between meshes
+    log error is linear in log work; its mean is over the works that all ratios reach with more than SIZES H.
     """
-    rate = float(predicted(norm, ALPHA))
-    error = relative(cases, norm) / excess(cases, norm)
-    score = xr.apply_ufunc(np.log, error.isel(stop=-1) * cases["setup_operations"] ** (rate / 3))
-    enough_sizes = (score.count("H") >= 3).all("case")
-    mean = score.sel(H_over_h=enough_sizes).dropna("H").mean(["case", "H"])
-    over = np.exp(mean - mean.min()).sortby("H_over_h")
-    return dict(zip(over["H_over_h"].values.tolist(), over.values.tolist(), strict=True))
+    error = xr.apply_ufunc(np.log, (relative(case, norm) / excess(case, norm)).isel(stop=-1))
+    work = xr.apply_ufunc(np.log, case["setup_operations"])
+    lines: dict[float, tuple[Array, Array]] = {}
+    for ratio in case["H_over_h"].values:
+        x, y = (each.sel(H_over_h=ratio).values for each in (work, error))
+        known = np.isfinite(x) & np.isfinite(y)
+        if np.count_nonzero(known) > SIZES:
+            lines[float(ratio)] = (x[known], y[known])
+    first, last = max(x.min() for x, _ in lines.values()), min(x.max() for x, _ in lines.values())
+    common = np.linspace(first, last, WORKS)
+    means = {ratio: float(np.mean(np.interp(common, x, y))) for ratio, (x, y) in sorted(lines.items())}
+    return {ratio: float(np.exp(mean - min(means.values()))) for ratio, mean in means.items()}
 
 
-def choice(crossed: xr.Dataset, cases: xr.Dataset, norm: str, H_over_h: float, coarsest: float) -> Choice:
-    """Over H <= `coarsest`, all stopped where `enough` says, with the cheapest algorithm on each mesh."""
-    stop, rate = enough(cases, norm, coarsest), float(predicted(norm, ALPHA))
-    by_case = {str(name): enough(cases.sel(case=[name]), norm, coarsest) for name in cases["case"].values}
-    fine = crossed.sel(H=crossed["H"] <= coarsest)
-    at = best(fine, norm, stop)
-    of = at.sel(H_over_h=H_over_h).dropna("H")
-    last = of.isel(H=-1)
-    work = fine["operations"].sel(stop=stop, H_over_h=H_over_h, H=last["H"]) / last["work"]
-    return Choice(
-        losses(cases.sel(H=cases["H"] <= coarsest), norm),
+def price(runs: xr.Dataset, norm: str, stop: float, coarsest: float) -> Price:
+    """What an error costs, of runs over (H, stop) with H <= `coarsest`, at a level."""
+    at = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
+    error, last = relative(at, norm), at.isel(H=-1)
+    work = last["operations"].item()
+    return Price(
         stop,
-        tuple(name for name, own in by_case.items() if own == stop),
-        min((own for own in by_case.values() if own != stop), default=stop),
         last["h"].item(),
-        last["error"].item(),
-        last["work"].item(),
-        halving(of["work"].values, of["error"].values),
-        2 ** (3 / rate),
-        {str(name): float(work.sel(algorithm=name)) for name in fine["algorithm"].values},
+        error.values[-1].item(),
+        work,
+        work / last["setup_operations"].item(),
+        halving(at["operations"].values, error.values),
     )
 
 
-def cheapest(crossed: xr.Dataset, norm: str, target: float) -> dict[str, Any] | None:
-    """The run and level below 1 of least work with a relative error of at most `target`, if there is one."""
-    crossed = crossed.sel(stop=crossed["stop"] < 1)
-    error, work = relative(crossed, norm), crossed["operations"]
+def cheapest(crossed: xr.Dataset, norm: str, target: float) -> dict[str, float] | None:
+    """Uzawa's run and level below 1 of least work with at most this relative error, if there is one."""
+    runs = crossed.sel(algorithm="uzawa", stop=crossed["stop"] < 1)
+    error, work = relative(runs, norm), runs["operations"]
     good = work.where(error <= target)
     if not bool(good.notnull().any()):
         return None
     place = good.fillna(np.inf).argmin(...)
-    at, names = crossed[["h", "operations"]].isel(place), ("algorithm", "H_over_h", "stop", "h", "operations")
+    at, names = runs[["h", "operations"]].isel(place), ("H_over_h", "stop", "h", "operations")
     return {**{name: at[name].item() for name in names}, "error": float(error.isel(place))}
 
 
@@ -200,3 +191,13 @@ def breaks_even(algebra: xr.Dataset) -> Array:
     more = more - [operations.spectrum(int(m)) for m in cells]
     saved = algebra["step_operations"].sel(algebra="A") - algebra["step_operations"].sel(algebra="S")
     return (more / saved).values
+
+
+def by_A_over_by_S(algebra: xr.Dataset, crossed: xr.Dataset, algorithm: str, H_over_h: float) -> xr.DataArray:
+    """(H, stop) operations of a run whose steps solve with A over those of the same run with S.
+
+    Checks of the bound and the spectrum are left out of the first, and are in the second.
+    """
+    runs = crossed.sel(algorithm=algorithm, H_over_h=H_over_h)
+    of_A = algebra[["setup_operations", "step_operations"]].sel(algebra="A")
+    return (of_A["setup_operations"] + (runs["steps"] + 1) * of_A["step_operations"]) / runs["operations"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from unilateral import operations
 from unilateral.active_set import active_set
 from unilateral.case import Case
-from unilateral.condense import Condensed, condense
+from unilateral.condense import Condensed, condense, dissected
 from unilateral.experiments import VARIANTS, iterate
 from unilateral.mesh import Mesh
 from unilateral.norms import h1_distance, on_cells, on_mesh
@@ -114,22 +114,22 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
     counts = np.empty((3, len(meshes)))
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
         condensed = condense(mesh)
-        both = pair(condensed, partition)
+        both, alone = pair(condensed, partition), dissected(condensed)
         m, nb, nnz = partition.n_cells, len(mesh.boundary), both.B.nnz
         counts[:, k] = (
-            operations.apply_A(m, nb, nnz, operations.factors(condensed.lu)),
+            operations.apply_A(m, nb, nnz, operations.factors(alone.lu)),
             operations.apply_A_3(m, nb, nnz),
             operations.apply_S(m),
         )
         if k == 0:
-            difference = _by_both_ways(condensed, both, steps)
+            difference = _by_both_ways(condensed, alone, both, steps)
     sizes = {"h": [mesh.h for mesh in meshes], "unknowns": [mesh.n_nodes for mesh in meshes]}
     table = {name: ("mesh", row) for name, row in zip(("with_A", "with_A_3", "with_S"), counts, strict=True)}
     coordinates = {name: ("mesh", values) for name, values in sizes.items()}
     return xr.Dataset({**table, "difference": ((), difference)}, coords=coordinates)
 
 
-def _by_both_ways(condensed: Condensed, both: Pair, steps: int) -> float:
+def _by_both_ways(condensed: Condensed, alone: Condensed, both: Pair, steps: int) -> float:
     """With f = 0 and g = 1, which is in contact everywhere."""
     H_i, boundary = both.partition.lengths, condensed.mesh.boundary
     rho = 1 / both.operator.lambda_max
@@ -137,6 +137,6 @@ def _by_both_ways(condensed: Condensed, both: Pair, steps: int) -> float:
     for _ in range(steps):
         load = np.zeros(condensed.mesh.n_nodes)
         load[boundary] = both.B.T @ full
-        u, v = condensed.solve(load)[boundary], condensed.solve_boundary(both.B.T @ small)
+        u, v = alone.solve(load)[boundary], condensed.solve_boundary(both.B.T @ small)
         full, small = (np.maximum(0, mu - rho * (both.B @ w / H_i - 1)) for mu, w in ((full, u), (small, v)))
     return float(np.abs(u - v).max() / np.abs(v).max())

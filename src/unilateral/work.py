@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from unilateral import operations
 from unilateral.acceleration import STEPS
 from unilateral.case import Case
-from unilateral.condense import condense
+from unilateral.condense import Condensed, condense, dissected
 from unilateral.dual_norm import Gram
+from unilateral.forms import stiffness_and_mass
 from unilateral.history import History, Reached, by_A, by_A_3, by_S32, refined
 from unilateral.mesh import Mesh
 from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
@@ -49,14 +50,18 @@ class Costs(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Discrete:
-    """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`."""
+    """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`.
+
+    Where the interior is not eliminated `alone` serves; `of_A` are the factors of A by the matrix of a step.
+    """
 
     problem: OnMesh
     cells: OnCells
     both: Pair
     form: Gram
     c: int
-    of_A: operations.Factors
+    alone: Condensed
+    of_A: Mapping[str, operations.Factors]
     sigma_1: float
 
     @cached_property
@@ -101,7 +106,7 @@ class Discrete:
         """The way to S y."""
         condensed, operator = self.problem.condensed, self.both.operator
         ways = {
-            ("A", "float64"): lambda: by_A(condensed, self.both),
+            ("A", "float64"): lambda: by_A(self.alone, self.both),
             ("A_3", "float64"): lambda: by_A_3(condensed, self.both),
             ("S", "float32"): lambda: by_S32(operator),
             ("S", "refined"): lambda: refined(operator),
@@ -115,9 +120,10 @@ class Discrete:
         Where S is not formed rho and lambda_min(S) are taken as given.
         """
         m, nb, nnz = self.cells.partition.n_cells, len(self.problem.trace), self.both.B.nnz
-        once = self.of_A.factorise + 2 * self.of_A.solve
+        of_A = self.of_A[variant.algebra]
+        once = of_A.factorise + 2 * of_A.solve
         setup, application = {
-            "A": (once, operations.apply_A(m, nb, nnz, self.of_A)),
+            "A": (once, operations.apply_A(m, nb, nnz, of_A)),
             "A_3": (once + operations.scale_A_3(nb), operations.apply_A_3(m, nb, nnz)),
             "S": (once + operations.form_S(m, nb) + operations.spectrum(m), operations.apply_S(m)),
         }[variant.algebra]
@@ -152,7 +158,13 @@ class OnThisMesh:
         begin = time.perf_counter()
         self.condensed = condense(mesh)
         self.condensing = time.perf_counter() - begin
-        self.of_A, self.sigma_1 = operations.factors(self.condensed.lu), first_steklov(self.condensed)
+        self.sigma_1 = first_steklov(self.condensed)
+        begin = time.perf_counter()
+        stiffness_and_mass(mesh)  # for its time
+        self.alone = dissected(self.condensed)
+        self.dissecting = time.perf_counter() - begin
+        eliminated = operations.factors(self.condensed.lu)
+        self.of_A = {"A": operations.factors(self.alone.lu), "A_3": eliminated, "S": eliminated}
         self.cases, self.gram = {case.name: (c, case) for c, case in enumerate(cases)}, gram
         self.problems: dict[str, OnMesh] = {}
         self.pairs: dict[float, tuple[Pair, float]] = {}
@@ -170,7 +182,7 @@ class OnThisMesh:
             both = self.pairs[ratio][0]
             cells, form = on_cells(case, both.partition), self.gram.on(both.partition)
             self.made[name, ratio] = Discrete(
-                self.problems[name], cells, both, form, c, self.of_A, self.sigma_1
+                self.problems[name], cells, both, form, c, self.alone, self.of_A, self.sigma_1
             )
         return self.made[name, ratio]
 

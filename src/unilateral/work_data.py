@@ -44,7 +44,7 @@ def work_frame(
     """
     parts = []
     for norm in NORMS:
-        at = trade.best(crossed, norm, trade.enough(cases, norm, coarsest))
+        at = trade.best(crossed, norm, trade.enough(cases.isel(case=[0]), norm, coarsest))
         lines = at.to_dataframe().reset_index().dropna()
         worst = trade.excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
         stops = pd.DataFrame({"kind": "stop", "stop": worst["stop"], "excess": worst})
@@ -59,7 +59,8 @@ def work_frame(
         line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
         parts.append(pd.DataFrame(line))
     lines = {name: algebra["step_operations"].sel(algebra=name) for name in algebra["algebra"].values}
-    for label, values in {**lines, "setup": algebra["setup_operations"].sel(algebra="S")}.items():
+    lines |= {f"setup_{name}": algebra["setup_operations"].sel(algebra=name) for name in ("S", "A")}
+    for label, values in lines.items():
         unknowns = algebra["unknowns"].sel(algebra="S")
         parts.append(pd.DataFrame({"kind": "step", "label": label, "unknowns": unknowns, "work": values}))
     return pd.concat(parts, ignore_index=True)[list(COLUMNS)]

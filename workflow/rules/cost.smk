@@ -1,6 +1,7 @@
 # Accuracy against cost: the runs of a job's meshes -> tables -> the work-precision diagrams.
 
 COST = config["cost"]
+RUNS = {name: COST[name] for name in ("base", "vary", "cross", "H", "stops", "max_steps", "costly_steps")}
 AXES = [*COST["cross"], *([name] for name in COST["vary"] if name not in sum(COST["cross"], []))]
 
 
@@ -25,7 +26,7 @@ rule cost_runs:
         timings="results/cost/runs/{job}_timings.nc",
     params:
         scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
-        study=COST,
+        study=RUNS,
         job=job_of,
     message:
         "cost: the runs of job {wildcards.job}"
@@ -43,7 +44,7 @@ rule cost:
         timings="results/cost/timings.nc",
         factors=[f"results/cost/{fields[0]}.nc" for fields in AXES],
     params:
-        study=COST,
+        study=RUNS,
         axes=AXES,
     message:
         "cost: all runs"

@@ -42,10 +42,13 @@ def of_cost(given, study):
     H_over_h = real(study["base"]["H_over_h"], "H_over_h")
     coarsest = real(study["fitted_from"], "fitted_from")
     return {
-        "advice": advice.advice(crossed, cases, H_over_h, coarsest),
+        "ratios": advice.ratios(cases),
+        "prices": advice.price_table(cases, scene, H_over_h, coarsest),
+        "algorithms": advice.algorithms(crossed, H_over_h),
         "targets": advice.targets(crossed, study["targets"]),
-        "halving": advice.halving(cases, scene, crossed, H_over_h, coarsest),
-        "cost": advice.sentences(crossed, algebra, precision, H_over_h, coarsest),
+        "growth": advice.growth(crossed, coarsest),
+        "elimination": advice.elimination(crossed, algebra, H_over_h),
+        "precision": advice.in_precision(precision),
     }
 
 

@@ -21,13 +21,13 @@ def values(
     select: Mapping[str, object] | None = None,
     quantity: str = "",
 ) -> Found:
-    """The worst value of a variable in some tables."""
+    """The worst value of a variable in some tables; NaN, what is not known, is not judged."""
     found = {}
     for scene in scenes:
         of = tables[table.format(scene=scene)]
         place = {d: v for d, v in (select or {}).items() if d in of[variable].dims}
         chosen = of[variable].sel(place).values
-        known = chosen[np.isfinite(chosen)]
+        known = chosen[~np.isnan(chosen)]
         found[scene or table] = float((np.min if at_least else np.max)(known)) if known.size else np.nan
     return worst(found, quantity or variable, required, at_least)
 

@@ -43,7 +43,8 @@ MATRICES: dict[str, tuple[str, dict[str, Any]]] = {
     "A": ("solve with $A$", {"color": COLOURS[0], "marker": "o"}),
     "A_3": ("solve with $A_3$", {"color": COLOURS[1], "marker": "s"}),
     "S": ("multiply by $S$", {"color": COLOURS[2], "marker": "^"}),
-    "setup": ("set-up, once", {"color": "0.5", "marker": "", "ls": (0, (3, 2))}),
+    "setup_A": ("set-up, with $A$", {"color": COLOURS[0], "marker": "", "ls": (0, (3, 2))}),
+    "setup_S": ("set-up, with $S$", {"color": COLOURS[2], "marker": "", "ls": (0, (3, 2))}),
 }
 STOPS = {"h1": (COLOURS[0], "o"), "hm12": (COLOURS[1], "s"), "l2": (COLOURS[2], "^")}
 LEFT, ACROSS, TALL = (1.35, 6.95, 12.55), 4.25, 4.3
@@ -121,7 +122,7 @@ def _step(axes: Axes, rows: pd.DataFrame, work: str) -> None:
         line = rows[rows["label"] == label]
         _line(axes, line["unknowns"], line["work"], {**look, "lw": 0.9, "ms": 3.6, "label": name})
     axes.set(title=f"{work} of one step", xlabel="unknowns in $\\Omega$")
-    axes.set_ylim(top=60 * axes.get_ylim()[1])
+    axes.set_ylim(top=600 * axes.get_ylim()[1])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_minor_locator(NullLocator())
     axes.legend(loc="upper left", borderpad=0, borderaxespad=0.4, labelspacing=0.25, handlelength=1.6)
