@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy
 from conftest import load
 
 from unilateral import mesh as meshes
@@ -18,6 +19,7 @@ from unilateral.accuracy import (
     SHARE,
     Goal,
     levels,
+    limits,
     natural_kind,
     next_H,
     prolonged,
@@ -183,8 +185,8 @@ def test_a_budget_ends_the_search_with_the_best_so_far(limits, ended):
 
 
 def test_a_budget_below_the_coarsest_mesh_is_bad_input():
-    with pytest.raises(InputError, match="'square' has 25 unknowns; --max-unknowns 24 has to be"):
-        next(levels(load("natural"), Goal(0.1, max_unknowns=24)))
+    with pytest.raises(InputError, match="'square' needs 9 unknowns; --max-unknowns 8 has to be"):
+        next(levels(load("natural"), Goal(0.1, max_unknowns=8)))
 
 
 def test_nothing_to_do_is_done_at_once(tmp_path):
@@ -215,7 +217,7 @@ def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(tmp_path, field, 
     file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f.format(size)}\ng: {g.format(size)}\n")
     done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
     least = math.sqrt(4 / float(size) / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
-    assert len(done) == 2
+    assert len(done) == 3
     for level in done:
         assert not level.certified
         assert level.solved.bound.u >= (least if field == "g" else math.inf)
@@ -228,6 +230,33 @@ def test_f_is_believed_where_its_peak_is_seen(tmp_path):
     file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f}\ng: 0\n")
     done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
     assert all(math.isfinite(level.solved.bound.u) for level in done)
+
+
+@pytest.mark.parametrize("h", [1 / 4, 1 / 8, 1 / 16])
+def test_a_source_that_quadrature_mistakes_is_not_certified(tmp_path, h):
+    """f = 1 + cos(k x), whose u has the mean 1: |1 - mean u_h| = |(u - u_h, 1)_1| <= ||u - u_h||_1."""
+    errors = []
+    for n in (20, 64):
+        of = declared(tmp_path, f=f"1 + cos({2 * n}*pi*x)", g=-1)
+        mesh, cells = meshes.structured(square(), h), partitions.uniform(square(), 2 * h)
+        solved = solve_to_fraction(discretise(of, mesh, cells), Stop())
+        errors.append(abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1)))
+        assert solved.bound.u >= errors[-1]
+    assert max(errors) > 0.01
+
+
+def test_a_peak_of_g_is_found_where_terms_cancel(tmp_path):
+    """The obstacle's range by interval arithmetic is 1e7 times too wide; ||u||_1 as for PEAKS."""
+    eighth = str(sympy.expand((sympy.Symbol("x") - 10) ** 8))
+    bottom = f"({eighth})/2 - 1 + 4*exp(-((x - 10.31)*10**4)**2)"
+    moved = [[10, 0], [11, 0], [11, 1], [10, 1]]
+    of = declared(tmp_path, polygon=moved, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
+    low, high = of.range_of_g(0)
+    assert high - low > 100
+    least = math.sqrt(4e-4 / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
+    for level in levels(of, Goal(0.1, max_unknowns=100)):
+        assert not level.certified
+        assert level.solved.bound.u >= least
 
 
 def test_free_sides_have_no_multipliers():
@@ -299,11 +328,30 @@ def test_a_peak_at_a_declared_kink_is_seen(tmp_path):
 
 
 def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path):
-    angles = 2 * np.pi * np.arange(1500) / 1500
+    angles = 2 * np.pi * np.arange(3000) / 3000
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
-    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 1500)
+    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 3000)
     with pytest.raises(InputError, match=r"'wheel' needs 6000 boundary nodes .* at most 4096 are possible"):
         next(levels(wheel, Goal(0.05)))
+
+
+def test_a_budget_that_is_too_small_is_said_before_meshing(tmp_path, monkeypatch):
+    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles."""
+    angles = 2 * np.pi * np.arange(600) / 600
+    polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
+    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
+    monkeypatch.setattr("unilateral.accuracy.two_edges_per_cell", None)
+    with pytest.raises(
+        InputError, match=r"'wheel' needs at least 5.7e\+04 unknowns; --max-unknowns 20000 has"
+    ):
+        next(levels(wheel, Goal(0.05, max_unknowns=20_000)))
+
+
+def test_the_limit_that_ends_the_search_is_named():
+    """By the one that the next level would break; time where no size would."""
+    *_, last = levels(load("natural"), Goal(1e-3, max_unknowns=300))
+    assert limits(last, Goal(1e-3, max_unknowns=300)) == ["--max-unknowns 300"]
+    assert limits(last, Goal(1e-3, max_seconds=0.1)) == ["--max-seconds 0.1"]
 
 
 def test_structured_cells_consist_of_whole_edges():

@@ -219,7 +219,7 @@ def test_an_accuracy_of_a_case(capsys):
     lines = out.splitlines()
     assert lines[0] == "natural: ||u - u_h||_1 <= 0.1 ||u||_1"
     levels = [line.split() for line in lines[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
-    assert [float(level[0]) for level in levels][:2] == [0.25, 0.125]
+    assert [float(level[0]) for level in levels][:2] == [0.5, 0.25]
     assert int(levels[-1][2]) == found["unknowns"]
     assert sum(int(level[4]) for level in levels) == found["iterations"]
     assert re.search(rf"  certified: .* <= {found['total_bound']:.4e} = 0.0\d+ of \|\|u\|\|_1 >= ", out)
@@ -305,8 +305,20 @@ def test_a_refused_mesh_leaves_the_best_solution(capsys, tmp_path, polygon, f, r
     assert re.search(r"NOT certified, the next level is refused: \|\|u - u_h\|\|_1 <= [0-9.]+e", out)
     code, found, _ = as_json(capsys, str(file), "--accuracy", "1e-1")
     assert (code, found["converged"]) == (3, False)
-    assert found["unknowns"] > 50
-    assert run(capsys, "solve", str(file), "--accuracy", "1e-1", "--max-unknowns", "4")[:2] == (2, "")
+    assert found["unknowns"] > 8
+    assert run(capsys, "solve", str(file), "--accuracy", "1e-1", "--max-unknowns", "3")[:2] == (2, "")
+
+
+def test_a_source_that_is_not_seen_has_no_bound(capsys, tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text(
+        "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\ng: 0\nf: 1e4*exp(-((x - 3/10)**2 + (y - 1/2)**2)*1e6)\n"
+    )
+    code, out, err = run(capsys, "solve", str(file), "--accuracy", "0.1", "--max-unknowns", "100")
+    assert (code, err) == (3, "")
+    assert (
+        "(--max-unknowns 100): no bound is known, for quadrature sees too little of f on these meshes" in out
+    )
 
 
 def test_an_interrupt_before_there_is_one(capsys, monkeypatch):
@@ -391,8 +403,12 @@ def test_a_size_must_be_a_positive_number(capsys, option, text):
         (("solve", "natural", *SIZES, "--max-seconds", "9"), "--max-seconds is only for --accuracy"),
         (("solve", "natural", "--accuracy", "0.1", "--norm", "l2"), "invalid choice: 'l2'"),
         (
-            ("solve", "natural", "--accuracy", "0.1", "--max-unknowns", "24"),
-            "has 25 unknowns; --max-unknowns",
+            ("solve", "natural", "--h", "1/8", "--H", "1/8", "--rho", "1/2"),
+            "rho has no use where S is singular",
+        ),
+        (
+            ("solve", "natural", "--accuracy", "0.1", "--max-unknowns", "8"),
+            "needs 9 unknowns; --max-unknowns",
         ),
         (("solve", "smooth", *SIZES, "--free-sides", "1,x"), "'1,x' must be numbers of sides such as 1,2,3"),
         (("solve", "smooth", *SIZES, "--free-sides", "2,4"), "'square' has the sides 0 to 3, not 4"),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -137,3 +138,13 @@ def test_what_takes_too_many_pieces_is_refused(text):
     formula = parse(text, ("x",), "here")
     with pytest.raises(ValueError, match=f"varies faster than {MOST_PIECES} pieces can resolve"):
         linear_pieces(formula, X, np.array([0.0, 1.0]), lambda lengths: 0.01 + 0 * lengths)
+
+
+@pytest.mark.parametrize(("power", "place"), [(2, 100), (4, 20)])
+def test_a_bound_is_sharp_where_terms_cancel(power, place):
+    """(x - a)^p on [a, a + 1], expanded: the least value is 0, by the mean value theorem nearly so."""
+    formula = sympy.expand((X - place) ** power)
+    found = lower_bound(formula, (X,), np.array([[place, place + 1.0]]))
+    assert -10 * SHARP <= found <= 0
+    found = lower_bound(-formula, (X,), np.array([[place, place + 1.0]]))
+    assert -1 - 10 * SHARP <= found <= -1

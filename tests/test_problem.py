@@ -160,7 +160,7 @@ ONE_LINE = {
     ),
     "half a formula": ({"f": "x +"}, ", field f: 'x +' is not a formula in x, y"),
     "no formula": ({"f": "''"}, ", field f: '' is not a formula in x, y"),
-    "a truth value": ({"f": "yes"}, ", field f: True is not of type 'number', 'string'"),
+    "a truth value": ({"f": "yes"}, ", field f: it is True; it has to be a formula in x and y"),
     "infinite": ({"f": ".inf"}, ", field f: 'inf' is unknown"),
     "f twice": ({"f": "1\nf: 2"}, " is not a YAML file: the field 'f' is given twice"),
     "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
@@ -198,7 +198,10 @@ ONE_LINE = {
         ", field polygon: polygon 'own' is not simple: its sides 0 and 2 meet",
     ),
     "folded": ({"polygon": "[[0, 0], [1, 0], [1/2, 0], [1/2, 1]]"}, "is not simple: its sides 0 and 1 meet"),
-    "two vertices": ({"polygon": "[[0, 0], [1, 0]]"}, ", field polygon: [[0, 0], [1, 0]] is too short"),
+    "two vertices": (
+        {"polygon": "[[0, 0], [1, 0]]"},
+        ", field polygon: it is [[0, 0], [1, 0]]; it has to be the vertices, anticlockwise",
+    ),
     "three coordinates": ({"polygon": "[[0, 0], [1, 0], [1, 1, 1]]"}, ", field polygon[2]: [1, 1, 1] is too"),
     "no number": (
         {"polygon": "[[0, 0], [1, 0], [a, 1]]"},

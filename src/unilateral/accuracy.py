@@ -35,12 +35,12 @@ LEAST_STEP, LARGEST_STEP = 1.25, 4.0
 """Between the sizes of two levels."""
 RATES = (0.25, 2.0)
 """Within which an observed rate is believed."""
-COARSEST = 2
-"""Cells on the longest side of the first level."""
 LARGEST_BOUNDARY = 4096
 """Boundary nodes, whose Schur complement is a dense matrix."""
 GUESS = 1.05
 """More unknowns than h^-2 predicts, which gmsh may make."""
+SAFE = 0.5
+"""Below 2 / sqrt(3), the unknowns on equilateral triangles of the size h, times h^2 over the area."""
 GROWTH = 1.3
 """Seconds grow like the unknowns to this power, at most."""
 
@@ -89,7 +89,7 @@ def levels(
     kind = kind or natural_kind(problem.polygon)
     begin = time.perf_counter()
     done: list[Level] = []
-    H: float | None = float(problem.polygon.lengths.max()) / COARSEST
+    H: float | None = float(problem.polygon.lengths.max())
     while H is not None:
         start = time.perf_counter()
         partition = partitions.uniform(problem.polygon, _nested(problem.polygon, H, kind))
@@ -98,6 +98,9 @@ def levels(
                 f"'{problem.polygon.name}' needs {2 * partition.n_cells} boundary nodes for H = {H:.4g}; at "
                 f"most {LARGEST_BOUNDARY} are possible, so take fewer sides"
             )
+        expected = SAFE * problem.polygon.area / (partition.H / 2) ** 2
+        if not done and expected > goal.max_unknowns:
+            raise _too_many(problem.polygon, f"at least {expected:.2g}", goal)
         mesh = two_edges_per_cell(partition, kind)
         if mesh.n_nodes > goal.max_unknowns:
             break
@@ -105,10 +108,14 @@ def levels(
         yield done[-1]
         H = _next_H(done, goal, time.perf_counter() - begin)
     if not done:
-        raise InputError(
-            f"the coarsest mesh of '{problem.polygon.name}' has {mesh.n_nodes} unknowns; --max-unknowns "
-            f"{goal.max_unknowns} has to be at least that"
-        )
+        raise _too_many(problem.polygon, str(mesh.n_nodes), goal)
+
+
+def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
+    return InputError(
+        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; --max-unknowns {goal.max_unknowns} "
+        "has to be at least that"
+    )
 
 
 def _nested(polygon: Polygon, H: float, kind: str) -> float:
@@ -186,14 +193,25 @@ def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     last, left = done[-1], goal.max_seconds - seconds
     if last.certified or left <= 0 or not last.solved.result.converged:
         return None
-    H, unknowns = last.partition.H, last.unknowns
+    H = last.partition.H
     totals = [level.solved.total(goal.norm) for level in done]
     wanted = next_H([level.partition.H for level in done], totals, last.target)
-    affordable = H * max(
-        math.sqrt(GUESS * unknowns / goal.max_unknowns),
-        len(last.solved.discrete.mesh.boundary) / LARGEST_BOUNDARY,
-        (last.seconds / left) ** (0.5 / GROWTH),
-    )
+    affordable = H * max(*_shares(last, goal).values(), (last.seconds / left) ** (0.5 / GROWTH))
     if LEAST_STEP * affordable > H:
         return None
     return max(wanted, affordable)
+
+
+def _shares(last: Level, goal: Goal) -> dict[str, float]:
+    """Of the limits to sizes, the part of a level's H to which each allows the next one to go down."""
+    return {
+        f"--max-unknowns {goal.max_unknowns}": math.sqrt(GUESS * last.unknowns / goal.max_unknowns),
+        f"{LARGEST_BOUNDARY} boundary nodes": len(last.solved.discrete.mesh.boundary) / LARGEST_BOUNDARY,
+    }
+
+
+def limits(last: Level, goal: Goal) -> list[str]:
+    """Those that do not allow a level after this one: of size, or else of time."""
+    of_size = [name for name, share in _shares(last, goal).items() if LEAST_STEP * share > 1]
+    in_time = f"--max-seconds {goal.max_seconds:g}" if goal.max_seconds < math.inf else ""
+    return of_size or [in_time or f"--max-unknowns {goal.max_unknowns}"]

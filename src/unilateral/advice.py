@@ -181,8 +181,9 @@ def elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> st
         f"{share[0]:.0f} times the operations of one with S at h = {coarse} and {share[-1]:.0f} times at h = "
         f"{fine}, one with A₃ {of_A_3:.0f} times. But the elimination puts the boundary last, which fills "
         f"the factors, and S has to be formed: the set-up takes {dearer:.0f} times that with A alone, and "
-        f"has paid after {math.ceil(trade.breaks_even(algebra)[-1])} steps at h = {fine} (without the spectrum, "
-        f"of which the guaranteed stop needs λ_min whatever the matrix). To the level {_stop(LEVELS[0])} "
+        f"has paid after {math.ceil(trade.breaks_even(algebra)[-1])} steps at h = {fine} "
+        f"(without the spectrum, of which the guaranteed stop needs λ_min whatever the matrix). "
+        f"To the level {_stop(LEVELS[0])} "
         f"Uzawa's algorithm by A would take {uzawa:.1f} times its operations by S; the method of "
         f"Barzilai and Borwein, of few steps, {other:.2f} times, without the guarantee."
     )

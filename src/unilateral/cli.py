@@ -91,7 +91,11 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--tolerance", type=_positive, help="of the algebraic bound (default 1 %% of the errors)"
     )
     goal = solve.add_argument_group("up to an accuracy")
-    goal.add_argument("--accuracy", type=_positive, help="relative, such as 1e-2; chooses h, H and the stop")
+    goal.add_argument(
+        "--accuracy",
+        type=_positive,
+        help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C, after a mesh, keeps the best so far",
+    )
     goal.add_argument("--norm", choices=("h1", "hm12"), help="of u in H1 (default) or of lambda in H^(-1/2)")
     goal.add_argument(
         "--max-unknowns",
@@ -121,7 +125,12 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--algorithm", choices=ALGORITHMS, default="auto", help="default auto: uzawa where it can"
     )
     method.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
-    method.add_argument("--max-steps", type=_count, default=Stop.max_steps, help=f"default {Stop.max_steps}")
+    method.add_argument(
+        "--max-steps",
+        type=_count,
+        default=Stop.max_steps,
+        help=f"of all but active_set (default {Stop.max_steps})",
+    )
 
 
 def _positive(text: str) -> float:

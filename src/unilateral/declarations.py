@@ -36,6 +36,8 @@ def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]
 
 
 def _said(fault: Any) -> str:
+    if fault.validator in ("type", "anyOf", "minItems") and "description" in fault.schema:
+        return f"it is {str(fault.instance)[:40]}; it has to be {fault.schema['description']}"
     if fault.validator != "additionalProperties":
         return str(fault.message)
     known = fault.schema["properties"]

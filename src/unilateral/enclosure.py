@@ -36,9 +36,10 @@ def lower_bound(
     """A lower bound of the formula on the box (d, 2) of its variables' limits; -inf where none is found.
 
     Or on a part of the box: which of the boxes (k, d, 2) meet it, and which have their centre in it. Boxes
-    whose own bound is low are halved every way until the bound is SHARP or there are more than MOST_BOXES.
+    whose own bound, by interval arithmetic or by the mean value theorem, is low are halved every way until
+    the bound is SHARP or there are more than MOST_BOXES.
     """
-    evaluate = compile_numpy([formula], symbols)
+    evaluate, slopes = compile_numpy([formula], symbols), _slopes(formula, symbols)
     boxes, left_out, spread = np.asarray(box, dtype=float)[None], np.inf, np.inf
     lower = np.array([-np.inf])
     for _ in range(MOST_LEVELS):
@@ -48,6 +49,7 @@ def lower_bound(
         if len(boxes) == 0:
             return left_out
         lower, upper = enclose(formula, dict(zip(symbols, np.moveaxis(boxes, 1, 0), strict=True)))
+        lower = np.fmax(lower, _by_mean_value(formula, slopes, symbols, boxes))
         with np.errstate(all="ignore"):
             values = evaluate(*boxes.mean(axis=2).T)[0]
         reached = float(np.fmin.reduce(values if part is None else values[inside], initial=np.inf))
@@ -61,6 +63,28 @@ def lower_bound(
         if len(lower) == 0 or len(boxes) > MOST_BOXES:
             break
     return min(left_out, float(np.min(lower, initial=np.inf)))
+
+
+def _slopes(formula: sympy.Expr, symbols: tuple[sympy.Symbol, ...]) -> list[sympy.Expr]:
+    """The derivatives of a formula without jumps, else none."""
+    jumps = any(power.args[1] == 0 for power in formula.atoms(pos))
+    return [] if jumps else [formula.diff(symbol) for symbol in symbols]
+
+
+def _by_mean_value(
+    formula: sympy.Expr, slopes: list[sympy.Expr], symbols: tuple[sympy.Symbol, ...], boxes: Boxes
+) -> Array:
+    """Lower bounds (k,) from the centres' values and the slopes: sharper where terms cancel."""
+    if not slopes:
+        return np.full(len(boxes), -np.inf)
+    centres = np.repeat(boxes.mean(axis=2)[..., None], 2, axis=2)
+    found, _ = enclose(formula, dict(zip(symbols, np.moveaxis(centres, 1, 0), strict=True)))
+    limits = dict(zip(symbols, np.moveaxis(boxes, 1, 0), strict=True))
+    half = 0.5 * (1 + SAME) * np.diff(boxes, axis=2)[..., 0].T
+    with np.errstate(all="ignore"):
+        for slope, arm in zip(slopes, half, strict=True):
+            found = found - arm * np.maximum(*np.abs(enclose(slope, limits)))
+    return found
 
 
 def linear_pieces(formula: sympy.Expr, symbol: sympy.Symbol, ends: Array, tolerance: Tolerance) -> Array:

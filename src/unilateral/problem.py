@@ -22,6 +22,8 @@ SHORT = 1 / 32
 """Of a side: on pieces of at least that length quadrature sees what is linear, on every mesh."""
 LINEAR, FAIRLY_LINEAR = 0.01, 0.1
 """Of g's range on a side: how far g may be from linear on such a piece, and on a shorter one."""
+SAMPLES = 1001
+"""Of g on a side: their range, which is at most that of g."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +89,10 @@ class Problem:
         return [Singular(side, t, 1) for side in sides for t in self._fast_on(side)]
 
     def _fast_on(self, side: int) -> list[float]:
-        least, largest = self.range_of_g(side)
+        places = np.linspace(0.0, self.polygon.lengths[side], SAMPLES)
+        seen, _ = self.obstacle(np.full(SAMPLES, side), places)
         inner = [t for t, _ in kinks(self.g[side], T) if 0 < t < 1]
-        spread, rounding = largest - least, SAME * max(abs(least), abs(largest))
+        spread, rounding = np.ptp(seen), SAME * np.abs(seen).max()
 
         def tolerance(lengths: Array) -> Array:
             return np.maximum(np.where(lengths < SHORT, FAIRLY_LINEAR, LINEAR) * spread, rounding)
@@ -108,9 +111,21 @@ class Problem:
         return max(map(abs, self.range_of_f()))
 
     def range_of_f(self) -> tuple[float, float]:
-        """Guaranteed bounds of f in Omega, infinite where none are found."""
+        """Guaranteed bounds of f in Omega, infinite where none are found.
+
+        Polynomials are expanded about the centre of Omega's box, where less of them cancels.
+        """
         box = np.stack([self.polygon.vertices.min(axis=0), self.polygon.vertices.max(axis=0)], axis=1)
-        lower, upper = (lower_bound(f, (X, Y), box, self._part) for f in (self.f, -self.f))
+        f, origin = self.f, np.zeros(2)
+        if f.is_polynomial(X, Y):
+            origin = box.mean(axis=1)
+            moved = {z: z + sympy.Rational(c) for z, c in zip((X, Y), origin.tolist(), strict=True)}
+            f = sympy.expand(f.subs(moved, simultaneous=True))
+
+        def part(boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            return self._part(boxes + origin[:, None])
+
+        lower, upper = (lower_bound(e, (X, Y), box - origin[:, None], part) for e in (f, -f))
         return lower, -upper
 
     def range_of_g(self, side: int) -> tuple[float, float]:

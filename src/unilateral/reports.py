@@ -8,7 +8,7 @@ import signal
 import sys
 from typing import Any
 
-from unilateral.accuracy import LARGEST_BOUNDARY, Goal, Level
+from unilateral.accuracy import Goal, Level, limits
 from unilateral.bounds import TotalBound
 from unilateral.uzawa import DualResult
 
@@ -83,17 +83,17 @@ def level_line(level: Level, goal: Goal) -> str:
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 
 
-def ending(best: Level, goal: Goal, ended: str) -> str:
+def ending(best: Level, last: Level, goal: Goal, ended: str) -> str:
     """Whether the accuracy is certified, and if not what `ended` the search, by default the budget."""
     error, size = best.solved.total(goal.norm), best.solved.size(goal.norm)
     reached = f"{ERROR[goal.norm]} <= {error:.4e}"
+    if math.isinf(error):
+        reached = "no bound is known, for quadrature sees too little of f on these meshes"
     if size > 0:
         reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
     if best.certified:
         return f"  certified: {reached}"
-    budget = [f"--max-unknowns {goal.max_unknowns}", f"at most {LARGEST_BOUNDARY} boundary nodes"]
-    budget += [f"--max-seconds {goal.max_seconds:g}"] * (goal.max_seconds < math.inf)
-    why = ended or f"out of budget ({', '.join(budget)})"
+    why = ended or f"out of budget ({', '.join(limits(last, goal))})"
     nothing = goal.norm == "hm12" and best.solved.lambda_norm == 0
     return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
 

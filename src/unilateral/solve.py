@@ -146,6 +146,10 @@ def iterate(
     if len(offset) == 0:
         return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
     if algorithm == "auto" and operator.singular:
+        if stop.rho is not None:
+            raise InputError(
+                "rho has no use where S is singular (h/H too large); leave it out, or take smaller h"
+            )
         algorithm = "active_set"
     elif algorithm == "auto":
         algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
