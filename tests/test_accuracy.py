@@ -246,13 +246,11 @@ def test_a_source_that_quadrature_mistakes_is_not_certified(tmp_path, h):
 
 
 def test_a_peak_of_g_is_found_where_terms_cancel(tmp_path):
-    """The obstacle's range by interval arithmetic is 1e7 times too wide; ||u||_1 as for PEAKS."""
+    """By interval arithmetic alone the obstacle's range is 1e7 times too wide; ||u||_1 as for PEAKS."""
     eighth = str(sympy.expand((sympy.Symbol("x") - 10) ** 8))
     bottom = f"({eighth})/2 - 1 + 4*exp(-((x - 10.31)*10**4)**2)"
     moved = [[10, 0], [11, 0], [11, 1], [10, 1]]
     of = declared(tmp_path, polygon=moved, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
-    low, high = of.range_of_g(0)
-    assert high - low > 100
     least = math.sqrt(4e-4 / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
     for level in levels(of, Goal(0.1, max_unknowns=100)):
         assert not level.certified

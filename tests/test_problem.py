@@ -177,7 +177,7 @@ ONE_LINE = {
     ),
     "g too fast": (
         {"g": "sin(100000*x)"},
-        ", field g: on side 0 it varies faster than 4096 pieces can resolve",
+        ", field g: on side 0 it varies faster than 16384 pieces can resolve",
     ),
     "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
     "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),

@@ -26,7 +26,7 @@ SAME = 1e-9
 """So is one that misses it by less than this share of the value."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
-MOST_PIECES = 4096
+MOST_PIECES = 16384
 MOST_HALVINGS = 30
 
 
@@ -40,7 +40,7 @@ def lower_bound(
     the bound is SHARP or there are more than MOST_BOXES.
     """
     evaluate, slopes = compile_numpy([formula], symbols), _slopes(formula, symbols)
-    boxes, left_out, spread = np.asarray(box, dtype=float)[None], np.inf, np.inf
+    boxes, left_out, seen = np.asarray(box, dtype=float)[None], np.inf, (np.inf, -np.inf)
     lower = np.array([-np.inf])
     for _ in range(MOST_LEVELS):
         if part is not None:
@@ -48,15 +48,15 @@ def lower_bound(
             boxes, inside = boxes[meets], inside[meets]
         if len(boxes) == 0:
             return left_out
-        lower, upper = enclose(formula, dict(zip(symbols, np.moveaxis(boxes, 1, 0), strict=True)))
+        lower, _ = enclose(formula, dict(zip(symbols, np.moveaxis(boxes, 1, 0), strict=True)))
         lower = np.fmax(lower, _by_mean_value(formula, slopes, symbols, boxes))
         with np.errstate(all="ignore"):
             values = evaluate(*boxes.mean(axis=2).T)[0]
-        reached = float(np.fmin.reduce(values if part is None else values[inside], initial=np.inf))
-        spread = spread if np.isfinite(spread) else float(upper.max() - lower.min())
-        goal = reached
-        if np.isfinite(reached):
-            goal -= (SHARP * spread if np.isfinite(spread) else 0.0) + SAME * abs(reached)
+        values = values if part is None else values[inside]
+        reached = float(np.fmin.reduce(values, initial=np.inf))
+        seen = min(seen[0], reached), float(np.fmax.reduce(values, initial=seen[1]))
+        spread = seen[1] - seen[0] if np.all(np.isfinite(seen)) else 0.0
+        goal = reached - SHARP * spread - SAME * abs(reached) if np.isfinite(reached) else reached
         low = ~(lower >= goal)
         left_out = min(left_out, float(np.min(lower[~low], initial=np.inf)))
         boxes, lower = _halved(boxes[low]), lower[low]

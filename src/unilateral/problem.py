@@ -23,7 +23,8 @@ SHORT = 1 / 32
 LINEAR, FAIRLY_LINEAR = 0.01, 0.1
 """Of g's range on a side: how far g may be from linear on such a piece, and on a shorter one."""
 SAMPLES = 1001
-"""Of g on a side: their range, which is at most that of g."""
+PLACES = np.arange(SAMPLES) * (math.sqrt(5) - 1) / 2 % 1
+"""Of samples of g on a side, in step with no oscillation: their range is at most that of g."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +90,7 @@ class Problem:
         return [Singular(side, t, 1) for side in sides for t in self._fast_on(side)]
 
     def _fast_on(self, side: int) -> list[float]:
-        places = np.linspace(0.0, self.polygon.lengths[side], SAMPLES)
-        seen, _ = self.obstacle(np.full(SAMPLES, side), places)
+        seen, _ = self.obstacle(np.full(SAMPLES, side), PLACES * self.polygon.lengths[side])
         inner = [t for t, _ in kinks(self.g[side], T) if 0 < t < 1]
         spread, rounding = np.ptp(seen), SAME * np.abs(seen).max()
 
