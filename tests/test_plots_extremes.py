@@ -102,6 +102,23 @@ def test_near_points_are_drawn_apart(folder: Path, drawn: list[tuple[Figure, Bbo
     assert heights[-0.3] == heights[0.3] == 0
 
 
+def test_what_broke_is_below_what_is_right_near_it(folder: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+    """Three points near a limit, the first of which is right; and ticks are round powers of 10."""
+    start = ["start", "right", 0.0, 299.7, np.nan]
+    near = [["start", kind, x, 299.7, np.nan] for kind, x in (("right", 299.6), *2 * [("refused", 299.8)])]
+    pd.DataFrame([start, *near], columns=COLUMNS).to_csv(folder / "extremes.csv", index=False)
+    draw(folder)
+    strip = drawn[0][0].axes[0]
+    heights = {
+        (line.get_marker(), round(float(x), 1)): y
+        for line in strip.lines
+        if line.get_marker() in ("o", "s")
+        for x, y in np.asarray(line.get_xydata()).tolist()
+    }
+    assert heights == {("o", 0.0): 0.0, ("o", 299.6): 0.5, ("s", 299.8): -0.5}
+    assert strip.get_xticks().tolist() == [0, 50, 100, 150, 200, 250]
+
+
 @pytest.mark.parametrize("column", COLUMNS)
 def test_a_missing_column_is_named(column: str, folder: Path) -> None:
     table().drop(columns=column).to_csv(folder / "extremes.csv", index=False)

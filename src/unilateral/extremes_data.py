@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections import Counter
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral.documents import LINE
+
 RESCUED = "right, but not by plain Uzawa"
 ALWAYS, NEVER, NO_TOOL = "–", "none", "no tool"
-LINE = 118
+OWN = {"h": "h = {}", "H": "H = {}", "accuracy": "tolerance {}"}
+"""What an axis may have of its own."""
 
 
 def frame(table: xr.Dataset) -> pd.DataFrame:
     """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
     of = table.sel(axis=table["axis_of"])
-    limit = of["predicted_limit"].where(np.isfinite(of["predicted_limit"]))
+    limit, tool_limit = (
+        of[name].where(np.isfinite(of[name])) for name in ("predicted_limit", "predicted_tool_limit")
+    )
     return pd.DataFrame(
         {
             "label": of["label"].values,
             "kind": _kinds(table),
             "log10_value": np.log10(table["value"].values),
             "log10_limit": np.log10(limit.values),
-            "log10_tool_limit": np.log10(of["predicted_tool_limit"].values),
+            "log10_tool_limit": np.log10(tool_limit.values),
         }
     )
 
@@ -33,7 +41,7 @@ def frame(table: xr.Dataset) -> pd.DataFrame:
 def _kinds(table: xr.Dataset) -> NDArray[np.str_]:
     """(point,) what came of it, by plain Uzawa and by the tool."""
     outcome, tool = table["outcome"].values, table["tool"].values
-    return np.where((outcome == "not converged") & (tool == "right"), RESCUED, outcome)
+    return np.where((outcome != "right") & (tool == "right"), RESCUED, outcome)
 
 
 def limits_table(table: xr.Dataset) -> str:
@@ -60,8 +68,34 @@ def limits_table(table: xr.Dataset) -> str:
     return "\n".join(lines).replace(RESCUED, "by the tool only")
 
 
+def setting(study: Mapping[str, Any]) -> str:
+    """h, H, the tolerance and the steps of the study, and which axes have others."""
+    others: dict[str, list[str]] = {}
+    for axis in study["axes"].values():
+        own = ", ".join(text.format(_given(axis[key])) for key, text in OWN.items() if key in axis)
+        if own:
+            others.setdefault(own, []).append(f"*{axis['label']}*")
+    steps = f"{study['max_steps']:_}".replace("_", " ")
+    listed = "; ".join(f"{own} for {' and '.join(labels)}" for own, labels in others.items())
+    text = (
+        f"Unless an axis says otherwise h = {study['h']} and H = {study['H']} of the longest side, the "
+        f"tolerance is {_given(study['accuracy'])} $\\|\\lambda_H\\|_{{-1/2,h}}$, and a run has "
+        f"{steps} steps. Where H varies h varies with it. Otherwise are: {listed}."
+    )
+    return textwrap.fill(text, LINE, break_long_words=False)
+
+
+def memory(bytes_: float, finest_h: float, run_h: str) -> str:
+    """The finest h for so many bytes, and which one is run on request."""
+    text = (
+        f"For {bytes_ / 1e9:g} GB the count allows h = 1/{math.floor(1 / finest_h)}; h = {run_h} is run on "
+        "request, and its table then holds the count and what the process took."
+    )
+    return textwrap.fill(text, LINE)
+
+
 def sentences(table: xr.Dataset) -> str:
-    """How many points there are, what became of them, and how far rho may go in partial contact."""
+    """How many points there are, what became of them, what rounding explains, how far rho may go."""
     count = Counter(_kinds(table).tolist())
     text = (
         f"Of {table.sizes['point']} points on {table.sizes['axis']} axes {count['right']} are right by plain "
@@ -69,7 +103,22 @@ def sentences(table: xr.Dataset) -> str:
         f"active set; {count['not converged']} end without convergence and with a valid bound, "
         f"{count['refused']} are refused with a message, and {count['wrong']} are wrong."
     )
-    return textwrap.fill(f"{text} {_partial_contact(table)}", LINE)
+    return textwrap.fill(f"{text} {_rounding(table)} {_partial_contact(table)}", LINE)
+
+
+def _rounding(table: xr.Dataset) -> str:
+    """In how many points errors are above their bounds, and what is allowed for that."""
+    error, bound, allowance, u_norm = (
+        table[name].values for name in ("true_error", "guaranteed", "allowance", "u_norm")
+    )
+    tried, above = np.isfinite(bound), error > bound
+    share = np.divide(allowance, u_norm, out=np.zeros_like(allowance), where=u_norm > 0)
+    return (
+        f"In {np.count_nonzero(above)} of the {np.count_nonzero(tried)} points at which anything was solved "
+        "the error is above its guaranteed bound, and below it with the allowance for rounding, which is at "
+        f"most {_given(float(share[above].max(initial=0)))} $\\|u\\|_1$ there and "
+        f"{_given(float(share[tried].max(initial=0)))} $\\|u\\|_1$ anywhere."
+    )
 
 
 def _partial_contact(table: xr.Dataset) -> str:
@@ -95,6 +144,11 @@ def _limit(value: xr.DataArray) -> str:
     if np.isinf(value):
         return NEVER
     return ALWAYS if np.isnan(value) else _number(float(value))
+
+
+def _given(value: str | float) -> str:
+    """As the study's configuration has it, a text, or a number to one digit."""
+    return value if isinstance(value, str) else f"{value:.0e}".replace("e-0", "e-")
 
 
 def _number(value: float) -> str:

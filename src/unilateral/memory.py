@@ -7,7 +7,8 @@ import resource
 import sys
 from pathlib import Path
 
-UNITS_PER_MB = 2**20 if sys.platform == "darwin" else 2**10
+BYTES_PER_MB = 2**20
+UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
 """Of ru_maxrss, see getrusage(2)."""
 
 

@@ -164,7 +164,8 @@ def _plain_or_faster(
     if stop.rho is not None:
         return "uzawa"
     rho = 1.9 / operator.lambda_max
-    first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
+    with np.errstate(over="ignore", invalid="ignore"):
+        first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
 
 

@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 Apply = Callable[[Array, Array], object]
 Observe = Callable[[Array, Array, Array], None]
 DIVERGED = 1e300
-"""A residual above it ends the run: it would soon overflow."""
+"""A residual above it ends the run, which would soon overflow; a first one is refused."""
+LEAST = float(np.finfo(float).tiny)
+"""Data without a larger number have lost digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
     """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
 
     Guaranteed for the problem with the operator as it was computed, that is up to the rounding of A_3:
-    relative to the solution at most about eps tr(K) / |Omega|, on the unit square 1e-15 / h^2.
+    relative to the solution of the order of eps tr(K) / |Omega|, on the unit square 1e-15 / h^2.
     """
     if operator.singular:
         return math.inf
@@ -91,7 +93,8 @@ def uzawa(
     `acceleration.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
     to S y; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step of the loop.
     A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
-    Raises InputError for an offset, a start, a rho, a tolerance or a method that cannot be meant.
+    Raises InputError for an offset, a start, a rho, a tolerance or a method that cannot be meant, and for
+    data or a start from which the first residual is not below DIVERGED.
     """
     check_offset(operator, offset, tolerance)
     step = _step_of(method, operator)
@@ -148,6 +151,8 @@ class _Iteration:
             if self.observe:
                 self.observe(y, F, R)
             size = dnrm2(R)  # scaled: the square of a tiny R would be 0
+            if step == 0:
+                _check_range(size)
             last = step == max_steps or not size < DIVERGED
             if last or self.operator.singular or size * self.per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
@@ -167,6 +172,14 @@ class _Iteration:
         return energy_norm(self.operator.S, R, size) + size * self.per_residual
 
 
+def _check_range(first: float) -> None:
+    if not first < DIVERGED:
+        raise InputError(
+            f"the first residual, {first:.3g}, is not below {DIVERGED:g}; scale the data to about 1, start "
+            "from smaller numbers, or take a smaller rho"
+        )
+
+
 def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
     """In units of the largest number, for the square of a tiny one would be 0."""
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
@@ -182,10 +195,16 @@ def energy_norm(matrix: Array, R: Array, unit: float) -> float:
 
 
 def check_offset(operator: DualOperator, offset: Array, tolerance: float) -> None:
-    """InputError unless the offset (m,) is finite and the tolerance a number that is not negative."""
+    """InputError unless the offset (m,) is finite and not too small, and the tolerance is not negative."""
     m = len(operator.H_i)
     if np.shape(offset) != (m,) or not np.all(np.isfinite(offset)):
         raise InputError(f"the offset must hold {m} finite numbers, one for each cell of T_H")
+    largest = float(np.max(np.abs(offset), initial=0))
+    if 0 < largest < LEAST:
+        raise InputError(
+            f"the offset's largest number, {largest:.3g}, has lost digits of double precision; scale the "
+            "data to about 1"
+        )
     if not tolerance >= 0:
         raise InputError(f"the tolerance {tolerance} must be a number that is not negative")
 

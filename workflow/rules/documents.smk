@@ -24,7 +24,7 @@ rule readme:
 
 rule filled_paper:
     input:
-        library("documents", "extremes_data", "verdicts", "advice", "tables", "expression"),
+        library("documents", "extremes", "extremes_data", "verdicts", "advice", "tables", "expression"),
         **{name: f"results/cost/{name}.nc" for name in ("algorithm", "case", "scene", "algebra", "precision")},
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
@@ -36,12 +36,12 @@ rule filled_paper:
     output:
         update("paper.md"),
     params:
+        **{name: config[name] for name in ("cost", "extremes", "deep")},
         scenes=JUDGED,
         judged_ratio=config["rates"]["judged_ratio"],
         infsup=config["infsup"],
         norms=config["rates"]["norms"],
         bounded=list(config["totals"]["scenes"]),
-        cost=config["cost"],
     message:
         "paper.md: its tables"
     script:

@@ -6,14 +6,14 @@ from pathlib import Path
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import advice, documents, extremes_data, tables, verdicts
+from unilateral import advice, documents, extremes, extremes_data, tables, verdicts
 from unilateral.expression import real
 
 
 def main(given, study, paper):
     blocks = verdicts.claims_tables(json.loads(Path(given["claims"]).read_text(encoding="utf-8")))
     blocks |= of_errors(given, study) | of_cost(given, study["cost"])
-    documents.fill(paper, blocks | of_extremes(tables.load(given["extremes"])))
+    documents.fill(paper, blocks | of_extremes(tables.load(given["extremes"]), study))
 
 
 def of_errors(given, study):
@@ -52,8 +52,11 @@ def of_cost(given, study):
     }
 
 
-def of_extremes(broken):
+def of_extremes(broken, study):
+    deep = study["deep"]
     return {
+        "extremes-setting": extremes_data.setting(study["extremes"]),
+        "extremes-memory": extremes_data.memory(deep["memory"], extremes.finest(deep["memory"]), deep["h"]),
         "extremes-outcomes": extremes_data.sentences(broken),
         "extremes-limits": extremes_data.limits_table(broken),
     }

@@ -10,11 +10,13 @@ LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measur
 
 
 def outcomes(tables: Tables, table: str) -> Found:
-    """How many points are called wrong, or are tried and have an error above bound and allowance."""
+    """How many points are called wrong, or are tried and have no finite bound that holds, allowance added."""
     of = tables[table]
-    outcome, error = of["outcome"].values, of["true_error"].values
-    above = ~(error <= of["guaranteed"].values + of["allowance"].values) & (outcome != "refused")
-    wrong = above | (outcome == "wrong") | (of["tool"].values == "wrong")
+    outcome, error, bound = (of[name].values for name in ("outcome", "true_error", "guaranteed"))
+    allowed = bound + of["allowance"].values
+    valid = np.isfinite(allowed) & (error <= allowed)
+    untried = (outcome == "refused") & np.isnan(error) & np.isnan(bound)
+    wrong = ~(valid | untried) | (outcome == "wrong") | (of["tool"].values == "wrong")
     names = of["axis_of"].values
     rows = {str(name): float(np.count_nonzero(wrong[names == name])) for name in of["axis"].values}
     return worst(rows, "wrong points on an axis", 0.0, False)

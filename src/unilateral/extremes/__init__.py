@@ -11,15 +11,15 @@ import xarray as xr
 from unilateral.errors import InputError
 from unilateral.expression import real
 from unilateral.extremes import cells, contact, precision, shapes, steps
-from unilateral.extremes.deep import deep
+from unilateral.extremes.deep import deep, finest
 from unilateral.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
-__all__ = ["Budget", "deep", "joined", "survey"]
+__all__ = ["Budget", "deep", "finest", "joined", "survey"]
 KINDS = {
     name: getattr(module, name)
     for module, names in (
         (shapes, ("scaled", "angle", "slit", "side", "aspect", "moved")),
-        (cells, ("ratio", "odd", "shift", "short", "near", "kernel", "kernel_loaded")),
+        (cells, ("ratio", "odd", "shift", "short", "short_loaded", "near", "kernel", "kernel_loaded")),
         (contact, ("data", "start", "flat", "touching", "shrinking", "vertex", "nothing")),
         (steps, ("step_full", "step_partial", "printed_full", "printed_partial")),
         (precision, ("single", "double")),
@@ -35,6 +35,8 @@ COLUMNS = (
     "true_error",
     "guaranteed",
     "allowance",
+    "tolerance",
+    "u_norm",
     "measured",
     "predicted",
     "message",
@@ -71,11 +73,16 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
     where = f"extremes.axes.{name}"
     if axis["kind"] not in KINDS:
         raise InputError(f"{where}: the kind '{axis['kind']}' is none of {', '.join(KINDS)}")
-    values = np.array([real(value, where) for value in axis["values"]])
+    values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
     found: Axis = KINDS[axis["kind"]](values, h, H, allowed)
     return found
+
+
+def _value(value: object, where: str) -> float:
+    """A number as it is, for the grammar of formulas has none beyond 1e301, or a fraction."""
+    return value if isinstance(value, float) else real(value, where)
 
 
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:

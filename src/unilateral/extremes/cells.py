@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral import mesh as meshes
-from unilateral.extremes.outcome import NOTHING, Axis, Budget, attempts, crossing, predicted, within
+from unilateral.extremes.outcome import NOTHING, Axis, Budget, Row, crossing, predicted, within
 from unilateral.extremes.problem import Array, Problem, full, made, waves
 from unilateral.extremes.shapes import ROUNDED
+from unilateral.extremes.trial import attempt, attempts
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition, from_points, shifted, uniform
 from unilateral.polygon import square
@@ -34,8 +35,7 @@ def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
         return _waved(meshes.with_boundary(square(), points[:-1]), Partition(square(), points))
 
     rows = attempts(values, problem, budget, _condition)
-    numbers = rows[0].measured * (values / values[0]) ** 3
-    return Axis(predicted(rows, numbers), crossing(values, numbers, budget.condition))
+    return _by_law(rows, values, (values / values[0]) ** 3, budget)
 
 
 def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -46,21 +46,33 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
         return _waved(mesh, shifted(square(), h, fraction))
 
     rows = attempts(values, problem, budget, _condition)
-    numbers = rows[0].measured * (values[0] / values) ** 2
-    return Axis(predicted(rows, numbers), crossing(values, numbers, budget.condition))
+    return _by_law(rows, values, (values[0] / values) ** 2, budget)
 
 
 def short(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
     mesh = meshes.structured(square(), h)
+    rows = attempts(values, lambda length: _with_short_cell(mesh, H, length), budget, _condition)
+    return _by_law(rows, values, values[0] / values, budget)
 
-    def problem(length: float) -> Problem:
-        points = np.append(uniform(square(), H).points, 0.5 + length)
-        return _waved(mesh, from_points(square(), np.sort(points)))
 
-    rows = attempts(values, problem, budget, _condition)
-    numbers = rows[0].measured * values[0] / values
-    return Axis(predicted(rows, numbers), crossing(values, numbers, budget.condition))
+def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The same, with lambda^0 = 1/length on that cell and 0 on all others."""
+    mesh = meshes.structured(square(), h)
+
+    def attempted(length: float) -> Row:
+        of = _with_short_cell(mesh, H, length)
+        H_i = of.both.operator.H_i
+        start = (H_i == H_i.min()) / length
+        return attempt(length, lambda _: of, budget, _condition, start)
+
+    rows = [attempted(length) for length in values.tolist()]
+    return _by_law(rows, values, values[0] / values, budget)
+
+
+def _with_short_cell(mesh: Mesh, H: float, length: float) -> Problem:
+    points = np.append(uniform(square(), H).points, 0.5 + length)
+    return _waved(mesh, from_points(square(), np.sort(points)))
 
 
 def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -117,6 +129,13 @@ def _distance(problem: Problem, found: Array, mu: Array) -> float:
     """Of a multiplier from mu, in L2, relative."""
     H_i = problem.both.operator.H_i
     return float(np.sqrt(H_i @ (found - mu) ** 2 / (H_i @ mu**2)))
+
+
+def _by_law(rows: list[Row], values: Array, growth: Array, budget: Budget) -> Axis:
+    """cond(S) grows like that from the first row's; limits by the steps that it allows."""
+    numbers = rows[0].measured * growth
+    limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
+    return Axis(predicted(rows, numbers), *limits)
 
 
 def _waved(mesh: Mesh, partition: Partition) -> Problem:

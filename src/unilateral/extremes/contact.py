@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral import mesh as meshes
+from unilateral.acceleration import STEPS
 from unilateral.condense import condense
-from unilateral.extremes.outcome import Axis, Budget, Row, attempt, attempts, predicted, within
+from unilateral.extremes.outcome import Axis, Budget, Row, predicted, within
 from unilateral.extremes.problem import Array, Problem, full, made, place, waves
+from unilateral.extremes.trial import attempt, attempts
 from unilateral.partition import uniform
 from unilateral.polygon import square
 from unilateral.solve import pair
-from unilateral.uzawa import DIVERGED
+from unilateral.uzawa import DIVERGED, LEAST
 
 TOUCH = 1 / 3
 SCALES = 1e-10
@@ -30,16 +32,21 @@ def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
         return made(mesh, partition, *waves(partition), times)
 
     rows = attempts(values, problem, budget, change)
-    tiny, huge = float(np.finfo(float).tiny), float(np.finfo(float).max)
-    limit = tiny / budget.accuracy if values[-1] < 1 else huge
+    unit = problem(1.0)
+    least, most = LEAST / budget.tolerance(unit), DIVERGED / _first_residual(unit)
+    limit = least if values[-1] < values[0] else most
     return Axis(within(predicted(rows, np.zeros(len(rows))), SCALES), limit, limit)
 
 
 def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """lambda^0 of that size everywhere; the limit is overflow's, for steps grow like its logarithm."""
+    """lambda^0 of that size everywhere, |boundary|^(1/2) times it in L2, refused if that is above DIVERGED.
+
+    Below it the steps grow like the size's logarithm.
+    """
     problem = _waved(h, H)
     rows = [attempt(value, lambda _: problem, budget, _held, start=value) for value in values]
-    return Axis(rows, DIVERGED, DIVERGED)
+    limit = DIVERGED / float(np.sqrt(square().perimeter))
+    return Axis(rows, limit, limit)
 
 
 def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -111,6 +118,13 @@ def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     rows = attempts(values, problem, budget, _held, start=1.0)
     return Axis(predicted(rows, np.zeros(len(rows))))
+
+
+def _first_residual(problem: Problem) -> float:
+    """Of plain Uzawa from 0: ||min(0, rho F(0))||_0."""
+    of = problem.both.operator
+    rho = STEPS["uzawa"].share / of.lambda_max
+    return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.offset)))
 
 
 def _smallest_gap(problem: Problem, found: Array) -> float:

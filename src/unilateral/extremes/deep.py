@@ -7,22 +7,37 @@ import xarray as xr
 from scipy.optimize import brentq
 
 from unilateral import mesh as meshes
-from unilateral.extremes.outcome import Budget, attempt
+from unilateral.extremes.outcome import Budget
 from unilateral.extremes.problem import Problem, full, made
-from unilateral.memory import peak_mb
+from unilateral.extremes.trial import attempt
+from unilateral.memory import BYTES_PER_MB, forget_peak, peak_mb
 from unilateral.partition import uniform
 from unilateral.polygon import square
 
 FILL = 31 / 8
 """Numbers in a factor of n unknowns on a regular grid: FILL n log2 n, by nested dissection (George 1973)."""
-OF_FACTOR, OF_BOUNDARY = 24, 40
-"""Bytes: a number with its index, held twice while A_3 is read off; five dense matrices on the boundary."""
+WORD = 8
+"""Bytes of a float64 and of an index; indices in factors have half of it."""
+TRIANGLES, ENTRIES = 2, 7
+"""Of a node: triangles, and entries in its row of A."""
+MATRIX = 2 * ENTRIES + 1
+HELD = 2 + 3 * TRIANGLES + MATRIX + 3
+"""Words per node: its coordinates, its triangles' vertices; A; the order, a load and u."""
+ASSEMBLED = TRIANGLES * (6 + 1 + 2 * 9) + MATRIX + TRIANGLES * 4 * 9 + MATRIX
+"""Words per node while M is assembled, after A_3: slopes, area and blocks of K and of M by triangle; K; rows,
+columns, and sorted columns and values of M's entries before they are added; M."""
+OF_FACTOR = WORD + 0.25 * WORD + 1.5 * WORD
+"""Bytes of a number in a factor: in the factorisation, where those of L share their indices within supernodes
+and those of U have one each; and in the copies from which A_3 is read, with an index each."""
+OF_BOUNDARY = 2 * WORD
+"""A_3 and its Cholesky factor."""
 
 
 def predicted_bytes(h: float) -> float:
-    """Of the factors and the dense matrices on the boundary."""
+    """At the peak, beyond the process itself; what has H in it is left out."""
     n = (1 / h + 1) ** 2
-    return OF_FACTOR * 2 * FILL * n * np.log2(n) + OF_BOUNDARY * (4 / h) ** 2
+    factors = OF_FACTOR * 2 * FILL * n * np.log2(n)
+    return float(factors + (HELD + ASSEMBLED) * WORD * n + OF_BOUNDARY * (4 / h) ** 2)
 
 
 def finest(memory: float) -> float:
@@ -33,6 +48,8 @@ def finest(memory: float) -> float:
 def deep(h: float, H: float, memory: float, budget: Budget) -> xr.Dataset:
     """Full contact on the square at that h and H; the finest h is for `memory` bytes; see variables.yaml."""
     held: list[Problem] = []
+    forget_peak()
+    before = peak_mb()
 
     def problem(_: float) -> Problem:
         partition = uniform(square(), H)
@@ -47,8 +64,8 @@ def deep(h: float, H: float, memory: float, budget: Budget) -> xr.Dataset:
         "outcome": row.tool,
         "factor_numbers": row.measured,
         "factor_numbers_predicted": 2 * FILL * n * np.log2(n),
-        "predicted_mb": predicted_bytes(h) / 1e6,
-        "peak_mb": peak_mb(),
+        "predicted_mb": predicted_bytes(h) / BYTES_PER_MB,
+        "taken_mb": peak_mb() - before,
         "finest_h": finest(memory),
     }
     return xr.Dataset({name: ((), value) for name, value in table.items()})

@@ -1,6 +1,7 @@
-"""Axes of the precision: everything in float32, and in float64, until round-off stops the iteration.
+"""Axes of the precision: float32, and float64, from the factors of A on, until round-off stops the iteration.
 
-With S y + b known to eps ||b||, iterates stay about eps cond(S) ||y|| from lambda_H in L2.
+A is assembled, and F(0) computed, in float64, and then rounded. With S y + b known to epsilon ||b||, epsilon
+the unit round-off, iterates stay about epsilon cond(S) ||y|| from lambda_H in L2.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
-    """The dual operator with A, its factors, A_3, D and S in that precision."""
+    """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
     mesh, both = problem.condensed.mesh, problem.both
     A = problem.condensed.A.astype(precision)
     cholesky = last_block(factorise(A, elimination_order(A, mesh.boundary)), len(mesh.boundary))
@@ -38,20 +39,31 @@ def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
 
 
 def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
-    """Judged by the bound of float64; predicted: eps cond(S), the limit where that passes the accuracy."""
-    rows, eps = [], float(np.finfo(precision).eps)
+    """Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there."""
+    rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
     for H in values.tolist():
         partition = uniform(square(), H)
         problem = made(meshes.structured(square(), h_over_H * H), partition, *full(partition))
-        of, tolerance = problem.both.operator, budget.accuracy * problem.size
+        of, tolerance = problem.both.operator, budget.tolerance(problem)
         mu = _last(problem, operator_in(problem, precision), budget.max_steps)
         bound = residual_bound(of, problem.offset, mu, 1 / of.lambda_max)
         result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, np.nan, "uzawa")
         found = judge(problem, result, tolerance)
         distance = np.sqrt(of.H_i @ (mu - problem.lambda_H) ** 2 / (of.H_i @ problem.lambda_H**2))
-        rows.append(untooled(H, found, float(distance), eps * problem.condition))
-    limit = crossing(values, np.array([row.predicted for row in rows]), budget.accuracy)
-    return Axis(rows, limit)
+        floor = unit_roundoff * problem.condition
+        rows.append(untooled(H, found, float(distance), floor))
+        bounds.append(floor * _bound_of_floor(problem))
+    return Axis(rows, crossing(values, np.array(bounds), budget.accuracy))
+
+
+def _bound_of_floor(problem: Problem) -> float:
+    """How large the bound with rho = 1/lambda_max(S) may be, over `size`, per relative error e in L2.
+
+    In full contact R = rho S e, so ||R||_0 <= ||e||_0 and ||R||_S <= lambda_max^(1/2) ||e||_0.
+    """
+    of = problem.both.operator
+    in_L2 = float(np.sqrt(of.H_i @ problem.lambda_H**2))
+    return float(np.sqrt(of.lambda_max) * (1 + np.sqrt(problem.condition))) * in_L2 / problem.size
 
 
 def _last(problem: Problem, operator: DualOperator, steps: int) -> Array:

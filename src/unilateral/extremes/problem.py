@@ -7,8 +7,10 @@ stiffness matrix, from the mass matrix and the flux of p.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,16 +50,26 @@ class Problem:
         of = self.both.operator
         return np.inf if of.singular else of.lambda_max / of.lambda_min
 
-    @property
+    @cached_property
     def rounding(self) -> float:
-        """What rounding may do to u, relative: that of K 1 = 0, eps tr K / |Omega|."""
-        mesh, eps = self.condensed.mesh, float(np.finfo(float).eps)
-        constants = eps * float(stiffness_and_mass(mesh)[0].diagonal().sum()) / mesh.polygon.area
-        return max(LEAST, constants)
+        """What rounding does to constants: ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1, with A^{-1} as computed."""
+        one = np.ones(self.condensed.mesh.n_nodes)
+        found = self.condensed.solve(stiffness_and_mass(self.condensed.mesh)[1] @ one)
+        return max(LEAST, self.norm(found - one) / self.norm(one))
+
+    @property
+    def allowance(self) -> float:
+        """What rounding may add to an error: to u(mu), and to the multiplier by way of A^{-1} f.
+
+        ||A^{-1} f||_1 <= ||u_h||_1 + ||lambda_H||_{-1/2,h}; both taken to lose what constants lose.
+        """
+        return 2 * self.rounding * self.norm(self.u) + self.rounding * self.size
 
     def error(self, mu: Array) -> float:
-        """||u(mu) - u_h||_1 of any multiplier (m,), by a solve on all nodes."""
-        return self.norm(response(self.condensed, self.both, self.load, mu) - self.u)
+        """||u(mu) - u_h||_1 of any multiplier (m,), by a solve on all nodes, in units of a power of 2."""
+        unit = 2.0 ** (math.frexp(float(np.abs(self.u).max()))[1] - 1)
+        u = response(self.condensed, self.both, self.load / unit, mu / unit)
+        return unit * self.norm(u - self.u / unit)
 
     def norm(self, v: Array) -> float:
         """||v||_1 of v (n,), scaled: the square of a tiny number would be 0."""

@@ -9,8 +9,9 @@ import numpy as np
 from unilateral import mesh as meshes
 from unilateral.condense import CONSTANTS
 from unilateral.errors import InputError
-from unilateral.extremes.outcome import Axis, Budget, attempts, crossing, predicted, within
+from unilateral.extremes.outcome import Axis, Budget, crossing, predicted, within
 from unilateral.extremes.problem import Array, Contact, Problem, full, made, waves
+from unilateral.extremes.trial import attempts
 from unilateral.forms import stiffness_and_mass
 from unilateral.mesh import Mesh
 from unilateral.partition import uniform

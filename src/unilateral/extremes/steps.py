@@ -8,8 +8,9 @@ import numpy as np
 
 from unilateral import mesh as meshes
 from unilateral.experiments import VARIANTS, iterate
-from unilateral.extremes.outcome import Axis, Budget, Row, attempt, judge, untooled
+from unilateral.extremes.outcome import Axis, Budget, Row, judge, untooled
 from unilateral.extremes.problem import Array, Contact, Problem, full, made, waves
+from unilateral.extremes.trial import attempt
 from unilateral.partition import uniform
 from unilateral.polygon import square
 from unilateral.uzawa import DualResult, residual_bound
@@ -67,7 +68,7 @@ def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
 def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
     """Only the iteration itself, with the bound of its last iterate."""
     operator, rows = problem.both.operator, []
-    tolerance = budget.accuracy * problem.size
+    tolerance = budget.tolerance(problem)
     for share in values.tolist():
         rho = share * 2 / operator.lambda_max
         mu = iterate(operator, problem.offset, rho, budget.max_steps, VARIANTS[1])

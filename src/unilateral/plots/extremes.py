@@ -28,9 +28,12 @@ STEP, STRIP, TOP, FOOT = 1.32, 0.44, 0.1, 1.6
 LEFT, STRIP_WIDTH = (0.35, 8.85), 7.8
 MARGIN = 0.07
 TICKS = 6
+STEPS = (1, 2, 3, 5, 10, 20, 50, 100)
+"""Powers of 10 between ticks."""
 EXACT = 1e-6
 CROWDED, APART = 0.03, 0.06
 """Of an axis: points nearer than that are drawn one above the other, and ticks have that distance."""
+BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
 
 
 def extremes(csv_path: FilePath, svg_path: FilePath) -> None:
@@ -81,12 +84,12 @@ def _strip(axes: Axes, label: str, of: pd.DataFrame) -> None:
         limit = float(of[name].iloc[0])
         if low - pad <= limit <= high + pad:
             axes.plot([limit, limit], span, color=colour, lw=1.5, zorder=5)
-    height = _heights(values, CROWDED * (high - low))
+    height = _heights(values, of["kind"].isin(BROKEN).to_numpy(), CROWDED * (high - low))
     for kind, (mark, colour) in KINDS.items():
         here = (of["kind"] == kind).to_numpy()
         axes.plot(values[here], height[here], mark, color=colour, ms=6, mec=_edge(colour), mew=0.6)
-    step = max(1, round((high - low) / TICKS)) if high - low > 2 else 0
-    if step:
+    if high - low > 2:
+        step = next(step for step in STEPS if step * TICKS >= high - low)
         marked = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
     else:
         marked = np.unique(values)
@@ -99,11 +102,15 @@ def _strip(axes: Axes, label: str, of: pd.DataFrame) -> None:
     axes.set_title(label, loc="left", fontsize=SMALL, pad=2)
 
 
-def _heights(values: Array, near: float) -> Array:
-    """0, but up and down in turn for points that are near their neighbours."""
-    close = np.abs(np.diff(values)) < near
-    crowded = np.append(close, False) | np.append(False, close)
-    return np.where(crowded, 0.5 * (-1.0) ** np.arange(len(values)), 0.0)
+def _heights(values: Array, broken: NDArray[np.bool_], near: float) -> Array:
+    """0, but in a run of near points what is right up and what is broken down, or up and down in turn."""
+    height, runs = np.zeros(len(values)), np.cumsum(np.abs(np.diff(values, prepend=values[0])) >= near)
+    for run in np.unique(runs):
+        here = np.flatnonzero(runs == run)
+        mixed = 0 < np.count_nonzero(broken[here]) < len(here)
+        down = broken[here] if mixed else np.arange(len(here)) % 2 == 1
+        height[here] = np.where(down, -0.5, 0.5) if len(here) > 1 else 0.0
+    return height
 
 
 def _power(exponent: float) -> str:
