@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from unilateral.atoms import X, Y
-from unilateral.enclosure import MOST_PIECES, SHARP, enclose, linear_pieces, lower_bound
+from unilateral.enclosure import MOST_PIECES, SHARP, enclose, least_value, linear_pieces
 from unilateral.expression import compile_numpy, parse
 
 UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
@@ -45,7 +45,7 @@ FORMULAS = st.recursive(
 def test_known_ranges(text, least, largest):
     """Below the least value, by no more than the stated sharpness."""
     formula = parse(text, ("x", "y"), "here")
-    lower, upper = lower_bound(formula, (X, Y), UNIT), -lower_bound(-formula, (X, Y), UNIT)
+    lower, upper = least_value(formula, (X, Y), UNIT)[0], -least_value(-formula, (X, Y), UNIT)[0]
     slack = 40 * SHARP * (largest - least) + 1e-8 * abs(least)
     assert least - slack <= lower <= least
     assert largest <= upper <= largest + slack
@@ -67,7 +67,7 @@ def test_no_value_lies_outside(text, corners):
 def test_an_unbounded_formula_has_an_infinite_bound(text):
     """Samples would hardly find it."""
     formula = parse(text, ("x", "y"), "here")
-    assert max(-lower_bound(f, (X, Y), UNIT) for f in (formula, -formula)) == np.inf
+    assert max(-least_value(f, (X, Y), UNIT)[0] for f in (formula, -formula)) == np.inf
 
 
 def beyond(boxes):
@@ -77,8 +77,8 @@ def beyond(boxes):
 
 def test_boxes_outside_do_not_count():
     formula = parse("x + y", ("x", "y"), "here")
-    assert lower_bound(formula, (X, Y), UNIT) == pytest.approx(0, abs=1e-2)
-    corner = lower_bound(formula, (X, Y), UNIT, beyond)
+    assert least_value(formula, (X, Y), UNIT)[0] == pytest.approx(0, abs=1e-2)
+    corner = least_value(formula, (X, Y), UNIT, beyond)[0]
     assert 0.9 < corner <= 1
 
 
@@ -87,7 +87,7 @@ def test_samples_alone_would_not_do():
     formula = parse("1 - 2*pos(1e-4 - (x - 0.14)**2, 1)*10000", ("x", "y"), "here")
     grid = np.linspace(0, 1, 33)
     assert compile_numpy([formula], (X, Y))(grid, grid)[0].min() == 1
-    assert lower_bound(formula, (X, Y), UNIT) <= -1
+    assert least_value(formula, (X, Y), UNIT)[0] <= -1
 
 
 def test_a_negative_power_of_a_positive_part_falls():
@@ -144,7 +144,7 @@ def test_what_takes_too_many_pieces_is_refused(text):
 def test_a_bound_is_sharp_where_terms_cancel(power, place):
     """(x - a)^p on [a, a + 1], expanded: the least value is 0, by the mean value theorem nearly so."""
     formula = sympy.expand((X - place) ** power)
-    found = lower_bound(formula, (X,), np.array([[place, place + 1.0]]))
-    assert -10 * SHARP <= found <= 0
-    found = lower_bound(-formula, (X,), np.array([[place, place + 1.0]]))
-    assert -1 - 10 * SHARP <= found <= -1
+    bound, met = least_value(formula, (X,), np.array([[place, place + 1.0]]))
+    assert -2 * SHARP <= bound <= 0 <= met <= 2 * SHARP
+    bound, met = least_value(-formula, (X,), np.array([[place, place + 1.0]]))
+    assert -1 - 2 * SHARP <= bound <= -1 <= met <= -1 + 2 * SHARP

@@ -30,14 +30,14 @@ MOST_PIECES = 16384
 MOST_HALVINGS = 30
 
 
-def lower_bound(
+def least_value(
     formula: sympy.Expr, symbols: tuple[sympy.Symbol, ...], box: Array, part: Part | None = None
-) -> float:
-    """A lower bound of the formula on the box (d, 2) of its variables' limits; -inf where none is found.
+) -> tuple[float, float]:
+    """Of the formula on the box (d, 2) of its variables' limits a lower bound and the least value met.
 
-    Or on a part of the box: which of the boxes (k, d, 2) meet it, and which have their centre in it. Boxes
-    whose own bound, by interval arithmetic or by the mean value theorem, is low are halved every way until
-    the bound is SHARP or there are more than MOST_BOXES.
+    The bound is -inf where none is found. Or on a part of the box: which of the boxes (k, d, 2) meet it, and
+    which have their centre in it. Boxes whose own bound, by interval arithmetic or by the mean value theorem,
+    is low are halved every way until the bound is SHARP or there are more than MOST_BOXES.
     """
     evaluate, slopes = compile_numpy([formula], symbols), _slopes(formula, symbols)
     boxes, left_out, seen = np.asarray(box, dtype=float)[None], np.inf, (np.inf, -np.inf)
@@ -47,22 +47,30 @@ def lower_bound(
             meets, inside = part(boxes)
             boxes, inside = boxes[meets], inside[meets]
         if len(boxes) == 0:
-            return left_out
+            return left_out, seen[0]
         lower, _ = enclose(formula, dict(zip(symbols, np.moveaxis(boxes, 1, 0), strict=True)))
         lower = np.fmax(lower, _by_mean_value(formula, slopes, symbols, boxes))
         with np.errstate(all="ignore"):
             values = evaluate(*boxes.mean(axis=2).T)[0]
         values = values if part is None else values[inside]
-        reached = float(np.fmin.reduce(values, initial=np.inf))
-        seen = min(seen[0], reached), float(np.fmax.reduce(values, initial=seen[1]))
-        spread = seen[1] - seen[0] if np.all(np.isfinite(seen)) else 0.0
-        goal = reached - SHARP * spread - SAME * abs(reached) if np.isfinite(reached) else reached
-        low = ~(lower >= goal)
+        seen = (
+            float(np.fmin.reduce(values, initial=seen[0])),
+            float(np.fmax.reduce(values, initial=seen[1])),
+        )
+        low = ~(lower >= _sharp_enough(*seen))
         left_out = min(left_out, float(np.min(lower[~low], initial=np.inf)))
         boxes, lower = _halved(boxes[low]), lower[low]
         if len(lower) == 0 or len(boxes) > MOST_BOXES:
             break
-    return min(left_out, float(np.min(lower, initial=np.inf)))
+    return min(left_out, float(np.min(lower, initial=np.inf))), seen[0]
+
+
+def _sharp_enough(lowest: float, largest: float) -> float:
+    """What a bound has to be at least, by the values met."""
+    if not np.isfinite(lowest):
+        return lowest
+    spread = largest - lowest if np.isfinite(largest) else 0.0
+    return lowest - SHARP * spread - SAME * abs(lowest)
 
 
 def _slopes(formula: sympy.Expr, symbols: tuple[sympy.Symbol, ...]) -> list[sympy.Expr]:

@@ -11,7 +11,7 @@ import sympy
 from numpy.typing import NDArray
 
 from unilateral.atoms import Kink, Singular, T, X, Y
-from unilateral.enclosure import SAME, linear_pieces, lower_bound
+from unilateral.enclosure import SAME, least_value, linear_pieces
 from unilateral.expression import Compiled, compile_numpy, kinks, pos
 from unilateral.mesh_io import segment_distances
 from unilateral.polygon import Polygon
@@ -22,9 +22,6 @@ SHORT = 1 / 32
 """Of a side: on pieces of at least that length quadrature sees what is linear, on every mesh."""
 LINEAR, FAIRLY_LINEAR = 0.01, 0.1
 """Of g's range on a side: how far g may be from linear on such a piece, and on a shorter one."""
-SAMPLES = 1001
-PLACES = np.arange(SAMPLES) * (math.sqrt(5) - 1) / 2 % 1
-"""Of samples of g on a side, in step with no oscillation: their range is at most that of g."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +87,9 @@ class Problem:
         return [Singular(side, t, 1) for side in sides for t in self._fast_on(side)]
 
     def _fast_on(self, side: int) -> list[float]:
-        seen, _ = self.obstacle(np.full(SAMPLES, side), PLACES * self.polygon.lengths[side])
+        low, high = (sign * self._least_of_g(side, sign)[1] for sign in (1, -1))
         inner = [t for t, _ in kinks(self.g[side], T) if 0 < t < 1]
-        spread, rounding = np.ptp(seen), SAME * np.abs(seen).max()
+        spread, rounding = high - low, SAME * max(abs(low), abs(high))
 
         def tolerance(lengths: Array) -> Array:
             return np.maximum(np.where(lengths < SHORT, FAIRLY_LINEAR, LINEAR) * spread, rounding)
@@ -125,13 +122,16 @@ class Problem:
         def part(boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
             return self._part(boxes + origin[:, None])
 
-        lower, upper = (lower_bound(e, (X, Y), box - origin[:, None], part) for e in (f, -f))
+        lower, upper = (least_value(e, (X, Y), box - origin[:, None], part)[0] for e in (f, -f))
         return lower, -upper
 
     def range_of_g(self, side: int) -> tuple[float, float]:
         """Guaranteed bounds of g on a side, infinite where none are found."""
-        lower, upper = (lower_bound(g, (T,), np.array([[0.0, 1.0]])) for g in (self.g[side], -self.g[side]))
-        return lower, -upper
+        return self._least_of_g(side, 1)[0], -self._least_of_g(side, -1)[0]
+
+    def _least_of_g(self, side: int, sign: int) -> tuple[float, float]:
+        """Of g or -g on a side a lower bound and the least value met: within the bounds, so none too wide."""
+        return least_value(sign * self.g[side], (T,), np.array([[0.0, 1.0]]))
 
     def _part(self, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
