@@ -18,7 +18,7 @@ import yaml
 from conftest import Discrete, condensed, load
 from scipy.sparse.linalg import splu
 
-from unilateral import acceleration, advice, cost, history, operations, plots, trade
+from unilateral import acceleration, cost, history, operations, plots, trade, wording
 from unilateral import partition as partitions
 from unilateral.active_set import active_set
 from unilateral.dual_norm import Gram, dual_norm
@@ -423,14 +423,16 @@ def at_ratios(factors: list[float]) -> xr.Dataset:
 
 @pytest.mark.parametrize("factors", [[1, 1.04, 1.06], [1.2, 1.1, 1], [1, 1, 1]])
 def test_ratios_are_as_good_as_their_errors_at_the_same_work(factors: list[float]) -> None:
-    losses = trade.losses(at_ratios(factors), "h1")
+    table = at_ratios(factors)
+    losses = trade.losses(table["h1_discrete"], table["setup_operations"])
     assert list(losses.values()) == pytest.approx(np.array(factors) / min(factors))
 
 
 def test_ratios_with_too_few_sizes_take_no_part() -> None:
     table = at_ratios([1.2, 1.1, 1])
     table["setup_operations"][{"H_over_h": 2, "H": 2}] = np.nan
-    assert trade.losses(table, "h1") == pytest.approx({2.0: 1.2 / 1.1, 3.0: 1.0})
+    losses = trade.losses(table["h1_discrete"], table["setup_operations"])
+    assert losses == pytest.approx({2.0: 1.2 / 1.1, 3.0: 1.0})
 
 
 def test_the_price_is_that_of_the_finest_mesh_and_of_a_half() -> None:
@@ -452,10 +454,11 @@ def test_forming_S_pays_after_its_cost_over_what_a_step_saves() -> None:
 
 
 def test_a_run_by_A_is_its_set_up_and_its_steps() -> None:
-    """Set-up 100 and 9 steps, 10 solves with A of 40, against 1000 operations by S."""
+    """Set-up 100 and 9 steps, 10 residuals of 40, against 700 less the spectrum of 3 cells and 10 of 30."""
     dims = ("algorithm", "H_over_h", "H", "stop")
     coords = dict(zip(dims, (["uzawa"], [2.0], [0.5], [0.1]), strict=True))
-    values = {"steps": 9.0, "operations": 1000.0}
+    values = {"steps": 9.0, "setup_operations": 700.0 + operations.spectrum(3), "step_operations": 30.0}
+    values["multipliers"] = 3.0
     crossed = xr.Dataset({name: (dims, np.full((1, 1, 1, 1), x)) for name, x in values.items()}, coords)
     of_A = {"setup_operations": 100.0, "step_operations": 40.0}
     algebra = xr.Dataset(
@@ -465,11 +468,11 @@ def test_a_run_by_A_is_its_set_up_and_its_steps() -> None:
 
 
 def test_numbers_for_readers() -> None:
-    assert advice._stop(1e-3) == "10^(−3)"
-    assert advice._stop(1.0) == "1"
-    assert advice._power(1.94e9) == "1.9·10^9"
-    assert advice._power(9.96e9) == "1.0·10^10"
-    assert advice._percent(0.0046) == "0.46 %"
+    assert wording.level(1e-3) == "10^(−3)"
+    assert wording.level(1.0) == "1"
+    assert wording.power(1.94e9) == "1.9·10^9"
+    assert wording.power(9.96e9) == "1.0·10^10"
+    assert wording.percent(0.0046) == "0.46 %"
 
 
 def frame() -> pd.DataFrame:

@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 import yaml
 
-from unilateral import advice, tables, trade, work_data
+from unilateral import advice, cost_text, tables, trade, work_data
 from unilateral.rates import NORMS
 from unilateral.variants import Variant, plan
 
@@ -159,20 +159,21 @@ def test_advice_names_only_runs_that_were_made() -> None:
 
 def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u() -> None:
     """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
-    lost = advice.losses(stored("case"))
-    for by_ratio in lost.values():
+    lost = advice.losses(stored("case"), COARSEST)
+    for by_ratio in (spans for by_work in lost.values() for spans in by_work.values()):
         assert min(least for least, _ in by_ratio.values()) == 1
-    assert lost["hm12"][8.0][0] > lost["h1"][8.0][1]
+    for counted in ("set-up", "uzawa"):
+        assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
 
 
 def test_tables_of_advice_have_as_many_cells_in_each_line() -> None:
     crossed, cases = stored("algorithm"), stored("case")
     tables_ = [
         advice.advice(crossed, cases, 2, COARSEST).split("\n\n")[1],
-        advice.ratios(cases),
-        advice.price_table(cases, stored("scene"), 2, COARSEST),
-        advice.algorithms(crossed, 2),
-        advice.targets(crossed, STUDY["targets"]),
+        cost_text.ratios(cases, COARSEST),
+        cost_text.price_table(cases, stored("scene"), 2, COARSEST),
+        cost_text.algorithms(crossed, 2),
+        cost_text.targets(crossed, STUDY["targets"]),
     ]
     for table in tables_:
         cells = [line.count("|") for line in table.splitlines()]

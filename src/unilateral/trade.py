@@ -134,17 +134,15 @@ def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     return found.isel(algorithm=cheapest_one).drop_vars("algorithm")
 
 
-def losses(case: xr.Dataset, norm: str) -> dict[float, float]:
-    """Of each H/h the mean error at the same work over that of the best, of one case's (H_over_h, H, stop).
+def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
+    """Of each H/h the mean error at the same work over that of the best, of both over (H_over_h, H).
 
-    Errors are the discrete solution's, work is the set-up, most of it whatever the algorithm. Between meshes
-    log error is linear in log work; its mean is over the works that all ratios reach with more than SIZES H.
+    Between meshes log error is linear in log work; its mean is over the works that all ratios reach with more
+    than SIZES H.
     """
-    error = xr.apply_ufunc(np.log, (relative(case, norm) / excess(case, norm)).isel(stop=-1))
-    work = xr.apply_ufunc(np.log, case["setup_operations"])
     lines: dict[float, tuple[Array, Array]] = {}
-    for ratio in case["H_over_h"].values:
-        x, y = (each.sel(H_over_h=ratio).values for each in (work, error))
+    for ratio in error["H_over_h"].values:
+        x, y = (np.log(each.sel(H_over_h=ratio).values) for each in (work, error))
         known = np.isfinite(x) & np.isfinite(y)
         if np.count_nonzero(known) > SIZES:
             lines[float(ratio)] = (x[known], y[known])
@@ -196,8 +194,10 @@ def breaks_even(algebra: xr.Dataset) -> Array:
 def by_A_over_by_S(algebra: xr.Dataset, crossed: xr.Dataset, algorithm: str, H_over_h: float) -> xr.DataArray:
     """(H, stop) operations of a run whose steps solve with A over those of the same run with S.
 
-    Checks of the bound and the spectrum are left out of the first, and are in the second.
+    Without the spectrum and checks of the bound, that is without the guarantee, in both.
     """
-    runs = crossed.sel(algorithm=algorithm, H_over_h=H_over_h)
-    of_A = algebra[["setup_operations", "step_operations"]].sel(algebra="A")
-    return (of_A["setup_operations"] + (runs["steps"] + 1) * of_A["step_operations"]) / runs["operations"]
+    runs, of = crossed.sel(algorithm=algorithm, H_over_h=H_over_h), algebra.sel(algebra="A")
+    spectrum = xr.apply_ufunc(operations.spectrum, runs["multipliers"])
+    residuals = runs["steps"] + 1
+    by_S = runs["setup_operations"] - spectrum + residuals * runs["step_operations"]
+    return (of["setup_operations"] + residuals * of["step_operations"]) / by_S

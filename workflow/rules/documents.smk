@@ -24,7 +24,7 @@ rule readme:
 
 rule filled_paper:
     input:
-        library("documents", "extremes", "extremes_data", "verdicts", "advice", "tables", "expression"),
+        library("documents", "extremes", "extremes_data", "verdicts", "cost_text", "tables", "expression"),
         **{name: f"results/cost/{name}.nc" for name in ("algorithm", "case", "scene", "algebra", "precision")},
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),

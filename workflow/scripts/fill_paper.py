@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import advice, documents, extremes, extremes_data, tables, verdicts
+from unilateral import cost_text, documents, extremes, extremes_data, tables, verdicts
 from unilateral.expression import real
 
 
@@ -42,13 +42,13 @@ def of_cost(given, study):
     H_over_h = real(study["base"]["H_over_h"], "H_over_h")
     coarsest = real(study["fitted_from"], "fitted_from")
     return {
-        "ratios": advice.ratios(cases),
-        "prices": advice.price_table(cases, scene, H_over_h, coarsest),
-        "algorithms": advice.algorithms(crossed, H_over_h),
-        "targets": advice.targets(crossed, study["targets"]),
-        "growth": advice.growth(crossed, coarsest),
-        "elimination": advice.elimination(crossed, algebra, H_over_h),
-        "precision": advice.in_precision(precision),
+        "ratios": cost_text.ratios(cases, coarsest),
+        "prices": cost_text.price_table(cases, scene, H_over_h, coarsest),
+        "algorithms": cost_text.algorithms(crossed, H_over_h),
+        "targets": cost_text.targets(crossed, study["targets"]),
+        "growth": cost_text.growth(crossed, coarsest),
+        "elimination": cost_text.elimination(crossed, algebra, H_over_h),
+        "precision": cost_text.in_precision(precision),
     }
 
 

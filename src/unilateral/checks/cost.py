@@ -42,13 +42,13 @@ def safe_step(tables: Tables, most: float) -> Found:
 
 
 def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most: float) -> Found:
-    """The error at a level over the discrete solution's, the largest of a case at any H/h; inf if not met."""
+    """By how much, relatively, the error at a level is above the discrete solution's, the most of any H/h."""
     cases = tables["cost/case"]
     fine = cases.sel(H=cases["H"] <= coarsest)
     excess = trade.excess(fine, norm).sel(stop=stop)
     of = excess.fillna(np.inf).where(np.isfinite(fine["setup_operations"])).max(["H", "H_over_h"])
-    rows = {str(name): float(of.sel(case=name)) for name in of["case"].values}
-    return worst(rows, f"error at the level {stop:g} over that of the discrete solution", most, False)
+    rows = {str(name): float(of.sel(case=name)) - 1 for name in of["case"].values}
+    return worst(rows, f"error at the level {stop:g} over that of the discrete solution, less 1", most, False)
 
 
 def stop_is_not_enough(

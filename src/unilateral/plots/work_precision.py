@@ -121,8 +121,8 @@ def _step(axes: Axes, rows: pd.DataFrame, work: str) -> None:
     for label, (name, look) in MATRICES.items():
         line = rows[rows["label"] == label]
         _line(axes, line["unknowns"], line["work"], {**look, "lw": 0.9, "ms": 3.6, "label": name})
-    axes.set(title=f"{work} of one step", xlabel="unknowns in $\\Omega$")
-    axes.set_ylim(top=600 * axes.get_ylim()[1])
+    axes.set(title=f"{work}: a step, the set-up", xlabel="unknowns in $\\Omega$")
+    axes.set_ylim(top=200 * axes.get_ylim()[1])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_minor_locator(NullLocator())
     axes.legend(loc="upper left", borderpad=0, borderaxespad=0.4, labelspacing=0.25, handlelength=1.6)
