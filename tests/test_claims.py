@@ -149,6 +149,15 @@ def test_margins_by_hand(observed, required, at_least, margin):
     assert found.holds == (margin >= 0)
 
 
+@pytest.mark.parametrize(
+    ("required", "observed", "shown"), [(0.0, 0.2, "none"), (1.0, 1.2, "20 %"), (1.0, np.nan, "none")]
+)
+def test_no_margin_is_relative_to_0(required, observed, shown):
+    found = made_up(observed, required, True)
+    assert f"margin {shown}" in claims.explanation(found)
+    assert f" {shown}  {found.verdict}" in claims.summary([found])
+
+
 def test_what_is_not_a_number_does_not_hold():
     assert made_up(np.nan, 1.0, True).verdict == claims.FAILS
     assert made_up(np.nan, 1.0, False).verdict == claims.FAILS

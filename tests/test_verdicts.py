@@ -45,6 +45,8 @@ def test_a_table_per_section_with_a_row_per_claim() -> None:
         ({"margin": 0.0019}, "| 0.19 % |"),
         ({"margin": 3e-7}, "| < 0.01 % |"),
         ({"margin": -0.2, "verdict": "fails"}, "| -20 % | fails |"),
+        ({"expected": "<= 0", "observed": 0.0, "margin": 0.0}, "| 0 ≤ 0 | – |"),
+        ({"expected": ">= 0", "observed": 0.02, "margin": 0.02}, "| 0.02 ≥ 0 | – |"),
     ],
 )
 def test_numbers_that_round_off_makes_are_not_shown(changed: dict[str, object], shown: str) -> None:

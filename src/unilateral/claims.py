@@ -188,10 +188,15 @@ def summary(judgements: Iterable[Judgement]) -> str:
     for each in judgements:
         found = each.found
         sign = ">=" if found.at_least else "<="
-        margin = f"{100 * each.margin:.3g} %" if math.isfinite(each.margin) else "none"
-        numbers = f"{found.observed:10.4g} {sign} {found.required:10.4g} {margin:>8}"
+        numbers = f"{found.observed:10.4g} {sign} {found.required:10.4g} {_percent(each):>8}"
         lines.append(f"{each.claim.id:9} {numbers}  {each.verdict}")
     return "\n".join(lines)
+
+
+def _percent(judgement: Judgement) -> str:
+    """The margin; nothing is relative to a requirement of 0."""
+    known = math.isfinite(judgement.margin) and judgement.found.required != 0
+    return f"{100 * judgement.margin:.3g} %" if known else "none"
 
 
 def explanation(judgement: Judgement) -> str:
@@ -202,7 +207,7 @@ def explanation(judgement: Judgement) -> str:
         f"{claim.id}: {plain(claim.statement)}",
         f"where: {claim.where}",
         f"check: {found.quantity} has to be {sign} {found.required:.4g} ({claim.source})",
-        f"observed: {found.observed:.4g}, margin {100 * judgement.margin:.3g} %",
+        f"observed: {found.observed:.4g}, margin {_percent(judgement)}",
         f"verdict: {judgement.verdict}",
         f"control: {claim.control['what']}",
         f"tables: {', '.join(claim.reads)}",

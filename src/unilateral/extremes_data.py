@@ -17,6 +17,10 @@ from unilateral.documents import LINE
 
 RESCUED = "right, but not by plain Uzawa"
 ALWAYS, NEVER, NO_TOOL = "–", "none", "no tool"
+SPARE = 3
+"""A factor: digits of what is rounding are not reproducible."""
+LAWS = ("odd", "shift", "short", "short_loaded", "scale_down", "scale_up", "angle", "slit", "side", "aspect")
+"""The axes whose numbers are cond(S)."""
 OWN = {"h": "h = {}", "H": "H = {}", "accuracy": "tolerance {}"}
 """What an axis may have of its own."""
 
@@ -45,14 +49,18 @@ def _kinds(table: xr.Dataset) -> NDArray[np.str_]:
 
 
 def limits_table(table: xr.Dataset) -> str:
-    """Markdown: per axis its range, the limits of plain Uzawa and of the tool, and the outcomes."""
+    """Markdown: per axis its range, the limits of plain Uzawa and of the tool, and the outcomes.
+
+    Axes without limits on which all is right are left out; `sentences` has them.
+    """
+    dull = _dull(table)
     lines = [
         "| axis | from mild to extreme | limit of plain Uzawa: predicted, met at "
         "| limit of the tool: predicted, met at | points |",
         "|---|---|---|---|---|",
     ]
     kinds = _kinds(table)
-    for name in table["axis"].values:
+    for name in [each for each in table["axis"].values if each not in dull]:
         of, points = table.sel(axis=name), table["axis_of"].values == name
         values, tooled = table["value"].values[points], np.all(table["tool"].values[points] != "")
         cells = [
@@ -66,6 +74,13 @@ def limits_table(table: xr.Dataset) -> str:
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines).replace(RESCUED, "by the tool only")
+
+
+def _dull(table: xr.Dataset) -> list[str]:
+    """The axes for which no limit is predicted, and on which plain Uzawa is right everywhere."""
+    limits = ("predicted_limit", "predicted_tool_limit", "measured_limit")
+    none = np.all([np.isnan(table[name].values) for name in limits], axis=0)
+    return [str(name) for name in table["axis"].values[none]]
 
 
 def setting(study: Mapping[str, Any]) -> str:
@@ -103,27 +118,50 @@ def sentences(table: xr.Dataset) -> str:
         f"active set; {count['not converged']} end without convergence and with a valid bound, "
         f"{count['refused']} are refused with a message, and {count['wrong']} are wrong."
     )
-    return textwrap.fill(f"{text} {_rounding(table)} {_partial_contact(table)}", LINE)
+    parts = (text, _right_everywhere(table), _rounding(table), _conditions(table), _partial_contact(table))
+    return textwrap.fill(" ".join(parts), LINE)
+
+
+def _right_everywhere(table: xr.Dataset) -> str:
+    listed = []
+    for name in _dull(table):
+        values = table["value"].values[table["axis_of"].values == name]
+        label = table["label"].sel(axis=name).item()
+        listed.append(f"*{label}* ({_number(values[0])} … {_number(values[-1])})")
+    return (
+        f"On {len(listed)} axes all is right by plain Uzawa, and no limit was predicted: {'; '.join(listed)}."
+    )
 
 
 def _rounding(table: xr.Dataset) -> str:
-    """What is allowed for it, as a power of ten with a factor 2 to spare: its digits are not reproducible."""
+    """What is allowed for it, as a power of ten, with SPARE to spare."""
     allowance, u_norm = (table[name].values for name in ("allowance", "u_norm"))
     solved = u_norm > 0
-    share = 10.0 ** math.ceil(math.log10(2 * np.max(allowance[solved] / u_norm[solved])))
+    share = 10.0 ** math.ceil(math.log10(SPARE * np.max(allowance[solved] / u_norm[solved])))
     return (
         "Where rounding puts an error above its guaranteed bound, the allowance covers it, which is below "
         f"{_given(share)} $\\|u\\|_1$ everywhere."
     )
 
 
+def _conditions(table: xr.Dataset) -> str:
+    """How far cond(S) is above its law, rounded up to a digit."""
+    share = (table["measured"] / table["predicted"]).values[np.isin(table["axis_of"].values, LAWS)]
+    most = math.ceil(np.max(share[np.isfinite(share)]))
+    return (
+        "Where its growth is predicted, by a law from the mildest point on, cond(S) was nowhere more than "
+        f"{most} times the prediction."
+    )
+
+
 def _partial_contact(table: xr.Dataset) -> str:
     last, first, local = _last_and_first(table, "step_partial")
-    printed, none, _ = _last_and_first(table, "printed_partial")
+    printed, none, half = _last_and_first(table, "printed_partial")
+    unit = r"$2/\lambda_\max(S)$"
     return (
-        f"In partial contact steps up to {last} times the limit converged and {first} did not; only near "
-        f"the solution, where the held cells alone decide, is {local} the limit. With the printed index "
-        f"steps up to {printed} times converged and {none} did not."
+        f"In partial contact steps up to {last} of {unit} converged and {first} did not; only near the "
+        f"solution, where the held cells alone decide, is {local} the limit. With the printed index steps up "
+        f"to {printed} of {unit} converged and {none} did not; near the solution {half} is the limit."
     )
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 ROUND_OFF = 1e-12
 LEAST, PLENTY = 1e-4, 10.0
 """Margins that are told apart."""
+NO_MARGIN = "–"
 LETTERS = {
     "alpha": "α",
     "beta": "β",
@@ -43,7 +44,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, str]:
             f"{each['statement']} [{_letters(each['where'])}]",
             _letters(each["quantity"]),
             f"{_observed(each)} {each['expected']}".replace(">=", "≥").replace("<=", "≤"),
-            _percent(each["margin"]),
+            NO_MARGIN if _requires_0(each) else _percent(each["margin"]),
             _letters(each["verdict"]),
         ]
         tables.setdefault(f"claims-{each['section']}", head.copy()).append(f"| {' | '.join(cells)} |")
@@ -63,6 +64,11 @@ def _observed(record: Mapping[str, Any]) -> str:
     if abs(value) <= ROUND_OFF:
         return "0"
     return f"{value:.3g}" if abs(record["margin"]) < PLENTY else "much more"
+
+
+def _requires_0(record: Mapping[str, Any]) -> bool:
+    """Nothing is relative to that."""
+    return float(record["expected"].split()[1]) == 0
 
 
 def _percent(margin: float) -> str:

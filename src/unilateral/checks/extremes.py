@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from unilateral.checks.found import Found, Tables, worst
@@ -34,12 +36,19 @@ def no_earlier(tables: Tables, table: str) -> Found:
     return worst(rows, "limits of an axis met too early", 0.0, False)
 
 
-def step_limit(tables: Tables, table: str, axes: list[str], most: float) -> Found:
-    """How far above the predicted limit the first step rho that fails is, relative; inf if it is below."""
-    limits = tables[table].sel(axis=axes)
-    beyond = (limits["measured_limit"] / limits["predicted_limit"]).values - 1
-    rows = {axis: float(each) if each >= 0 else np.inf for axis, each in zip(axes, beyond, strict=True)}
-    return worst(rows, "the first rho that fails, over the predicted limit, less 1", most, False)
+def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Found:
+    """How many steps rho converge above the limit or fail below it; `nearest`: by axis, how near to try.
+
+    A value at that relative distance that was not tried, on either side, counts as well.
+    """
+    of, rows = tables[table], {}
+    for axis, distance in nearest.items():
+        here = of["axis_of"].values == axis
+        share = of["value"].values[here] / float(of["predicted_limit"].sel(axis=axis))
+        wrong = (of["outcome"].values[here] == "right") != (share < 1)
+        missing = [not np.isclose(share, 1 + d, rtol=1e-9).any() for d in (-distance, distance)]
+        rows[axis] = float(np.count_nonzero(wrong) + sum(missing))
+    return worst(rows, "values of rho that fail below the limit or converge above it", 0.0, False)
 
 
 def step_beyond(tables: Tables, table: str, axis: str, least: float) -> Found:
@@ -58,12 +67,18 @@ def power(tables: Tables, table: str, axis: str, below: float, exponent: float, 
     return worst(rows, f"how far the slope is from {exponent:g}", most, False)
 
 
-def floor(tables: Tables, table: str, axis: str, most: float) -> Found:
-    """The largest factor between a number and its prediction, either way."""
+def floor(tables: Tables, table: str, axis: str, factor: float) -> Found:
+    """How many numbers are beyond a factor of their predictions, and 1 if they grow no faster than these.
+
+    The numbers themselves are round-off, which another CPU has otherwise; they are among the lines.
+    """
     of = tables[table].isel(point=tables[table]["axis_of"].values == axis)
-    share = of["measured"].values / of["predicted"].values
+    value, number, expected = (of[name].values for name in ("value", "measured", "predicted"))
+    beyond = ~(np.abs(np.log(number / expected)) <= np.log(factor))
+    slope = float(np.polyfit(np.log(expected), np.log(number), 1)[0])
     rows = {
-        f"{value:g}: {number:.2g} of": float(max(each, 1 / each))
-        for value, number, each in zip(of["value"].values, of["measured"].values, share, strict=True)
+        f"{where:g}: {found:.2g} for {told:.2g}": float(each)
+        for where, found, told, each in zip(value, number, expected, beyond, strict=True)
     }
-    return worst(rows, "the largest factor between floor and prediction", most, False)
+    rows[f"slope {slope:.2g}"] = float(not slope > 1)
+    return worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)

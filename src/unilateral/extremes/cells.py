@@ -6,8 +6,8 @@ import numpy as np
 
 from unilateral import mesh as meshes
 from unilateral.extremes.outcome import NOTHING, Axis, Budget, Row, crossing, predicted, within
-from unilateral.extremes.problem import Array, Problem, full, made, waves
-from unilateral.extremes.shapes import ROUNDED
+from unilateral.extremes.problem import Array, Problem, full, made, on_square, posed, waves
+from unilateral.extremes.shapes import SLACK
 from unilateral.extremes.trial import attempt, attempts
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition, from_points, shifted, uniform
@@ -19,7 +19,7 @@ def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     def problem(value: float) -> Problem:
         edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
-        return _waved(meshes.structured(square(), edge), uniform(square(), cell))
+        return on_square(edge, cell, waves)
 
     rows = attempts(values, problem, budget, _condition)
     return Axis(predicted(rows, np.where(values >= 1, np.inf, np.nan)), 1.0)
@@ -32,7 +32,7 @@ def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
         counts = np.full(4, int(edges) // 4)
         counts[3] += int(edges) - counts.sum()
         points = square().divided(counts)
-        return _waved(meshes.with_boundary(square(), points[:-1]), Partition(square(), points))
+        return posed(meshes.with_boundary(square(), points[:-1]), Partition(square(), points), waves)
 
     rows = attempts(values, problem, budget, _condition)
     return _by_law(rows, values, (values / values[0]) ** 3, budget)
@@ -43,7 +43,7 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
     mesh = meshes.structured(square(), h)
 
     def problem(fraction: float) -> Problem:
-        return _waved(mesh, shifted(square(), h, fraction))
+        return posed(mesh, shifted(square(), h, fraction), waves)
 
     rows = attempts(values, problem, budget, _condition)
     return _by_law(rows, values, (values[0] / values) ** 2, budget)
@@ -72,23 +72,23 @@ def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def _with_short_cell(mesh: Mesh, H: float, length: float) -> Problem:
     points = np.append(uniform(square(), H).points, 0.5 + length)
-    return _waved(mesh, from_points(square(), np.sort(points)))
+    return posed(mesh, from_points(square(), np.sort(points)), waves)
 
 
 def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Points of T_H inside the sides that far from mesh vertices: D changes by at most twice that over H."""
     mesh, aligned = meshes.structured(square(), h), uniform(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
-    there = _waved(mesh, aligned).both.operator.D
+    there = posed(mesh, aligned, waves).both.operator.D
 
     def problem(distance: float) -> Problem:
-        return _waved(mesh, Partition(square(), aligned.points + distance * inside))
+        return posed(mesh, Partition(square(), aligned.points + distance * inside), waves)
 
     def change(of: Problem, _: Array) -> float:
         return float(np.abs(of.both.operator.D - there).max() / np.abs(there).max())
 
     rows = attempts(values, problem, budget, change)
-    return Axis(within(predicted(rows, 2 * values / H), ROUNDED))
+    return Axis(within(predicted(rows, 2 * values / H), SLACK))
 
 
 def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -136,10 +136,6 @@ def _by_law(rows: list[Row], values: Array, growth: Array, budget: Budget) -> Ax
     numbers = rows[0].measured * growth
     limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
     return Axis(predicted(rows, numbers), *limits)
-
-
-def _waved(mesh: Mesh, partition: Partition) -> Problem:
-    return made(mesh, partition, *waves(partition))
 
 
 def _condition(problem: Problem, _: Array) -> float:

@@ -8,7 +8,7 @@ from unilateral import mesh as meshes
 from unilateral.acceleration import STEPS
 from unilateral.condense import condense
 from unilateral.extremes.outcome import Axis, Budget, Row, predicted, within
-from unilateral.extremes.problem import Array, Problem, full, made, place, waves
+from unilateral.extremes.problem import Array, Problem, full, made, on_square, place, waves
 from unilateral.extremes.trial import attempt, attempts
 from unilateral.partition import uniform
 from unilateral.polygon import square
@@ -22,14 +22,13 @@ SCALES = 1e-10
 
 def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f and g multiplied by that: how far the active set's lambda_H is from that of 1, multiplied."""
-    mesh, partition = meshes.structured(square(), h), uniform(square(), H)
 
     def change(problem: Problem, found: Array) -> float:
         unit = problem.lambda_H.max()
         return float(np.abs(found / unit - problem.lambda_H / unit).max())
 
     def problem(times: float) -> Problem:
-        return made(mesh, partition, *waves(partition), times)
+        return on_square(h, H, waves, times)
 
     rows = attempts(values, problem, budget, change)
     unit = problem(1.0)
@@ -43,7 +42,7 @@ def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     Below it the steps grow like the size's logarithm.
     """
-    problem = _waved(h, H)
+    problem = on_square(h, H, waves)
     rows = [attempt(value, lambda _: problem, budget, _held, start=value) for value in values]
     limit = DIVERGED / float(np.sqrt(square().perimeter))
     return Axis(rows, limit, limit)
@@ -134,8 +133,3 @@ def _smallest_gap(problem: Problem, found: Array) -> float:
 def _held(problem: Problem, found: Array) -> float:
     """How many cells the active set loads."""
     return float(np.count_nonzero(found > problem.rounding * problem.norm(problem.u)))
-
-
-def _waved(h: float, H: float) -> Problem:
-    partition = uniform(square(), H)
-    return made(meshes.structured(square(), h), partition, *waves(partition))

@@ -6,13 +6,10 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from unilateral import mesh as meshes
 from unilateral.extremes.outcome import Budget
-from unilateral.extremes.problem import Problem, full, made
+from unilateral.extremes.problem import Problem, full, on_square
 from unilateral.extremes.trial import attempt
 from unilateral.memory import BYTES_PER_MB, forget_peak, peak_mb
-from unilateral.partition import uniform
-from unilateral.polygon import square
 
 FILL = 31 / 8
 """Numbers in a factor of n unknowns on a regular grid: FILL n log2 n, by nested dissection (George 1973)."""
@@ -52,8 +49,7 @@ def deep(h: float, H: float, memory: float, budget: Budget) -> xr.Dataset:
     before = peak_mb()
 
     def problem(_: float) -> Problem:
-        partition = uniform(square(), H)
-        held.append(made(meshes.structured(square(), h), partition, *full(partition)))
+        held.append(on_square(h, H, full))
         return held[0]
 
     row = attempt(h, problem, budget, lambda of, _: float(of.condensed.lu.L.nnz + of.condensed.lu.U.nnz))

@@ -14,7 +14,7 @@ RIGHT, NOT_CONVERGED, REFUSED, WRONG = OUTCOMES = ("right", "not converged", "re
 NO_TOOL = ""
 """The library offers no such thing."""
 NOTHING = np.inf
-"""The limit on an axis with falling values where plain Uzawa is promised nothing."""
+"""The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
 
 
 @dataclass(frozen=True)

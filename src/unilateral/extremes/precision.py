@@ -1,7 +1,8 @@
 """Axes of the precision: float32, and float64, from the factors of A on, until round-off stops the iteration.
 
 A is assembled, and F(0) computed, in float64, and then rounded. With S y + b known to epsilon ||b||, epsilon
-the unit round-off, iterates stay about epsilon cond(S) ||y|| from lambda_H in L2.
+the unit round-off, iterates stay about epsilon cond(S) ||y|| from lambda_H in L2. S is not known as well as
+that: it comes from the factors of A, and their rounding is seen on top.
 """
 
 from __future__ import annotations
@@ -10,12 +11,9 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
-from unilateral import mesh as meshes
 from unilateral.condense import DualOperator, elimination_order, factorise, last_block
 from unilateral.extremes.outcome import Axis, Budget, crossing, judge, untooled
-from unilateral.extremes.problem import Array, Problem, full, made
-from unilateral.partition import uniform
-from unilateral.polygon import square
+from unilateral.extremes.problem import Array, Problem, full, on_square
 from unilateral.uzawa import DualResult, residual_bound
 
 
@@ -42,8 +40,7 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
     """Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there."""
     rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
     for H in values.tolist():
-        partition = uniform(square(), H)
-        problem = made(meshes.structured(square(), h_over_H * H), partition, *full(partition))
+        problem = on_square(h_over_H * H, H, full)
         of, tolerance = problem.both.operator, budget.tolerance(problem)
         mu = _last(problem, operator_in(problem, precision), budget.max_steps)
         bound = residual_bound(of, problem.offset, mu, 1 / of.lambda_max)

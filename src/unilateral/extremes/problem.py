@@ -15,10 +15,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from unilateral import mesh as meshes
 from unilateral.condense import Condensed, condense
 from unilateral.forms import stiffness_and_mass
 from unilateral.mesh import Mesh
-from unilateral.partition import Partition
+from unilateral.partition import Partition, uniform
+from unilateral.polygon import square
 from unilateral.solve import Pair, pair, response
 
 Array = NDArray[np.float64]
@@ -97,6 +99,16 @@ def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: f
     unit = float(lambda_H.max()) or 1.0
     size = unit * float(np.linalg.norm(both.operator.half @ (lambda_H / unit)))
     return Problem(condensed, both, load, offset, u, lambda_H, size)
+
+
+def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0) -> Problem:
+    """The problem with that contact."""
+    return made(mesh, partition, *contact(partition), times)
+
+
+def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> Problem:
+    """The same on a structured mesh of the unit square and a uniform partition."""
+    return posed(meshes.structured(square(), h), uniform(square(), H), contact, times)
 
 
 def _flux(mesh: Mesh, slope: float) -> Array:

@@ -10,14 +10,14 @@ from unilateral import mesh as meshes
 from unilateral.condense import CONSTANTS
 from unilateral.errors import InputError
 from unilateral.extremes.outcome import Axis, Budget, crossing, predicted, within
-from unilateral.extremes.problem import Array, Contact, Problem, full, made, waves
+from unilateral.extremes.problem import Array, Contact, Problem, full, posed, waves
 from unilateral.extremes.trial import attempts
 from unilateral.forms import stiffness_and_mass
 from unilateral.mesh import Mesh
 from unilateral.partition import uniform
 from unilateral.polygon import Polygon, square
 
-ROUNDED = 1e-12
+SLACK = 1e-12
 """Relative changes below it are rounding."""
 
 
@@ -65,7 +65,7 @@ def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
         return meshes.tensor(ticks)
 
     partition = uniform(square(), H)
-    rows = attempts(values, lambda r: made(of(r), partition, *waves(partition)), budget, _condition)
+    rows = attempts(values, lambda r: posed(of(r), partition, waves), budget, _condition)
     limit = crossing(values, np.array([_rounding(of(r)) for r in values]), CONSTANTS)
     return Axis(predicted(rows, np.full(len(rows), rows[0].measured)), limit, limit)
 
@@ -76,7 +76,7 @@ def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
     def of(distance: float) -> Problem:
         polygon = Polygon(square().vertices + distance * np.array([1, -1]), "square")
         partition = uniform(polygon, H)
-        return made(meshes.unstructured(polygon, h), partition, *waves(partition))
+        return posed(meshes.unstructured(polygon, h), partition, waves)
 
     here = of(0.0).both.operator.S
 
@@ -85,7 +85,7 @@ def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     rows = attempts(values, of, budget, change)
     limit = meshes.ROUNDED * h / float(np.finfo(float).eps)
-    return Axis(within(predicted(rows, np.spacing(values) / h), ROUNDED), limit, limit)
+    return Axis(within(predicted(rows, np.spacing(values) / h), SLACK), limit, limit)
 
 
 def _thin(
@@ -104,7 +104,7 @@ def _thin(
     def problem(value: float) -> Problem:
         polygon = of(value)
         partition = uniform(polygon, H * polygon.lengths.max())
-        return made(meshes.unstructured(polygon, h * polygon.lengths.max()), partition, *contact(partition))
+        return posed(meshes.unstructured(polygon, h * polygon.lengths.max()), partition, contact)
 
     rows = attempts(values, problem, budget, _condition)
     law = np.array([_law(of(value), H) for value in values])

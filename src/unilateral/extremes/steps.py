@@ -6,35 +6,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from unilateral import mesh as meshes
 from unilateral.experiments import VARIANTS, iterate
 from unilateral.extremes.outcome import Axis, Budget, Row, judge, untooled
-from unilateral.extremes.problem import Array, Contact, Problem, full, made, waves
+from unilateral.extremes.problem import Array, Problem, full, on_square, waves
 from unilateral.extremes.trial import attempt
-from unilateral.partition import uniform
-from unilateral.polygon import square
 from unilateral.uzawa import DualResult, residual_bound
 
 
 def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Full contact, where 1 is the limit: above it the clip leaves a bounded cycle."""
-    return Axis(_as_meant(values, _problem(h, H, full), budget), 1.0)
+    return Axis(_as_meant(values, on_square(h, H, full), budget), 1.0)
 
 
 def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Contact on three intervals, where 1 is proved to be safe; larger steps may do."""
-    problem = _problem(h, H, waves)
+    problem = on_square(h, H, waves)
     return Axis(_as_meant(values, problem, budget), 1.0, local_limit=local_limit(problem))
 
 
 def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Full contact with the printed index: z^2 - z + rho sigma = 0 halves the range."""
-    return Axis(_as_printed(values, _problem(h, H, full), budget), 0.5)
+    return Axis(_as_printed(values, on_square(h, H, full), budget), 0.5)
 
 
 def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """The same in partial contact; the half is proved as long as the clip is not active."""
-    problem = _problem(h, H, waves)
+    problem = on_square(h, H, waves)
     return Axis(_as_printed(values, problem, budget), 0.5, local_limit=0.5 * local_limit(problem))
 
 
@@ -43,11 +40,6 @@ def local_limit(problem: Problem) -> float:
     held = np.flatnonzero(problem.lambda_H)
     S = problem.both.operator.S
     return problem.both.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
-
-
-def _problem(h: float, H: float, contact: Contact) -> Problem:
-    partition = uniform(square(), H)
-    return made(meshes.structured(square(), h), partition, *contact(partition))
 
 
 def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
