@@ -104,6 +104,14 @@ def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest
     assert "<col " not in typeset(FRONT + PAGE.replace("that is much longer than a column", ""))[0]
 
 
+def test_scripts_in_plain_text_are_raised_and_lowered_and_code_and_links_are_not(typeset):
+    text = "\n\n2·10^9 u_h, λ^n, H^(−1/2), ‖μ‖_{-1/2,h}, `a_b^2`, [a_b](https://example.org/a_b).\n"
+    html, _ = typeset(FRONT + PAGE + text)
+    wanted = ("10<sup>9</sup> u<sub>h</sub>", "λ<sup>n</sup>", "H<sup>−1/2</sup>", "‖μ‖<sub>-1/2,h</sub>")
+    for shown_as in (*wanted, "<code>a_b^2</code>", ">a_b</a>"):
+        assert shown_as in html
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "told"),
     [

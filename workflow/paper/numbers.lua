@@ -1,6 +1,7 @@
 -- Numbers sections, figures and tables, the same in every output, and refuses a link such as [Figure 3](#fig-rates)
 -- with another number: so the text can be read unprocessed, too. Gives wide tables their columns' widths. And repairs
 -- what pandoc does to \tag (dropped silently), to \| (taken for a relation) and to && and the & of cases (no space).
+-- Raises and lowers scripts in plain text.
 
 local LINE = 112 -- letters in a line of a wide table's print
 local LONGEST_WORD = 16 -- longer ones are hyphenated
@@ -78,8 +79,37 @@ local function norm_bars(tex)
   return (tex:gsub("\\|(.-)\\|", "\\lVert %1\\rVert "))
 end
 
+local SCRIPTS = {
+  { "%^%(([^()]*)%)", pandoc.Superscript },
+  { "%^{([^{}]*)}", pandoc.Superscript },
+  { "%^(%w+)", pandoc.Superscript },
+  { "_{([^{}]*)}", pandoc.Subscript },
+  { "_(%w+)", pandoc.Subscript },
+}
+
+-- Of 10^(−1), 10^9, u_h, ‖·‖_{-1/2} in plain text, as generated tables and sentences have them.
+local function raise_and_lower(str)
+  local found, rest = pandoc.Inlines({}), str.text
+  while true do
+    local first, last, script, make
+    for _, each in ipairs(SCRIPTS) do
+      local from, to, text = rest:find(each[1])
+      if from and from > 1 and (not first or from < first) then first, last, script, make = from, to, text, each[2] end
+    end
+    if not first then break end
+    found:insert(pandoc.Str(rest:sub(1, first - 1)))
+    found:insert(make({ pandoc.Str(script) }))
+    rest = rest:sub(last + 1)
+  end
+  if #found == 0 then return nil end
+  if rest ~= "" then found:insert(pandoc.Str(rest)) end
+  return found
+end
+
 local number = {
   traverse = "topdown",
+  Str = raise_and_lower,
+  Link = function(link) return link, false end,
   Header = number_section,
   Figure = function(figure)
     figures = figures + 1
