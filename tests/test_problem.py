@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy
 
 from unilateral import partition as partitions
 from unilateral import problem_file
@@ -202,7 +203,10 @@ ONE_LINE = {
         {"polygon": "[[0, 0], [1, 0]]"},
         ", field polygon: it is [[0, 0], [1, 0]]; it has to be the vertices, anticlockwise",
     ),
-    "three coordinates": ({"polygon": "[[0, 0], [1, 0], [1, 1, 1]]"}, ", field polygon[2]: [1, 1, 1] is too"),
+    "three coordinates": (
+        {"polygon": "[[0, 0], [1, 0], [1, 1, 1]]"},
+        ", field polygon[2]: it is [1, 1, 1]; it has to be a pair of numbers",
+    ),
     "no number": (
         {"polygon": "[[0, 0], [1, 0], [a, 1]]"},
         ", field polygon[2]: 'a' is unknown; known are pi",
@@ -248,3 +252,42 @@ def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
     assert not problem_file.is_declared_in(str(case))
     assert not problem_file.is_declared_in("natural")
     assert not problem_file.is_declared_in(str(tmp_path / "missing.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("f", "most"),
+    [
+        ("(16*x*(1-x)*y*(1-y))**6", 1),
+        ("((x+y)/2)**100", 1),
+        ("1/cosh(10**4*(x-1/3))", 1),
+        ("x**2 - 2*x*y + y**2", 1),
+        ("exp(36*x)*exp(-60*x**2)*exp(-27/5)", 1),
+    ],
+)
+def test_bounds_of_f_are_sharp_in_whatever_form(declared, f, most):
+    """On the unit square; the last one is exp(-60 (x - 3/10)^2)."""
+    found = problem_file.load(declared(f=f, g=0))
+    assert found.largest_met <= most * (1 + 1e-12)
+    assert most <= found.largest_source <= 1.5 * found.largest_met
+
+
+def test_f_without_a_sharp_bound_is_refused(declared):
+    """(x - 20)^12, expanded, near x = 20: its terms are as large as 20^12."""
+    twelfth = sympy.expand((sympy.Symbol("x") - 20) ** 12)
+    with pytest.raises(
+        InputError, match=r"field f: all that is known is \|f\| <= .* no value above .* was met"
+    ):
+        problem_file.load(declared(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0))
+
+
+@pytest.mark.parametrize(
+    ("g", "pieces"),
+    [
+        ("pos(1/4-(x-1/2)**2-y**2,1)", 0),
+        ("x*pos(x-y-1/2,1)", 0),
+        ("exp(-3000*((x-3/10)**2+y**2))", 30),
+        ('["-1+4*exp(-((x-31415/100000)*10**6)**2)", -1, -1, -1]', 60),
+    ],
+)
+def test_g_that_is_0_on_a_side_or_has_a_narrow_peak_needs_few_pieces(declared, g, pieces):
+    assert len(problem_file.load(declared(f=-1, g=g))._fast) <= pieces

@@ -172,8 +172,9 @@ def _solved(
     in_norm = discrete.beta if goal.norm == "hm12" else 1.0
     start, tolerance = None, FIRST * discrete.first_residual
     if before is not None:
-        on_all = prolonged(before.solved.lambda_H, before.partition, partition)
-        start, tolerance = on_all[discrete.both.cells], AIM * SHARE * before.target * in_norm or tolerance
+        start = prolonged(before.solved.lambda_H, before.partition, partition)[discrete.both.cells]
+        if math.isfinite(before.solved.total(goal.norm)):
+            tolerance = AIM * SHARE * before.target * in_norm or tolerance
     solved = discrete.bounded(iterate(discrete.both.operator, discrete.offset, tolerance, stop, start))
     solved = improved(solved, SHARE * _target(solved, goal) * in_norm, stop)
     certified = solved.total(goal.norm) <= goal.accuracy * solved.size(goal.norm) and solved.algebraic(
@@ -190,13 +191,13 @@ def _target(solved: Bounded, goal: Goal) -> float:
 
 def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     """The next level's H within the budget, or None."""
-    last, left = done[-1], goal.max_seconds - seconds
-    if last.certified or left <= 0 or not last.solved.result.converged:
+    last, in_time = done[-1], _in_time(done[-1], goal, seconds)
+    if last.certified or in_time == math.inf or not last.solved.result.converged:
         return None
     H = last.partition.H
     totals = [level.solved.total(goal.norm) for level in done]
     wanted = next_H([level.partition.H for level in done], totals, last.target)
-    affordable = H * max(*_shares(last, goal).values(), (last.seconds / left) ** (0.5 / GROWTH))
+    affordable = H * max(*_shares(last, goal).values(), in_time)
     if LEAST_STEP * affordable > H:
         return None
     return max(wanted, affordable)
@@ -210,8 +211,15 @@ def _shares(last: Level, goal: Goal) -> dict[str, float]:
     }
 
 
-def limits(last: Level, goal: Goal) -> list[str]:
-    """Those that do not allow a level after this one: of size, or else of time."""
-    of_size = [name for name, share in _shares(last, goal).items() if LEAST_STEP * share > 1]
-    in_time = f"--max-seconds {goal.max_seconds:g}" if goal.max_seconds < math.inf else ""
-    return of_size or [in_time or f"--max-unknowns {goal.max_unknowns}"]
+def _in_time(last: Level, goal: Goal, seconds: float) -> float:
+    """The same for the time that is left."""
+    left = goal.max_seconds - seconds
+    return float((last.seconds / left) ** (0.5 / GROWTH)) if left > 0 else math.inf
+
+
+def limits(done: Sequence[Level], goal: Goal) -> list[str]:
+    """Those that do not allow a level after these."""
+    found = [name for name, share in _shares(done[-1], goal).items() if LEAST_STEP * share > 1]
+    if LEAST_STEP * _in_time(done[-1], goal, sum(level.seconds for level in done)) > 1:
+        found.append(f"--max-seconds {goal.max_seconds:g}")
+    return found or [f"--max-unknowns {goal.max_unknowns}"]

@@ -28,9 +28,9 @@ and (m, m + r)_1 = <lambda - lambda~, u - u~> <= 0, so that neither ||u - u~||_1
 
 d_T the diameter of T, by the inequality of Payne and Weinberger (1960); that is added to both bounds.
 They are guaranteed up to rounding and the quadrature of f and g. That of f is checked, not proved: a second
-rule, of the degree CHECK, projects f again; DOUBT times the distance of both projections is added, without
-the factor of Payne and Weinberger, for their difference need not have mean 0. And where a bound of |f| is
-given, both rules have to see a value of at least SEEN times that bound, or both bounds are infinite.
+rule, on triangles cut each in another way, projects f again; DOUBT times the distance of both projections is
+added, without the factor of Payne and Weinberger, for their difference need not have mean 0. And where a
+bound of |f| is given, both rules have to see at least SEEN times that, or both bounds are infinite.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ from unilateral.mesh import Mesh
 from unilateral.mesh_io import longest_edges
 from unilateral.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, oscillation_bound
 from unilateral.partition import Partition
-from unilateral.quadrature import triangle_rules
+from unilateral.quadrature import DEGREE, triangle_rules
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,8 +58,8 @@ PUSH = 0.5
 """Of H_i lambda_i: what lies less than that above g counts as contact. Only the sharpness depends on it."""
 SEEN = 0.5
 """Of the bound of |f|: what the largest |f| at the points of the rules must reach."""
-CHECK, DOUBT = 13, 2.0
-"""The degree of the second rule for f; what its distance from the first one counts."""
+DOUBT = 2.0
+"""What the distance of two projections of f counts."""
 
 
 class Data(Obstacle, Protocol):
@@ -146,8 +146,8 @@ def _check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Coll
 
 def _projected_source(problem: Data, mesh: Mesh, largest: float = 0.0) -> tuple[Array, float]:
     """f_h (m, 3) at the triangles' vertices, and the bound of what f - f_h does; `largest` bounds |f|."""
-    f_h, squares, seen = _projection(problem, mesh, None)
-    again, squares_again, seen_again = _projection(problem, mesh, CHECK)
+    f_h, squares, seen = _projection(problem, mesh)
+    again, squares_again, seen_again = _projection(problem, mesh, DEGREE, True)
     if SEEN * largest > max(min(seen, seen_again), np.finfo(float).tiny):
         return f_h, math.inf
     share = np.minimum(1.0, longest_edges(mesh.points, mesh.triangles) / math.pi)
@@ -157,16 +157,16 @@ def _projected_source(problem: Data, mesh: Mesh, largest: float = 0.0) -> tuple[
     return f_h, oscillation + DOUBT * distance
 
 
-def _projection(problem: Data, mesh: Mesh, degree: int | None) -> tuple[Array, Array, float]:
-    """f_h (m, 3), ||f - f_h||_T^2 (m,) and the largest |f|, by the rules of that degree."""
+def _projection(problem: Data, mesh: Mesh, *how: Any) -> tuple[Array, Array, float]:
+    """f_h (m, 3), ||f - f_h||_T^2 (m,) and the largest |f|, by those `triangle_rules`."""
     values = []
     moments, squares = np.zeros((len(mesh.triangles), 3)), np.zeros(len(mesh.triangles))
-    for rule in triangle_rules(mesh, problem, degree):
+    for rule in triangle_rules(mesh, problem, *how):
         f = problem.source(rule.origin, rule.offset).reshape(rule.weight.shape)
         np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
         values.append(f)
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
-    for rule, f in zip(triangle_rules(mesh, problem, degree), values, strict=True):
+    for rule, f in zip(triangle_rules(mesh, problem, *how), values, strict=True):
         rest = f - np.einsum("kb,kqb->kq", f_h[rule.triangle], rule.barycentric)
         np.add.at(squares, rule.triangle, np.sum(rule.weight * rest**2, axis=1))
     return f_h, squares, max(float(np.abs(f).max(initial=0.0)) for f in values)

@@ -36,7 +36,7 @@ def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]
 
 
 def _said(fault: Any) -> str:
-    if fault.validator in ("type", "anyOf", "minItems") and "description" in fault.schema:
+    if fault.validator in ("type", "anyOf", "minItems", "maxItems") and "description" in fault.schema:
         return f"it is {str(fault.instance)[:40]}; it has to be {fault.schema['description']}"
     if fault.validator != "additionalProperties":
         return str(fault.message)

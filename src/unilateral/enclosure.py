@@ -6,7 +6,7 @@ Every operation's interval is widened by some units in the last place, so that r
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import reduce
+from functools import cache, reduce
 
 import numpy as np
 import sympy
@@ -24,6 +24,7 @@ SHARP = 1e-3
 """A bound that misses a value of the function by less than this share of the range is sharp enough."""
 SAME = 1e-9
 """So is one that misses it by less than this share of the value."""
+LARGE = 1e308
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
 MOST_PIECES = 16384
@@ -39,7 +40,7 @@ def least_value(
     which have their centre in it. Boxes whose own bound, by interval arithmetic or by the mean value theorem,
     is low are halved every way until the bound is SHARP or there are more than MOST_BOXES.
     """
-    evaluate, slopes = compile_numpy([formula], symbols), _slopes(formula, symbols)
+    evaluate = compile_numpy([formula], symbols)
     boxes, left_out, seen = np.asarray(box, dtype=float)[None], np.inf, (np.inf, -np.inf)
     lower = np.array([-np.inf])
     for _ in range(MOST_LEVELS):
@@ -49,7 +50,6 @@ def least_value(
         if len(boxes) == 0:
             return left_out, seen[0]
         lower, _ = enclose(formula, dict(zip(symbols, np.moveaxis(boxes, 1, 0), strict=True)))
-        lower = np.fmax(lower, _by_mean_value(formula, slopes, symbols, boxes))
         with np.errstate(all="ignore"):
             values = evaluate(*boxes.mean(axis=2).T)[0]
         values = values if part is None else values[inside]
@@ -57,6 +57,9 @@ def least_value(
             float(np.fmin.reduce(values, initial=seen[0])),
             float(np.fmax.reduce(values, initial=seen[1])),
         )
+        low = ~(lower >= _sharp_enough(*seen))
+        lower = np.array(lower)
+        lower[low] = np.fmax(lower[low], _by_mean_value(formula, symbols, boxes[low]))
         low = ~(lower >= _sharp_enough(*seen))
         left_out = min(left_out, float(np.min(lower[~low], initial=np.inf)))
         boxes, lower = _halved(boxes[low]), lower[low]
@@ -73,16 +76,16 @@ def _sharp_enough(lowest: float, largest: float) -> float:
     return lowest - SHARP * spread - SAME * abs(lowest)
 
 
+@cache
 def _slopes(formula: sympy.Expr, symbols: tuple[sympy.Symbol, ...]) -> list[sympy.Expr]:
     """The derivatives of a formula without jumps, else none."""
     jumps = any(power.args[1] == 0 for power in formula.atoms(pos))
     return [] if jumps else [formula.diff(symbol) for symbol in symbols]
 
 
-def _by_mean_value(
-    formula: sympy.Expr, slopes: list[sympy.Expr], symbols: tuple[sympy.Symbol, ...], boxes: Boxes
-) -> Array:
+def _by_mean_value(formula: sympy.Expr, symbols: tuple[sympy.Symbol, ...], boxes: Boxes) -> Array:
     """Lower bounds (k,) from the centres' values and the slopes: sharper where terms cancel."""
+    slopes = _slopes(formula, symbols) if len(boxes) else []
     if not slopes:
         return np.full(len(boxes), -np.inf)
     centres = np.repeat(boxes.mean(axis=2)[..., None], 2, axis=2)
@@ -167,6 +170,8 @@ def _enclose(e: sympy.Expr, limits: dict[sympy.Symbol, Array]) -> Interval:
 
 
 def _outward(lower: Array, upper: Array) -> Interval:
+    """Wider by the rounding; what overflows is at least LARGE."""
+    lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
     lower, upper = lower - ULPS * np.spacing(np.abs(lower)), upper + ULPS * np.spacing(np.abs(upper))
     return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 

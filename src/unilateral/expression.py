@@ -153,9 +153,16 @@ def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sym
         polynomial = sympy.Poly(argument, symbol)
         if polynomial.degree() > 1 and not all(c.is_Rational for c in polynomial.coeffs()):
             raise ValueError(f"the argument of {power} must have rational coefficients")
-        roots = sympy.real_roots(polynomial) if polynomial.degree() > 1 else sympy.roots(polynomial)
-        found |= {(float(root), exponent) for root in roots}
+        found |= {(float(root), exponent) for root in _real_roots(polynomial)}
     return sorted(found, key=lambda item: (item[0], float(item[1])))
+
+
+def _real_roots(polynomial: sympy.Poly) -> list[sympy.Expr]:
+    """Without simplifying what a linear one has for coefficients."""
+    if polynomial.degree() > 1:
+        return sympy.real_roots(polynomial)
+    slope, constant = (polynomial.nth(power) for power in (1, 0))
+    return [] if slope == 0 else [-constant / slope]
 
 
 def _is_finite_and_real(value: sympy.Expr) -> bool:

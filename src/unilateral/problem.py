@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,10 @@ SHORT = 1 / 32
 """Of a side: on pieces of at least that length quadrature sees what is linear, on every mesh."""
 LINEAR, FAIRLY_LINEAR = 0.01, 0.1
 """Of g's range on a side: how far g may be from linear on such a piece, and on a shorter one."""
+ENOUGH = 1.5
+"""A bound of |f| at most that much larger than a value met is sharp."""
+EXPANDED = 8
+"""The largest degree at which polynomials are expanded; high ones lose more by it than they gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +79,10 @@ class Problem:
 
         Raises ValueError where g varies too fast to be resolved.
         """
+        return self._singular
+
+    @cached_property
+    def _singular(self) -> list[Singular]:
         found = [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         found += self._fast
         for side, g in enumerate(self.g):
@@ -87,9 +96,9 @@ class Problem:
         return [Singular(side, t, 1) for side in sides for t in self._fast_on(side)]
 
     def _fast_on(self, side: int) -> list[float]:
-        low, high = (sign * self._least_of_g(side, sign)[1] for sign in (1, -1))
+        low, high = self._met_of_g(side)
         inner = [t for t, _ in kinks(self.g[side], T) if 0 < t < 1]
-        spread, rounding = high - low, SAME * max(abs(low), abs(high))
+        spread, rounding = high - low, max(SAME * self._largest_met_of_g, float(np.finfo(float).tiny))
 
         def tolerance(lengths: Array) -> Array:
             return np.maximum(np.where(lengths < SHORT, FAIRLY_LINEAR, LINEAR) * spread, rounding)
@@ -108,30 +117,70 @@ class Problem:
         return max(map(abs, self.range_of_f()))
 
     def range_of_f(self) -> tuple[float, float]:
-        """Guaranteed bounds of f in Omega, infinite where none are found.
+        """Guaranteed bounds of f in Omega, infinite where none are found."""
+        return self._enclosed_f[0], -self._enclosed_f[1]
 
-        Polynomials are expanded about the centre of Omega's box, where less of them cancels.
+    @cached_property
+    def largest_met(self) -> float:
+        """The largest |f| that the search for its bounds met."""
+        return max(map(abs, self._enclosed_f[2:]))
+
+    @cached_property
+    def _enclosed_f(self) -> tuple[float, float, float, float]:
+        """Lower bounds of f and of -f, and the least values of both that were met.
+
+        By f as it is given and, as long as that is not sharp, in other forms, in which less may cancel.
         """
-        box = np.stack([self.polygon.vertices.min(axis=0), self.polygon.vertices.max(axis=0)], axis=1)
-        f, origin = self.f, np.zeros(2)
-        if f.is_polynomial(X, Y):
-            origin = box.mean(axis=1)
-            moved = {z: z + sympy.Rational(c) for z, c in zip((X, Y), origin.tolist(), strict=True)}
-            f = sympy.expand(f.subs(moved, simultaneous=True))
+        lower, upper, least, most = -math.inf, -math.inf, math.inf, math.inf
+        for f, origin in self._forms():
+            (low, met), (high, met_above) = (self._least_of(e, origin) for e in (f, -f))
+            lower, upper = max(lower, low), max(upper, high)
+            least, most = min(least, met), min(most, met_above)
+            if max(-lower, -upper) <= ENOUGH * max(abs(least), abs(most)):
+                break
+        return lower, upper, least, most
+
+    def _forms(self) -> Iterator[tuple[sympy.Expr, Array]]:
+        """f; with powers collected; polynomials of low degree expanded about the centre of Omega's box."""
+        yield self.f, np.zeros(2)
+        yield sympy.powsimp(self.f), np.zeros(2)
+        if self.f.is_polynomial(X, Y) and sympy.total_degree(self.f, X, Y) <= EXPANDED:
+            centre = self._box.mean(axis=1)
+            moved = {z: z + sympy.Rational(c) for z, c in zip((X, Y), centre.tolist(), strict=True)}
+            yield sympy.expand(self.f.subs(moved, simultaneous=True)), centre
+
+    def _least_of(self, f: sympy.Expr, origin: Array) -> tuple[float, float]:
+        """`least_value` in Omega of f in coordinates from that origin (2,)."""
 
         def part(boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
             return self._part(boxes + origin[:, None])
 
-        lower, upper = (least_value(e, (X, Y), box - origin[:, None], part)[0] for e in (f, -f))
-        return lower, -upper
+        return least_value(f, (X, Y), self._box - origin[:, None], part)
+
+    @property
+    def _box(self) -> Array:
+        return np.stack([self.polygon.vertices.min(axis=0), self.polygon.vertices.max(axis=0)], axis=1)
 
     def range_of_g(self, side: int) -> tuple[float, float]:
         """Guaranteed bounds of g on a side, infinite where none are found."""
-        return self._least_of_g(side, 1)[0], -self._least_of_g(side, -1)[0]
+        (lower, _), (upper, _) = self._enclosed_g[side]
+        return lower, -upper
 
-    def _least_of_g(self, side: int, sign: int) -> tuple[float, float]:
-        """Of g or -g on a side a lower bound and the least value met: within the bounds, so none too wide."""
-        return least_value(sign * self.g[side], (T,), np.array([[0.0, 1.0]]))
+    def _met_of_g(self, side: int) -> tuple[float, float]:
+        """The least and the largest value that the search for these bounds met: a range never too wide."""
+        (_, least), (_, most) = self._enclosed_g[side]
+        return least, -most
+
+    @cached_property
+    def _enclosed_g(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        """`least_value` of g and of -g on each side, 0 where it is free."""
+        unit = np.array([[0.0, 1.0]])
+        return [(least_value(g, (T,), unit), least_value(-g, (T,), unit)) for g in self.g]
+
+    @cached_property
+    def _largest_met_of_g(self) -> float:
+        sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
+        return max((abs(value) for side in sides for value in self._met_of_g(side)), default=0.0)
 
     def _part(self, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""

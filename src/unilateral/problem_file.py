@@ -11,6 +11,7 @@ import sympy
 
 from unilateral import declarations
 from unilateral.atoms import T, X, Y
+from unilateral.bounds import SEEN
 from unilateral.errors import InputError
 from unilateral.expression import kinks, number, parse, pos
 from unilateral.polygon import Polygon
@@ -116,6 +117,11 @@ def _formula(text: object, where: str) -> sympy.Expr:
 def _check(problem: Problem, name: str) -> None:
     """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace."""
     _check_largest(problem.largest_source, f"{name}, field f", "in the polygon")
+    if SEEN * problem.largest_source > max(problem.largest_met, float(np.finfo(float).tiny)):
+        raise InputError(
+            f"{name}, field f: all that is known is |f| <= {problem.largest_source:.3g}, while no value "
+            f"above {problem.largest_met:.3g} was met; write it with fewer terms that cancel, say factored"
+        )
     n = problem.polygon.n_sides
     constrained = [side for side in range(n) if side not in problem.free_sides]
     largest = 0.0

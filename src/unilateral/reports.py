@@ -6,6 +6,7 @@ import json
 import math
 import signal
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from unilateral.accuracy import Goal, Level, limits
@@ -83,7 +84,7 @@ def level_line(level: Level, goal: Goal) -> str:
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 
 
-def ending(best: Level, last: Level, goal: Goal, ended: str) -> str:
+def ending(best: Level, done: Sequence[Level], goal: Goal, ended: str) -> str:
     """Whether the accuracy is certified, and if not what `ended` the search, by default the budget."""
     error, size = best.solved.total(goal.norm), best.solved.size(goal.norm)
     reached = f"{ERROR[goal.norm]} <= {error:.4e}"
@@ -93,7 +94,7 @@ def ending(best: Level, last: Level, goal: Goal, ended: str) -> str:
         reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
     if best.certified:
         return f"  certified: {reached}"
-    why = ended or f"out of budget ({', '.join(limits(last, goal))})"
+    why = ended or f"out of budget ({', '.join(limits(done, goal))})"
     nothing = goal.norm == "hm12" and best.solved.lambda_norm == 0
     return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
 

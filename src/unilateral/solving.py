@@ -138,7 +138,7 @@ def _up_to_accuracy(
     }
     _add_cost(found, begin)
     if not options.json:
-        say(ending(best, done[-1], goal, ended))
+        say(ending(best, done, goal, ended))
     say(table(found, solved.result, solved.bound, options.json))
     return INTERRUPTED if ended == "interrupted" else 0 if best.certified else NOT_CONVERGED
 
