@@ -260,3 +260,22 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(tmp_path: Path) 
     means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
     np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_triangles_cut_at_points_of_their_own_are_covered_with_the_same_degree(name: str) -> None:
+    """A polynomial of degree 8; the points differ from triangle to triangle, in barycentric coordinates."""
+    mesh, case = mesh_of(name), load("smooth")
+    rules = list(triangle_rules(mesh, case, quadrature.DEGREE, True))
+    areas = np.zeros(len(mesh.triangles))
+    for rule in rules:
+        np.add.at(areas, rule.triangle, rule.weight.sum(axis=1))
+    np.testing.assert_allclose(areas, mesh.areas, rtol=1e-12)
+
+    def integral(cut: bool) -> float:
+        found = triangle_rules(mesh, case, quadrature.DEGREE, cut)
+        return sum(float(rule.weight.ravel() @ np.prod(rule.points ** [5, 3], axis=1)) for rule in found)
+
+    assert integral(True) == pytest.approx(integral(False), rel=1e-12)
+    first, second = rules[0].barycentric[[0, 3]]
+    assert np.abs(first - second).max() > 0.05
