@@ -248,6 +248,35 @@ def test_a_source_that_quadrature_mistakes_is_not_certified(tmp_path, h):
     assert max(errors) > 0.01
 
 
+def test_a_wave_is_not_mistaken_where_kinks_cut_the_triangles(tmp_path):
+    """As above; the kinks, of size 1e-9, are in every column of triangles. |u - 1| is below 1e-3."""
+    kinks = " + ".join(f"pos(x - {k}/8, 1)" for k in (1, 3, 5, 7))
+    of = declared(tmp_path, f=f"1 + cos(4096*pi*(x - y)) + 1e-9*({kinks})", g=-10)
+    mesh, cells = meshes.structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    solved = solve_to_fraction(discretise(of, mesh, cells), Stop())
+    error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
+    assert solved.bound.u >= error > 0.1
+
+
+def test_jumps_of_f_are_integrated_where_they_are(tmp_path):
+    """u depends on x only; with v = cosh(1 - x) sqrt(coth 1) |int (lambda - lambda_H)| is at most the error.
+
+    The jumps are where a rule of degree 8 on the pieces beside them is mistaken most, all in the same way.
+    """
+    places = [k / 16 + 0.0009702 for k in range(16)]
+    of = declared(
+        tmp_path,
+        f=" + ".join(f"pos(x - {place:.7f}, 0)" for place in places) + " - 12",
+        g="[null, null, null, 0]",
+        free_sides=[0, 1, 2],
+    )
+    exact = (12 * math.sinh(1) - sum(math.sinh(1 - place) for place in places)) / math.cosh(1)
+    mesh, cells = meshes.structured(square(), 1 / 50), partitions.uniform(square(), 1 / 25)
+    solved = solve_to_fraction(discretise(of, mesh, cells), Stop(tolerance=1e-5))
+    error = math.sqrt(1 / math.tanh(1)) * abs(exact - cells.lengths @ solved.lambda_H)
+    assert error < 2e-4 < solved.bound.lambda_ < 3e-3
+
+
 def test_a_peak_of_g_is_found_where_terms_cancel(tmp_path):
     """By interval arithmetic alone the obstacle's range is 1e7 times too wide; ||u||_1 as for PEAKS."""
     eighth = str(sympy.expand((sympy.Symbol("x") - 10) ** 8))

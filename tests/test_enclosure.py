@@ -148,3 +148,12 @@ def test_a_bound_is_sharp_where_terms_cancel(power, place):
     assert -2 * SHARP <= bound <= 0 <= met <= 2 * SHARP
     bound, met = least_value(-formula, (X,), np.array([[place, place + 1.0]]))
     assert -1 - 2 * SHARP <= bound <= -1 <= met <= -1 + 2 * SHARP
+
+
+def test_powers_that_underflow_keep_their_sign():
+    formula = 1 / (X**2 + sympy.Float("1e-100")) ** 4
+    (lower,), (upper,) = enclose(formula, {X: np.array([[0.0, 1.0]])})
+    assert (lower, upper) == (pytest.approx(1), np.inf)
+    lower, upper = enclose(1 / X**3, {X: np.array([[-1.0, -1e-200], [1e-200, 1.0], [-1.0, 1.0]])})
+    np.testing.assert_allclose(lower, [-np.inf, 1, -np.inf])
+    np.testing.assert_allclose(upper, [-1, np.inf, np.inf])

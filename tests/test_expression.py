@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import sympy
@@ -200,6 +202,9 @@ def test_kinks_with_their_exponents() -> None:
     assert kinks(parse("exp(t) + t**3", ("t",), "here"), T) == []
     ((root, _),) = kinks(parse("pos(sqrt(2)*t - 1, 2)", ("t",), "here"), T)
     assert root == pytest.approx(0.5**0.5, rel=1e-15)
+    of_square = [root for root, _ in kinks(parse("pos(t**2 - pi/8, 2)", ("t",), "here"), T)]
+    assert of_square == pytest.approx([-math.sqrt(math.pi / 8), math.sqrt(math.pi / 8)])
+    assert kinks(parse("pos(t**2 + pi, 2)", ("t",), "here"), T) == []
 
 
 @pytest.mark.parametrize(
@@ -208,7 +213,7 @@ def test_kinks_with_their_exponents() -> None:
         ("sqrt(t)", "fractional power"),
         ("log(1 + t)", "log"),
         ("pos(sin(t), 2)", "polynomial"),
-        ("pos(t**2 - pi, 2)", "rational coefficients"),
+        ("pos(t**3 - pi, 2)", "rational coefficients"),
     ],
 )
 def test_hidden_kinks_are_refused(text: str, message: str) -> None:

@@ -81,9 +81,9 @@ def levels(
 ) -> Iterator[Level]:
     """The levels as they are solved; the last one is certified, or the budget does not allow another.
 
-    `kind` is that of the meshes, "structured" or "unstructured", by default the first where there is one.
-    Raises InputError if the coarsest mesh has more unknowns than the goal allows, or, perhaps after some
-    levels, a mesh cannot be made.
+    `free` sides have no multipliers, beside a problem's own. `kind` is that of the meshes, "structured" or
+    "unstructured", by default the first where there is one. Raises InputError if the coarsest mesh has more
+    unknowns than the goal allows, or, perhaps after some levels, a mesh cannot be made.
     """
     stop = stop or Stop()
     kind = kind or natural_kind(problem.polygon)

@@ -105,14 +105,16 @@ class Bounded:
 def discretise(
     problem: Case | Problem, mesh: Mesh, partition: Partition, free: Sequence[int] = ()
 ) -> Discrete:
-    """The discrete problem, factorised, without multipliers on the free sides."""
+    """The discrete problem, factorised, without multipliers on a problem's free sides and those given."""
+    own = problem.free_sides if isinstance(problem, Problem) else ()
+    free = tuple(sorted({*own, *free}))
     condensed = condense(mesh)
     both = pair(condensed, partition, free)
     f = source_load(problem, mesh)
     offset = both.offset(condensed.solve(f)[mesh.boundary], obstacle_means(problem, partition))
     if np.max(np.abs(offset), initial=0.0) < LEAST:
         offset[:] = 0.0  # of data that this mesh does not see
-    return Discrete(problem, tuple(free), condensed, both, f, offset)
+    return Discrete(problem, free, condensed, both, f, offset)
 
 
 def source_load(problem: Case | Problem, mesh: Mesh) -> Array:

@@ -191,6 +191,11 @@ def _power(base: Interval, n: int) -> Interval:
     low, high = _outward(low, high)
     if n > 0:
         return low, high
+    positive = (lower > 0) | (n % 2 == 0)  # powers that underflow keep their sign
+    low, high = (
+        np.where(positive, np.maximum(low, 0.0), low),
+        np.where(positive, high, np.minimum(high, -0.0)),
+    )
     low, high = _outward(1 / high, 1 / low)
     return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
 

@@ -138,7 +138,7 @@ def _compiled(expressions: tuple[sympy.Expr, ...], symbols: tuple[sympy.Symbol, 
 def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sympy.Expr]]:
     """The real zeros of the arguments of every pos(a, k) in `symbol`, each with its exponent k.
 
-    Raises ValueError where an argument is not a polynomial with rational coefficients (a linear one may
+    Raises ValueError where an argument is not a polynomial with rational coefficients (up to degree 2 it may
     have any), or a non-integer power hides elsewhere.
     """
     if any(p.has(symbol) and not p.exp.is_integer for p in expression.atoms(sympy.Pow)):
@@ -151,16 +151,19 @@ def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sym
         if not argument.is_polynomial(symbol):
             raise ValueError(f"the argument of {power} must be a polynomial")
         polynomial = sympy.Poly(argument, symbol)
-        if polynomial.degree() > 1 and not all(c.is_Rational for c in polynomial.coeffs()):
+        if polynomial.degree() > 2 and not all(c.is_Rational for c in polynomial.coeffs()):
             raise ValueError(f"the argument of {power} must have rational coefficients")
         found |= {(float(root), exponent) for root in _real_roots(polynomial)}
     return sorted(found, key=lambda item: (item[0], float(item[1])))
 
 
 def _real_roots(polynomial: sympy.Poly) -> list[sympy.Expr]:
-    """Without simplifying what a linear one has for coefficients."""
-    if polynomial.degree() > 1:
+    """Without simplifying irrational coefficients, which one of degree 1 or 2 may have."""
+    if polynomial.degree() > 1 and all(c.is_Rational for c in polynomial.coeffs()):
         return sympy.real_roots(polynomial)
+    if polynomial.degree() == 2:
+        found = np.roots([float(c) for c in polynomial.all_coeffs()])
+        return [sympy.Float(root) for root in found[found.imag == 0].real]
     slope, constant = (polynomial.nth(power) for power in (1, 0))
     return [] if slope == 0 else [-constant / slope]
 

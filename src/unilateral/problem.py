@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,7 +68,8 @@ class Problem:
 
     def kinks(self) -> list[Kink]:
         """The curves in Omega across which f is only finitely smooth."""
-        return [kink for power in sorted(self.f.atoms(pos), key=str) for kink in curve(power.args[0])]
+        powers = sorted(self.f.atoms(pos), key=str)
+        return [replace(kink, jump=bool(k < 1)) for a, k in (p.args for p in powers) for kink in curve(a)]
 
     def flux_singular(self) -> list[Singular]:
         """None is known: where contact ends is part of the solution."""

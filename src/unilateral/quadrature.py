@@ -139,7 +139,8 @@ def triangle_rules(
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
     Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE. With `cut`
-    whole triangles are cut in three, at another point in each, so that no wave has the same phase in all.
+    all but those at singular points are cut in three more, at another point in each, so that no wave has the
+    same phase in all.
     """
     split = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
@@ -147,16 +148,16 @@ def triangle_rules(
     for apart in split.singular:
         special[apart.parent] = True
     regular = np.flatnonzero(~special)
-    whole, index_of_whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3)), regular
-    if cut:
-        whole, index_of_whole = _cut(len(regular)), np.repeat(regular, 3)
+    whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
     of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
     for corners, index, exact in (
-        (whole, index_of_whole, of_whole),
+        (whole, regular, of_whole),
         (split.corners, split.parent, of_pieces),
     ):
+        if cut:
+            corners, index = _cut(corners), np.repeat(index, 3)
         for start in range(0, len(index), BLOCK):
             block = slice(start, start + BLOCK)
             yield _place(mesh, corners[block], index[block], *_symmetric(exact))
@@ -167,16 +168,17 @@ def triangle_rules(
         yield replace(rule, origin=apart.point[None], offset=(weights @ edges).reshape(-1, 2))
 
 
-def _cut(k: int) -> Array:
-    """(3 k, 3, 3) the pieces of k triangles that join their edges to a point, by a golden sequence of places.
+def _cut(corners: Array) -> Array:
+    """(3 k, 3, 3) the pieces of pieces (k, 3, 3) that join their edges to a point, by a sequence of places.
 
-    M. Roberts' R_2, of the plastic number; half of each triangle, around its middle, is used.
+    M. Roberts' R_2, of the plastic number; half of each piece, around its middle, is used.
     """
+    k = len(corners)
     u = (np.outer(np.arange(1, k + 1), [0.7548776662466927, 0.5698402909980532]) + 0.5) % 1
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
-    apex = 0.5 * np.column_stack([u, 1 - u.sum(axis=1)]) + 1 / 6
-    corner = np.broadcast_to(np.eye(3), (k, 3, 3))
-    pieces = [np.stack([apex, corner[:, i], corner[:, (i + 1) % 3]], axis=1) for i in range(3)]
+    weights = 0.5 * np.column_stack([u, 1 - u.sum(axis=1)]) + 1 / 6
+    apex = (weights[:, None] @ corners)[:, 0]
+    pieces = [np.stack([apex, corners[:, i], corners[:, (i + 1) % 3]], axis=1) for i in range(3)]
     return np.stack(pieces, axis=1).reshape(-1, 3, 3)
 
 
