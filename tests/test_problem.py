@@ -291,3 +291,18 @@ def test_f_without_a_sharp_bound_is_refused(declared):
 )
 def test_g_that_is_0_on_a_side_or_has_a_narrow_peak_needs_few_pieces(declared, g, pieces):
     assert len(problem_file.load(declared(f=-1, g=g))._fast) <= pieces
+
+
+@pytest.mark.parametrize(
+    ("g", "peak"),
+    [
+        ('["exp(-1e8*(x - 0.5123)**2)", "-10*y", "-10", "-10*y"]', 0.5123),
+        ('["exp(-1e8*(x - 0.5123)**2)", "-1e10*y", "-1e10", "-1e10*y"]', 0.5123),
+        ('["exp(-1e12*(x - 0.3123)**2) - 1000*pos(x - 1/2, 1)", "-500", "-500", "-500*y"]', 0.3123),
+    ],
+)
+def test_a_peak_of_g_is_not_hidden_by_values_that_u_cannot_reach(declared, g, peak):
+    """u >= -1 = inf f: what g is below that, on this side or another one, says nothing of its size."""
+    found = problem_file.load(declared(f=-1, g=g))
+    near = [point for point in found._fast if point.side == 0 and abs(point.t - peak) < 1e-3]
+    assert len(near) >= 2

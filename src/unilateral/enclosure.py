@@ -98,12 +98,15 @@ def _by_mean_value(formula: sympy.Expr, symbols: tuple[sympy.Symbol, ...], boxes
     return found
 
 
-def linear_pieces(formula: sympy.Expr, symbol: sympy.Symbol, ends: Array, tolerance: Tolerance) -> Array:
+def linear_pieces(
+    formula: sympy.Expr, symbol: sympy.Symbol, ends: Array, tolerance: Tolerance, idle: float = -np.inf
+) -> Array:
     """`ends` (k + 1,) with more points (m,) between which the formula is linear up to the tolerance.
 
     That is given for pieces of the lengths (k,). Guaranteed by enclosures: with d the length, a width w of
     the formula, d / 4 times that of its first derivative, or d^2 / 8 times the largest second derivative. It
-    may have kinks at the `ends` only. Raises ValueError where MOST_PIECES do not suffice.
+    may have kinks at the `ends` only. Where it is below `idle` it need not be linear. Raises ValueError where
+    MOST_PIECES do not suffice.
     """
     derivatives, steps = _derivatives(formula, symbol)
     found = [np.asarray(ends, dtype=float)]
@@ -118,7 +121,7 @@ def linear_pieces(formula: sympy.Expr, symbol: sympy.Symbol, ends: Array, tolera
                 d / 4 * (slope[1] - slope[0]),
                 d**2 / 8 * np.maximum(*np.abs(curvature)),
             ]
-            boxes = _halved(boxes[~(np.fmin.reduce(bounds) <= tolerance(d))])
+            boxes = _halved(boxes[~((np.fmin.reduce(bounds) <= tolerance(d)) | (value[1] < idle))])
         found.append(boxes[: len(boxes) // 2, 0, 1])
         if len(boxes) == 0:
             return np.unique(np.concatenate(found))

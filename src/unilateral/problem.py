@@ -23,6 +23,8 @@ SHORT = 1 / 32
 """Of a side: on pieces of at least that length quadrature sees what is linear, on every mesh."""
 LINEAR, FAIRLY_LINEAR = 0.01, 0.1
 """Of g's range on a side: how far g may be from linear on such a piece, and on a shorter one."""
+ROUNDED = 1e-13
+"""Of the largest |g| on a side: what its rounding may be."""
 ENOUGH = 1.5
 """A bound of |f| at most that much larger than a value met is sharp."""
 EXPANDED = 8
@@ -92,20 +94,26 @@ class Problem:
 
     @cached_property
     def _fast(self) -> list[Singular]:
-        """The ends of the pieces, shorter than SHORT, that it takes for g to be all but linear on all."""
+        """The ends of the pieces, shorter than SHORT, that it takes for g to be all but linear on all.
+
+        Only where g is above c = ess inf f, and of its range only what is: as u >= c, see `idle_sides`, u is
+        also the solution for any other obstacle that is at most c where g is.
+        """
         sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
         return [Singular(side, t, 1) for side in sides for t in self._fast_on(side)]
 
     def _fast_on(self, side: int) -> list[float]:
-        low, high = self._met_of_g(side)
+        least, met = self.range_of_f()[0], self._met_of_g(side)
+        low, high = (max(value, least) for value in met)
         inner = [t for t, _ in kinks(self.g[side], T) if 0 < t < 1]
-        spread, rounding = high - low, max(SAME * self._largest_met_of_g, float(np.finfo(float).tiny))
+        spread, tiny = high - low, float(np.finfo(float).tiny)
+        rounding = max(SAME * max(abs(low), abs(high)), ROUNDED * max(map(abs, met)), tiny)
 
         def tolerance(lengths: Array) -> Array:
             return np.maximum(np.where(lengths < SHORT, FAIRLY_LINEAR, LINEAR) * spread, rounding)
 
         try:
-            ends = linear_pieces(self.g[side], T, np.unique([0.0, *inner, 1.0]), tolerance)
+            ends = linear_pieces(self.g[side], T, np.unique([0.0, *inner, 1.0]), tolerance, least)
         except ValueError as error:
             raise ValueError(f"on side {side} {error}") from None
         short = np.diff(ends) < SHORT
@@ -177,11 +185,6 @@ class Problem:
         """`least_value` of g and of -g on each side, 0 where it is free."""
         unit = np.array([[0.0, 1.0]])
         return [(least_value(g, (T,), unit), least_value(-g, (T,), unit)) for g in self.g]
-
-    @cached_property
-    def _largest_met_of_g(self) -> float:
-        sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
-        return max((abs(value) for side in sides for value in self._met_of_g(side)), default=0.0)
 
     def _part(self, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
