@@ -30,7 +30,8 @@ LETTERS = {
     r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
     r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
     r"\|": "‖", r"\le ": "<= ", r"\ge ": ">= ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
-    r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\,": " ", "$": "",
+    r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\min": "min", r"\log": "log", r"\gamma": "γ",
+    r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×", r"\cdot": "·", r"\,": " ", "$": "",
 }  # fmt: skip
 CHECKS = {
     "algorithm": algorithm,
