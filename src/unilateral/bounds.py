@@ -38,7 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +147,7 @@ def _check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Coll
 def _projected_source(problem: Data, mesh: Mesh, largest: float = 0.0) -> tuple[Array, float]:
     """f_h (m, 3) at the triangles' vertices, and the bound of what f - f_h does; `largest` bounds |f|."""
     f_h, squares, seen = _projection(problem, mesh)
-    again, squares_again, seen_again = _projection(problem, mesh, DEGREE, True)
+    again, squares_again, seen_again = _projection(problem, mesh, DEGREE, cut=True)
     if SEEN * largest > max(min(seen, seen_again), np.finfo(float).tiny):
         return f_h, math.inf
     share = np.minimum(1.0, longest_edges(mesh.points, mesh.triangles) / math.pi)
@@ -157,16 +157,18 @@ def _projected_source(problem: Data, mesh: Mesh, largest: float = 0.0) -> tuple[
     return f_h, oscillation + DOUBT * distance
 
 
-def _projection(problem: Data, mesh: Mesh, *how: Any) -> tuple[Array, Array, float]:
+def _projection(
+    problem: Data, mesh: Mesh, degree: int | None = None, cut: bool = False
+) -> tuple[Array, Array, float]:
     """f_h (m, 3), ||f - f_h||_T^2 (m,) and the largest |f|, by those `triangle_rules`."""
     values = []
     moments, squares = np.zeros((len(mesh.triangles), 3)), np.zeros(len(mesh.triangles))
-    for rule in triangle_rules(mesh, problem, *how):
+    for rule in triangle_rules(mesh, problem, degree, cut):
         f = problem.source(rule.origin, rule.offset).reshape(rule.weight.shape)
         np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
         values.append(f)
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
-    for rule, f in zip(triangle_rules(mesh, problem, *how), values, strict=True):
+    for rule, f in zip(triangle_rules(mesh, problem, degree, cut), values, strict=True):
         rest = f - np.einsum("kb,kqb->kq", f_h[rule.triangle], rule.barycentric)
         np.add.at(squares, rule.triangle, np.sum(rule.weight * rest**2, axis=1))
     return f_h, squares, max(float(np.abs(f).max(initial=0.0)) for f in values)

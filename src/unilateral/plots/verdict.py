@@ -42,7 +42,8 @@ def verdict(csv_path: FilePath, svg_path: FilePath) -> None:
         for left, rows in ((1.6, table[:half]), (10.1, table[half:])):
             _panel(axes_at(figure, left, BELOW, 6.6, panel), rows, half, limits)
         _legend(figure, height, [kind for kind in KINDS if kind in set(table["kind"])])
-        note = f"Margins below {limits[0]:g} and above {limits[1]:g} are drawn there."
+        note = f"Margins below {limits[0]:g} and above {limits[1]:g} are drawn there; "
+        note += "counts that have to be 0 have none."
         figure.text(0.1 / WIDTH, 0.2 / height, note, fontsize=SMALL)
 
 
