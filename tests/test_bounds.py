@@ -13,21 +13,23 @@ from skfem.helpers import div, dot, grad
 from test_dual_norm import POLYGONS
 from test_oscillation import WEDGE
 
-from unilateral import bounds, feasible
+from unilateral import bounds, feasible, obstacle, source
 from unilateral import mesh as meshes
 from unilateral import partition as partitions
-from unilateral.bounds import TotalBound, total_bound
+from unilateral.atoms import X, Y
+from unilateral.bounds import TotalBound
+from unilateral.case import Case
 from unilateral.condense import condense
 from unilateral.coupling import coupling
 from unilateral.dual_norm import DualNorm, dual_norm
+from unilateral.elementary import evaluate
 from unilateral.errors import InputError
 from unilateral.feasible import constraint
 from unilateral.hypercircle import hypercircle
 from unilateral.norms import on_cells
 from unilateral.polygon import Polygon, lshape, square
 from unilateral.quadrature import boundary_rule
-
-X, Y = sympy.symbols("x y")
+from unilateral.taylor import number
 
 
 class Manufactured:
@@ -40,12 +42,12 @@ class Manufactured:
 
     def __init__(self, polygon: Polygon, u: str, gap: str = "0") -> None:
         self.polygon = polygon
-        u, gap = sympy.sympify(u), sympy.sympify(gap)
+        u, gap = (sympy.sympify(formula, {"x": X, "y": Y}) for formula in (u, gap))
         f = u - sympy.diff(u, X, 2) - sympy.diff(u, Y, 2)
+        self.jumps, self.formulas = {}, (f, u - gap)
         found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
-        g = (u - gap, sympy.diff(u - gap, X), sympy.diff(u - gap, Y))
         self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
-        self.g, self.g_x, self.g_y = (sympy.lambdify((X, Y), e) for e in g)
+        self.g = sympy.lambdify((X, Y), u - gap)
 
     def kinks(self):
         return []
@@ -63,10 +65,17 @@ class Manufactured:
         u = self.u(*points) + np.zeros(len(s))
         return u, self.u_x(*points) * out_x + self.u_y(*points) * out_y, u - self.g(*points)
 
-    def obstacle(self, side, s):
-        points, (along_x, along_y) = self.polygon.at(side, s).T, self.polygon.tangents[side].T
-        slope = self.g_x(*points) * along_x + self.g_y(*points) * along_y
-        return self.g(*points) + np.zeros(len(s)), slope + np.zeros(len(s))
+    def source_model(self, x, y, steps):
+        return evaluate(self.formulas[0], {X: x, Y: y})
+
+    def obstacle_model(self, side, t):
+        x, y = obstacle.places(self.polygon, side, t)
+        return evaluate(self.formulas[1], {X: x, Y: y})
+
+
+def total_bound(problem, mesh, cells, u_h, lambda_H, free=()):
+    g = problem.enclosed_obstacle if isinstance(problem, Case) else obstacle.enclosed(problem, free)
+    return bounds.total_bound(source.enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
 
 
 LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
@@ -75,7 +84,7 @@ LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 
 def spaces_of(problem, mesh):
     corners = mesh.points[mesh.triangles]
-    return hypercircle(mesh, problem.source(corners.reshape(-1, 2)).reshape(-1, 3))
+    return hypercircle(mesh, problem.f(*np.moveaxis(corners, 2, 0)) + np.zeros(corners.shape[:2]))
 
 
 @pytest.mark.parametrize("name", ["square", "wedge"])
@@ -154,8 +163,9 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     spaces = spaces_of(problem, mesh)
-    g = constraint(problem, mesh, spaces.on_edges, spaces.p2.N, np.ones(3, dtype=bool))
-    missing = g.missing(g.at_unknowns, np.ones(spaces.p2.N, dtype=bool), spaces.triangle)
+    every = np.ones(3, dtype=bool)
+    g = constraint(obstacle.enclosed(problem), mesh, spaces.on_edges, spaces.p2.N, every)
+    missing = g.missing(g.at_unknowns, every, spaces.triangle, np.ones((3, 2)))
     s, squares = sympy.Symbol("s"), 0.0
     for i in range(3):
         a, b, c = np.roll(points, -i, axis=0)
@@ -165,7 +175,8 @@ def test_the_extension_s_norm_is_that_of_its_definition():
         x, y = (float(a[j]) + s * float((b - a)[j]) / length for j in range(2))
         squares += extension_norm((a, b, c), sympy.expand(x**3 - 2 * x * y**2 - along)) ** 2
     assert missing.norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
-    np.testing.assert_allclose(missing.slack, 0, atol=1e-15)
+    assert 0 <= missing.slack <= 1e-8
+    assert np.max(missing.added) <= 1e-8
 
 
 @cache
@@ -245,7 +256,7 @@ def test_the_index_of_u_tends_to_1_without_contact():
 
 def bound_on(problem, mesh, cells, lambda_H, free=()):
     """The bound for lambda_H with u_h by (5.1), and u_h; (f, v) = (f_h, v) for v in V_h."""
-    spaces = hypercircle(mesh, bounds._projected_source(problem, mesh)[0])
+    spaces = hypercircle(mesh, source.enclosed(mesh, problem).f_h)
     to_p2 = np.column_stack([spaces.of_p1(e) for e in np.eye(mesh.n_nodes)])
     load = to_p2.T @ spaces.load
     load[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
@@ -310,9 +321,8 @@ def test_cells_shorter_than_edges():
 class OnlyTopAndBottom(Manufactured):
     """g is absurd on the sides 1 and 3."""
 
-    def obstacle(self, side, s):
-        g, slope = super().obstacle(side, s)
-        return np.where(side % 2 == 1, 1e6, g), slope
+    def obstacle_model(self, side, t):
+        return super().obstacle_model(side, t) + number(t, np.where(side % 2 == 1, 1e6, 0.0))
 
 
 def test_free_sides_have_no_obstacle():
@@ -354,31 +364,51 @@ def test_what_the_linear_part_of_f_leaves_out():
     assert bound.u - bound.data < error <= bound.u
 
 
-@pytest.mark.parametrize(("name", "least"), [("violates_jj", 1e-3), ("singular", 1e-3), ("thirds", 1e-5)])
-def test_v_is_above_g_along_edges_with_singular_points(name, least):
-    """At 999 points of each; control: above g at nodes and midpoints only is too low in between."""
-    d = discrete(name, 16, 8)
+def shortfall(case, mesh, spaces, v, flux):
+    """||w||_1 and <q.n, v + w - g> for w from r = (g - v)_+, by sums over 20000 points of every edge."""
+    x, squares, slack = (np.arange(20_000) + 0.5) / 20_000, 0.0, 0.0
+    foot, height = feasible._vertex_off_edge(mesh, spaces.triangle)
+    shared = np.bincount(spaces.triangle)[spaces.triangle]
+    for e, length in enumerate(np.diff(mesh.s)):
+        start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
+        u, _, gap = case.boundary(np.full(len(x), mesh.side[e]), start + length * x)
+        a, b, c = v[spaces.on_edges[e]]
+        below = u - gap - (a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x))
+        r, slope = np.maximum(below, 0), np.gradient(np.maximum(below, 0), length * x)
+        parts = [length * np.mean(y**2) for y in (r, slope, (length * x - foot[e]) * slope)]
+        of_slope = 0.5 * (height[e] * parts[1] + (parts[2] + 2 * parts[0]) / height[e])
+        squares += shared[e] * (of_slope + 0.25 * height[e] * parts[0])
+        slack += length * np.mean((flux[e, 0] * (1 - x) + flux[e, 1] * x) * (r - below))
+    return np.sqrt(squares), slack
+
+
+@pytest.mark.parametrize("name", ["thirds", "natural", "smooth"])
+def test_what_is_missing_is_not_less_than_it_is(name):
+    """v is g at the nodes and near it at midpoints, so that g - v changes its sign within edges.
+
+    Against sums; they miss r' near kinks by less than 1e-3. Control: they are not much less either.
+    """
+    d = discrete(name, 8, 4)
     mesh, case = d.problem.condensed.mesh, d.problem.case
     spaces = hypercircle(mesh, np.zeros((len(mesh.triangles), 3)))
-    g = constraint(case, mesh, spaces.on_edges, spaces.p2.N, np.ones(len(mesh.boundary), dtype=bool))
-    found = np.flatnonzero(g.singular)
-    assert 0 < len(found) < len(g.singular) / 2
-    x = np.linspace(0, 1, 1001)[1:-1]
-    start = (mesh.s[:-1] - mesh.polygon.starts[mesh.side])[found, None]
-    s = start + x * np.diff(mesh.s)[found, None]
-    obstacle = case.obstacle(np.repeat(mesh.side[found], len(x)), s.ravel())[0].reshape(s.shape)
-
-    def lowest(v):
-        a, b, c = v[spaces.on_edges[found]].T[:, :, None]
-        return np.min(a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x) - obstacle)
-
-    at_unknowns = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
-    assert lowest(g.lifted(at_unknowns)) >= -1e-14
-    assert lowest(at_unknowns) < -least
+    on = np.ones(len(mesh.boundary), dtype=bool)
+    g = constraint(case.enclosed_obstacle, mesh, spaces.on_edges, spaces.p2.N, on)
+    v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
+    v[spaces.on_edges[:, 2]] += rng.normal(0, 0.01, len(on))
+    flux = rng.random((len(on), 2))
+    found = g.missing(v, ~on, spaces.triangle, flux)
+    norm, slack = shortfall(case, mesh, spaces, v, flux)
+    assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
+    assert (1 - 1e-3) * slack <= found.slack <= 1.3 * slack
+    assert np.all(found.added <= 1e-6)
 
 
-def nothing_is_missing(self, v, contact, triangle):
-    return feasible.Missing(0.0, np.zeros((len(self.unknowns), 2)))
+def nothing_is_missing(self, v, *_):
+    return feasible.Missing(0.0, 0.0, np.zeros(self.mesh.n_nodes))
+
+
+def nothing_is_raised(self, v, *_):
+    return v, np.zeros(len(self.unknowns), dtype=bool)
 
 
 def test_without_feasibility_the_bound_is_too_small(monkeypatch):
@@ -386,7 +416,7 @@ def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     assert judged("full_contact", 8, crude="zero").holds
     monkeypatch.setattr(bounds, "_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
     assert judged("full_contact", 8, crude="zero").holds
-    monkeypatch.setattr(feasible.Constraint, "lifted", lambda self, v: v)
+    monkeypatch.setattr(feasible.Constraint, "raised", nothing_is_raised)
     monkeypatch.setattr(feasible.Constraint, "missing", nothing_is_missing)
     assert not judged("full_contact", 8, crude="zero").holds
 

@@ -2,7 +2,8 @@
 
 Other ratios, which might cost less, are not tried. Each level starts from the last lambda_H, and is iterated
 until the algebraic bound is a tenth of the error that is wanted. The first level whose guaranteed total bound
-is small enough is the last.
+is small enough is the last. The search also ends where finer meshes would not help, because too little is
+known of f or g.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from unilateral import mesh as meshes
 from unilateral import partition as partitions
+from unilateral.bounds import SUMS
 from unilateral.case import Case
 from unilateral.discrete import AIM, FIRST, Bounded, discretise, improved
 from unilateral.errors import InputError
@@ -41,6 +43,8 @@ GUESS = 1.05
 """More unknowns than h^-2 predicts, which gmsh may make."""
 SAFE = 0.5
 """Below 2 / sqrt(3), the unknowns on equilateral triangles of the size h, times h^2 over the area."""
+HOPEFUL = 2.0
+"""By what the unknown part of the bound has to fall from a level to the next, while it is too large."""
 GROWTH = 1.3
 """Seconds grow like the unknowns to this power, at most."""
 
@@ -109,6 +113,28 @@ def levels(
         H = _next_H(done, goal, time.perf_counter() - begin)
     if not done:
         raise _too_many(problem.polygon, str(mesh.n_nodes), goal)
+
+
+def standing(done: Sequence[Level]) -> list[Level]:
+    """The levels but those whose bounds a finer one contradicts, which are false and not to be used."""
+    return [
+        level for k, level in enumerate(done) if not any(contradict(level, finer) for finer in done[k + 1 :])
+    ]
+
+
+def contradict(a: Level, b: Level) -> bool:
+    """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda.
+
+    |int v| <= |Omega|^{1/2} ||v||_1, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2}.
+    """
+    root = math.sqrt(a.partition.polygon.area)
+    of_u, of_lambda = (a.solved.total(norm) + b.solved.total(norm) for norm in ("h1", "hm12"))
+    apart = (
+        (a.solved.u_norm, b.solved.u_norm, of_u),
+        (a.solved.u_integral, b.solved.u_integral, root * of_u),
+        (a.solved.force, b.solved.force, root * of_lambda),
+    )
+    return any(abs(x - y) > (1 + SUMS) * bound + SUMS * max(abs(x), abs(y)) for x, y, bound in apart)
 
 
 def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
@@ -192,15 +218,21 @@ def _target(solved: Bounded, goal: Goal) -> float:
 def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     """The next level's H within the budget, or None."""
     last, in_time = done[-1], _in_time(done[-1], goal, seconds)
-    if last.certified or in_time == math.inf or not last.solved.result.converged:
+    if last.certified or in_time == math.inf or not last.solved.result.converged or unknowable(done):
         return None
-    H = last.partition.H
-    totals = [level.solved.total(goal.norm) for level in done]
-    wanted = next_H([level.partition.H for level in done], totals, last.target)
+    H, believed = last.partition.H, standing(done)
+    totals = [level.solved.total(goal.norm) for level in believed]
+    wanted = next_H([level.partition.H for level in believed], totals, last.target)
     affordable = H * max(*_shares(last, goal).values(), in_time)
     if LEAST_STEP * affordable > H:
         return None
     return max(wanted, affordable)
+
+
+def unknowable(done: Sequence[Level]) -> bool:
+    """Whether what is not known of f and g is more than the error that is wanted, and does not fall."""
+    unknown = [level.solved.bound.unknown for level in done[-2:]]
+    return len(unknown) == 2 and unknown[1] > done[-1].target and HOPEFUL * unknown[1] > unknown[0]
 
 
 def _shares(last: Level, goal: Goal) -> dict[str, float]:

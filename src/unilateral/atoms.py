@@ -16,8 +16,10 @@ import numpy as np
 import sympy
 from numpy.typing import NDArray
 
+from unilateral.elementary import evaluate
 from unilateral.expression import Compiled, compile_numpy, kinks, pos
 from unilateral.polygon import Polygon
+from unilateral.taylor import Model, by_part, number
 
 Array = NDArray[np.float64]
 T, D, X, Y = (sympy.Symbol(name, real=True) for name in ("t", "d", "x", "y"))
@@ -28,13 +30,11 @@ class Kink:
     """A curve {level = 0} across which u is only finitely smooth.
 
     |grad level| = 1. `radius` > 0: the circle about `centre`; 0: the line through `centre` along `tangent`.
-    `jump`: what is integrated may even jump there.
     """
 
     centre: tuple[float, float]
     radius: float = 0.0
     tangent: tuple[float, float] = (1.0, 0.0)
-    jump: bool = False
 
     def level(self, points: Array) -> Array:
         """(k,) signed distances of the points (k, 2) from the curve."""
@@ -91,11 +91,21 @@ class Smooth:
     finite: bool = field(default=True, init=False)
 
     @cached_property
+    def _f(self) -> sympy.Expr:
+        return self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
+
+    @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
         du = [sympy.diff(self.u, X), sympy.diff(self.u, Y)]
-        return compile_numpy([self.u, *du], (X, Y)), compile_numpy(
-            [self.u - sympy.diff(du[0], X) - sympy.diff(du[1], Y)], (X, Y)
-        )
+        return compile_numpy([self.u, *du], (X, Y)), compile_numpy([self._f], (X, Y))
+
+    def value_model(self, x: Model, y: Model) -> Model:
+        """u on the boxes of x and y."""
+        return evaluate(self.u, {X: x, Y: y})
+
+    def source_model(self, x: Model, y: Model) -> Model:
+        """-Delta u + u on the boxes of x and y."""
+        return evaluate(self._f, {X: x, Y: y})
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
@@ -147,6 +157,12 @@ class Local:
         along, into = self.frame / self.length
         return x * along[0] + y * along[1], x * into[0] + y * into[1]
 
+    def local_models(self, x: Model, y: Model) -> tuple[Model, Model]:
+        """The same coordinates on the boxes of x and y."""
+        x, y = x + number(x, -self.centre[0]), y + number(y, -self.centre[1])
+        along, into = (x.scaled(a / self.length) + y.scaled(b / self.length) for a, b in self.frame)
+        return along, into
+
     def to_xy(self, along: Array, into: Array) -> Array:
         """(k, 2) vectors from their components along the side and into Omega."""
         return np.column_stack([along * self.frame[0, i] + into * self.frame[1, i] for i in range(2)])
@@ -165,13 +181,30 @@ class Tensor(Local):
     finite: bool = field(default=True, init=False)
 
     @cached_property
+    def _v(self) -> sympy.Expr:
+        return -D * self.profile * pos(1 - (D / self.cutoff) ** 2, 4)
+
+    @cached_property
+    def _f(self) -> sympy.Expr:
+        laplacian, scale = sympy.diff(self._v, T, 2) + sympy.diff(self._v, D, 2), sympy.Float(self.length, 17)
+        return scale * self._v - laplacian / scale
+
+    @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
-        v = -D * self.profile * pos(1 - (D / self.cutoff) ** 2, 4)
-        laplacian = sympy.diff(v, T, 2) + sympy.diff(v, D, 2)
-        scale = sympy.Float(self.length, 17)
-        return compile_numpy([v, sympy.diff(v, T), sympy.diff(v, D)], (T, D)), compile_numpy(
-            [scale * v - laplacian / scale], (T, D)
-        )
+        values = [self._v, sympy.diff(self._v, T), sympy.diff(self._v, D)]
+        return compile_numpy(values, (T, D)), compile_numpy([self._f], (T, D))
+
+    def value_model(self, x: Model, y: Model) -> Model:
+        """u on the boxes of x and y."""
+        t, d = self.local_models(x, y)
+        return evaluate(self._v, {T: t, D: d}).scaled(self.length)
+
+    def source_model(self, x: Model, y: Model) -> Model:
+        """-Delta u + u on the boxes of x and y."""
+        t, d = self.local_models(x, y)
+        profile = evaluate(self.profile, {T: t}).range
+        support = (d.range[0] < float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
+        return by_part([(lambda t, d: evaluate(self._f, {T: t, D: d}), support)], t, d)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         v, v_t, v_d = self._values[0](*self.local(points, offset))

@@ -7,7 +7,7 @@ atoms whose cutoff ends contact; what even ones remove carries a gap, with slope
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from unilateral.atoms import Along, Array, Kink, Local, Singular, T
 from unilateral.expression import Compiled, compile_numpy, pos
-from unilateral.polar import ON_SIDE, THETA, R, harmonic
+from unilateral.interval import total
+from unilateral.polar import ON_SIDE, THETA, Polar, R, harmonic
+from unilateral.taylor import EPS, Model, settled
 
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)
@@ -108,6 +110,33 @@ class Cantor(Local):
             found[index] += self.length * length ** (1 + alpha) * v
             found[index] -= length ** (alpha - 1) / self.length * laplacian
         return found
+
+    def value_model(self, x: Model, y: Model) -> Model:
+        """u on the boxes of x and y."""
+        return self._sum(Polar.value_model, x, y)
+
+    def source_model(self, x: Model, y: Model) -> Model:
+        """-Delta u + u on the boxes of x and y."""
+        return self._sum(Polar.source_model, x, y)
+
+    def _sum(self, of: Callable[[Polar, Model, Model], Model], x: Model, y: Model) -> Model:
+        """Over the atoms, each on the boxes that may meet its support."""
+        (first, last), (low, _) = (z.range for z in self.local_models(x, y))
+        c, rad, lower, upper = np.zeros_like(x.c), *np.zeros((3, len(x.rad)))
+        for (start, end), atom in zip(self._contact, self._atoms, strict=True):
+            at = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
+            if at.size:
+                more = of(atom, x.on(at), y.on(at))
+                c[:, at] += more.c
+                rad[at] += more.rad + EPS * np.abs(c[:, at]).sum(axis=0)
+                lower[at], upper[at] = total((lower[at], upper[at]), more.range)
+        return settled(x.basis, c, rad, (lower, upper))
+
+    @cached_property
+    def _atoms(self) -> list[Polar]:
+        """The same as harmonic atoms."""
+        intervals = sorted(divided(self.keep, self.generations)[0])
+        return [harmonic(self.polygon, self.side, a, self.alpha, b - a) for a, b in intervals]
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
         """(k,) values of u and of its outward normal derivative on the side."""

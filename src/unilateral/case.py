@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import lcm
@@ -23,10 +23,13 @@ from unilateral import declarations
 from unilateral.atoms import Along, Kink, Singular, Smooth, T, Tensor, X, Y
 from unilateral.cantor import Cantor
 from unilateral.cantor import gap as cantor_gap
+from unilateral.elementary import Steps, evaluate
 from unilateral.errors import InputError
 from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, kinks, number, parse, pos
+from unilateral.obstacle import Obstacle, enclosed, places
 from unilateral.polar import Polar, corner, harmonic
 from unilateral.polygon import Polygon
+from unilateral.taylor import Model, joined
 
 Array = NDArray[np.float64]
 Atom = Smooth | Tensor | Polar | Cantor
@@ -59,6 +62,30 @@ class Case:
         first, *others = (atom.source(points, offset) for atom in self.atoms)
         return sum(others, start=first)
 
+    @property
+    def jumps(self) -> dict[sympy.Expr, Kink]:
+        """f has none."""
+        return {}
+
+    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        """f on the boxes of x and y."""
+        return reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
+
+    def obstacle_model(self, side: NDArray[np.intp], t: Model) -> Model:
+        """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
+        x, y = places(self.polygon, side, t)
+        u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
+        parts = [
+            (evaluate(-self.gaps[i], {T: t.on(at)}), at)
+            for i, at in ((i, np.flatnonzero(side == i)) for i in np.unique(side))
+        ]
+        return u + joined(parts)
+
+    @cached_property
+    def enclosed_obstacle(self) -> Obstacle:
+        """g on all sides, enclosed."""
+        return enclosed(self, cuts=self.singular())
+
     def boundary(
         self, side: NDArray[np.intp], s: Array, near: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array, Array]:
@@ -75,15 +102,6 @@ class Case:
             u[here], flux[here], gap[here] = self._on_side(int(i), s[here], along)
         return u, flux, gap
 
-    def obstacle(self, side: NDArray[np.intp], s: Array) -> tuple[Array, Array]:
-        """g = u - gap and its derivative along the side, (k,) each, at the arc lengths s of the sides."""
-        u, _, gap = self.boundary(side, s)
-        points, t = self.polygon.at(side, s), s / self.polygon.lengths[side]
-        slope = np.sum(self.value_and_gradient(points)[1] * self.polygon.tangents[side], axis=1)
-        for i in np.unique(side):
-            slope[side == i] -= self._gap_slopes[i](t[side == i])[0] / self.polygon.lengths[i]
-        return u - gap, slope
-
     def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array, Array]:
         points = self.polygon.at(np.full(len(s), side), s)
         u, flux = np.zeros(len(s)), np.zeros(len(s))
@@ -99,10 +117,6 @@ class Case:
     @cached_property
     def _gap_functions(self) -> list[Compiled]:
         return [compile_numpy([gap], (T,)) for gap in self.gaps]
-
-    @cached_property
-    def _gap_slopes(self) -> list[Compiled]:
-        return [compile_numpy([sympy.diff(gap, T)], (T,)) for gap in self.gaps]
 
     @cached_property
     def gap_kinks(self) -> list[list[tuple[float, sympy.Expr]]]:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral.bounds import TotalBound, total_bound
+from unilateral.bounds import SUMS, TotalBound, total_bound
 from unilateral.case import Case
 from unilateral.condense import Condensed, condense
 from unilateral.forms import load
@@ -18,8 +18,8 @@ from unilateral.mesh import Mesh
 from unilateral.norms import first_steklov
 from unilateral.partition import Partition
 from unilateral.problem import Problem
-from unilateral.quadrature import boundary_rule, triangle_rules
 from unilateral.solve import Pair, Stop, guarded_beta, iterate, joined, pair, response
+from unilateral.source import Source, enclosed
 from unilateral.uzawa import LEAST, DualResult, residual_bound
 
 Array = NDArray[np.float64]
@@ -31,12 +31,16 @@ AIM = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Discrete:
-    """(P_h*) of a problem on one mesh and one partition; `load` (n,) is (f, phi_i), `offset` (m,) is F(0)."""
+    """(P_h*) of a problem on one mesh and one partition; `load` (n,) is (f, phi_i), `offset` (m,) is F(0).
+
+    `source` is f on the mesh, from which the load was taken.
+    """
 
     problem: Case | Problem
     free: tuple[int, ...]
     condensed: Condensed
     both: Pair
+    source: Source
     load: Array
     offset: Array
 
@@ -64,9 +68,8 @@ class Discrete:
         """The solution that belongs to lambda_H, and its guaranteed errors."""
         u_h = self.response(result.lambda_H)
         lambda_H = self.both.extended(result.lambda_H)
-        problem, cells = self.problem, self.both.partition
-        largest = problem.largest_source if isinstance(problem, Problem) else 0.0
-        bound = total_bound(problem, self.mesh, cells, u_h, lambda_H, self.free, largest)
+        obstacle, cells = self.problem.enclosed_obstacle, self.both.partition
+        bound = total_bound(self.source, obstacle, cells, u_h, lambda_H, self.free)
         u_norm = math.sqrt(max(float(u_h @ (self.condensed.A @ u_h)), 0.0))
         lambda_norm = float(np.linalg.norm(self.both.operator.half @ result.lambda_H))
         return Bounded(self, result, u_h, lambda_H, bound, u_norm, lambda_norm)
@@ -91,6 +94,17 @@ class Bounded:
         """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12")."""
         return self.bound.u if norm == "h1" else self.bound.lambda_
 
+    @property
+    def u_integral(self) -> float:
+        """The integral of u_h."""
+        mesh = self.discrete.mesh
+        return float(mesh.areas @ self.u_h[mesh.triangles].mean(axis=1))
+
+    @property
+    def force(self) -> float:
+        """The integral of lambda_H."""
+        return float(self.discrete.both.partition.lengths @ self.lambda_H)
+
     def algebraic(self, norm: str) -> float:
         """The part of the iteration in that error: its bound, over beta for lambda."""
         if norm == "h1" or self.result.bound == 0:
@@ -99,7 +113,8 @@ class Bounded:
 
     def size(self, norm: str) -> float:
         """A lower bound of the norm of the exact solution, from that of the discrete one."""
-        return max((self.u_norm if norm == "h1" else self.lambda_norm) - self.total(norm), 0.0)
+        of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
+        return max((1 - SUMS) * of_discrete - self.total(norm), 0.0)
 
 
 def discretise(
@@ -110,27 +125,12 @@ def discretise(
     free = tuple(sorted({*own, *free}))
     condensed = condense(mesh)
     both = pair(condensed, partition, free)
-    f = source_load(problem, mesh)
-    offset = both.offset(condensed.solve(f)[mesh.boundary], obstacle_means(problem, partition))
+    source = enclosed(mesh, problem)
+    f = load(mesh, source.moments)
+    offset = both.offset(condensed.solve(f)[mesh.boundary], problem.enclosed_obstacle.means(partition.points))
     if np.max(np.abs(offset), initial=0.0) < LEAST:
         offset[:] = 0.0  # of data that this mesh does not see
-    return Discrete(problem, free, condensed, both, f, offset)
-
-
-def source_load(problem: Case | Problem, mesh: Mesh) -> Array:
-    """(n,) values of (f, phi_i), by quadrature."""
-    moments = np.zeros((len(mesh.triangles), 3))
-    for rule in triangle_rules(mesh, problem):
-        f = problem.source(rule.origin, rule.offset).reshape(rule.weight.shape)
-        np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
-    return load(mesh, moments)
-
-
-def obstacle_means(problem: Case | Problem, partition: Partition) -> Array:
-    """(m,) cell means of g, by quadrature."""
-    rule = boundary_rule(problem.polygon, partition.points, problem.singular())
-    g, _ = problem.obstacle(rule.side, rule.s)
-    return rule.integrate(g, partition.n_cells) / partition.lengths
+    return Discrete(problem, free, condensed, both, source, f, offset)
 
 
 def solve_to_fraction(discrete: Discrete, stop: Stop) -> Bounded:

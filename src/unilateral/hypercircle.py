@@ -17,6 +17,7 @@ from skfem.helpers import div, dot, grad
 
 from unilateral.condense import elimination_order
 from unilateral.mesh import Mesh
+from unilateral.mesh_io import longest_edges
 from unilateral.reference import Factor, boundary_facets, hdiv, normal_fluxes
 
 Array = NDArray[np.float64]
@@ -24,11 +25,15 @@ Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 DEGREE = 4
 """Of the products of two functions of P2 or RT1."""
+ROUNDING = 2.0**-46
+"""Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypercircle:
     """P2 with the matrix A (n, n) of (., .)_1, RT1, and f_h, linear on each triangle, with load (n,) in P2.
+
+    `source` (m, 3) are f_h's values at the triangles' vertices.
 
     `on_edges` (nb, 3) are P2's unknowns at the start, the end and the midpoint of every boundary edge;
     `facet` (nb,) is the edge in scikit-fem's numbering, `triangle` (nb,) the one at it. `rank` (n,) says in
@@ -40,6 +45,7 @@ class Hypercircle:
     p2: skfem.Basis
     rt: skfem.Basis
     A: sp.csr_array
+    source: Array
     f_h: skfem.DiscreteField
     load: Array
     on_edges: Index
@@ -57,6 +63,17 @@ class Hypercircle:
     def norm(self, v: Array) -> float:
         """||v||_1."""
         return math.sqrt(max(float(v @ (self.A @ v)), 0.0))
+
+    def product(self, d: Array, load: Array, v: Array) -> float:
+        """d . (load - A v), not below that without rounding."""
+        sizes = np.abs(d) @ (np.abs(load) + abs(self.A) @ np.abs(v))
+        return float(d @ (load - self.A @ v)) + ROUNDING * float(sizes)
+
+    def rounding(self, v: Array) -> float:
+        """What rounding adds to the root of `defect`: that of derivatives is v's over a triangle's height."""
+        flat = 2 * self.mesh.areas / longest_edges(self.mesh.points, self.mesh.triangles)
+        source = math.sqrt(float(self.mesh.areas @ np.max(self.source**2, axis=1)))
+        return ROUNDING * (self.norm(v) * (1 + 1 / float(flat.min())) + source)
 
     def extension(self, v: Array, edges: Mask) -> Array:
         """(n,) the function that is v (n,) on those boundary edges (nb,), with 0 for all other unknowns."""
@@ -110,6 +127,7 @@ def hypercircle(mesh: Mesh, f_h: Array) -> Hypercircle:
         p2,
         rt=p2.with_element(skfem.ElementTriRT2()),
         A=A,
+        source=f_h,
         f_h=field,
         load=_load.assemble(p2, f=field),
         on_edges=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),

@@ -6,6 +6,7 @@ side's direction into Omega. Values are computed from them, never from x and y.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -15,12 +16,14 @@ import sympy
 from numpy.typing import NDArray
 
 from unilateral.atoms import Along, Array, Kink, Local, Singular
+from unilateral.elementary import evaluate, real_power
 from unilateral.errors import InputError
 from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, pos
 from unilateral.polygon import Polygon
+from unilateral.taylor import Model, by_part, number
 
 ON_SIDE = 1e-12
-R, THETA = sympy.Symbol("r", real=True), sympy.Symbol("theta", real=True)
+R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,42 @@ class Polar(Local):
         return compile_numpy([v, v_r, v_theta], (R, THETA)), compile_numpy(
             [scale * v - laplacian / scale], (R, THETA)
         )
+
+    def value_model(self, x: Model, y: Model) -> Model:
+        """u on the boxes of x and y."""
+        return self._in_support(self._value, x, y)
+
+    def source_model(self, x: Model, y: Model) -> Model:
+        """-Delta u + u on the boxes of x and y."""
+        return self._in_support(self._source, x, y)
+
+    def _in_support(self, of: Callable[[Model, Model], Model], x: Model, y: Model) -> Model:
+        along, into = self.local_models(x, y)
+        limit = np.inf if self.cutoff is None else float(self.cutoff)
+        nearest = (np.maximum(0.0, np.maximum(z.range[0], -z.range[1])) for z in (along, into))
+        return by_part([(of, np.hypot(*nearest) < limit)], along, into)
+
+    def _value(self, along: Model, into: Model) -> Model:
+        phi, cut_off, _ = self._models(along, into)
+        return (phi * cut_off).scaled(self.length)
+
+    def _source(self, along: Model, into: Model) -> Model:
+        phi, cut_off, of_laplacian = self._models(along, into)
+        return phi * (cut_off.scaled(self.length) + of_laplacian.scaled(-1 / self.length))
+
+    def _models(self, along: Model, into: Model) -> tuple[Model, Model, Model]:
+        """The harmonic factor phi of v, the cutoff eta, and Delta v / phi.
+
+        With q = (rho / cutoff)^2, eta = (1 - q)_+^4 and phi_r = beta phi / rho,
+        Delta v / phi = (48 q (1 - q)_+^2 - 16 (1 + beta) (1 - q)_+^3) / cutoff^2.
+        """
+        beta, omega = float(self.beta), float(self.omega)
+        phi = real_power(along, into, beta, float(self.theta_0), omega).scaled(float(self.factor))
+        if self.cutoff is None:
+            return phi, number(along, 1.0), number(along, 0.0)
+        q = (along * along + into * into).scaled(float(self.cutoff) ** -2)
+        laplacian = (48 * Q * pos(1 - Q, 2) - 16 * (1 + self.beta) * pos(1 - Q, 3)) / self.cutoff**2
+        return phi, evaluate(pos(1 - Q, 4), {Q: q}), evaluate(laplacian, {Q: q})
 
     def _polar(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
         """rho (k,) and theta (k,) in [0, 2 pi); a rounding error outside the sides counts as on them."""

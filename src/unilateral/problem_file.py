@@ -11,7 +11,6 @@ import sympy
 
 from unilateral import declarations
 from unilateral.atoms import T, X, Y
-from unilateral.bounds import SEEN
 from unilateral.errors import InputError
 from unilateral.expression import kinks, number, parse, pos
 from unilateral.polygon import Polygon
@@ -75,7 +74,7 @@ def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tup
 def _obstacles(
     given: Any, vertices: list[list[sympy.Expr]], free: tuple[int, ...], where: str
 ) -> tuple[sympy.Expr, ...]:
-    """g on every side as a formula in t; 0 on free sides."""
+    """g on every side as a formula in x, y; 0 on free sides."""
     n = len(vertices)
     if isinstance(given, list) and len(given) != n:
         raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
@@ -88,6 +87,9 @@ def _obstacles(
         if side in free:
             found.append(sympy.Integer(0))
             continue
+        found.append(formula)
+        if not formula.has(pos) and not formula.has(sympy.log) and not _fractional(formula):
+            continue
         along = formula.subs({X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)})
         try:
             powers = [k for t, k in kinks(along, T) if 0 <= t <= 1]
@@ -95,7 +97,6 @@ def _obstacles(
             raise InputError(f"{place}: {error}") from None
         if any(k < 1 for k in powers):
             raise InputError(f"{place}: a power of pos below 1 on side {side}; g must be Lipschitz")
-        found.append(along)
     return tuple(found)
 
 
@@ -104,7 +105,7 @@ def _formula(text: object, where: str) -> sympy.Expr:
     f = parse(text, ("x", "y"), where)
     if f.has(sympy.log):
         raise InputError(f"{where}: log is not allowed here")
-    if any(not power.is_number and not power.exp.is_Integer for power in f.atoms(sympy.Pow)):
+    if _fractional(f):
         raise InputError(f"{where}: write a fractional power as pos(a, k)")
     for power in sorted(f.atoms(pos), key=str):
         try:
@@ -114,37 +115,33 @@ def _formula(text: object, where: str) -> sympy.Expr:
     return f
 
 
+def _fractional(formula: sympy.Expr) -> bool:
+    """Whether it has a power whose exponent is no whole number."""
+    return any(not power.is_number and not power.exp.is_Integer for power in formula.atoms(sympy.Pow))
+
+
 def _check(problem: Problem, name: str) -> None:
     """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace."""
-    _check_largest(problem.largest_source, f"{name}, field f", "in the polygon")
-    if SEEN * problem.largest_source > max(problem.largest_met, float(np.finfo(float).tiny)):
-        raise InputError(
-            f"{name}, field f: all that is known is |f| <= {problem.largest_source:.3g}, while no value "
-            f"above {problem.largest_met:.3g} was met; write it with fewer terms that cancel, say factored"
-        )
-    n = problem.polygon.n_sides
+    of_f = max(map(abs, problem.range_of_f))
+    _check_largest(of_f, f"{name}, field f", "in the polygon")
+    n, obstacle = problem.polygon.n_sides, problem.enclosed_obstacle
     constrained = [side for side in range(n) if side not in problem.free_sides]
     largest = 0.0
     for side in constrained:
-        largest = max(largest, *map(abs, problem.range_of_g(side)))
+        largest = max(largest, *map(abs, obstacle.range(side)))
         _check_largest(largest, f"{name}, field g", f"on side {side}")
-    size = max(problem.largest_source, largest)
+    size = max(of_f, largest)
     if ZERO < size < SMALLEST:
         raise InputError(
             f"{name}, fields f and g: they are at most {size:.3g}, and squares of errors leave double "
             f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
         )
-    try:
-        problem.singular()
-    except ValueError as error:
-        raise InputError(f"{name}, field g: {error}") from None
-    start, _ = problem.obstacle(np.arange(n), np.zeros(n))
-    end, _ = problem.obstacle(np.arange(n), problem.polygon.lengths)
     for side, before in ((side, (side - 1) % n) for side in constrained):
-        if before in constrained and abs(start[side] - end[before]) > ROUND_OFF * largest:
+        end, start, doubt = obstacle.at_vertex(side)
+        if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
             raise InputError(
-                f"{name}, field g: it jumps at vertex {side}, from {end[before]:.6g} on side {before} to "
-                f"{start[side]:.6g} on side {side}; it has to be continuous"
+                f"{name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
+                f"{start:.6g} on side {side}; it has to be continuous"
             )
 
 

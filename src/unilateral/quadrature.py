@@ -133,14 +133,10 @@ class TriangleRule:
         return self.origin + self.offset
 
 
-def triangle_rules(
-    mesh: Mesh, case: Irregular, degree: int | None = None, cut: bool = False
-) -> Iterator[TriangleRule]:
+def triangle_rules(mesh: Mesh, case: Irregular, degree: int | None = None) -> Iterator[TriangleRule]:
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
-    Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE. With `cut`
-    all but those at singular points are cut in three more, at another point in each, so that no wave has the
-    same phase in all.
+    Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE.
     """
     split = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
@@ -156,8 +152,6 @@ def triangle_rules(
         (whole, regular, of_whole),
         (split.corners, split.parent, of_pieces),
     ):
-        if cut:
-            corners, index = _cut(corners), np.repeat(index, 3)
         for start in range(0, len(index), BLOCK):
             block = slice(start, start + BLOCK)
             yield _place(mesh, corners[block], index[block], *_symmetric(exact))
@@ -166,20 +160,6 @@ def triangle_rules(
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point
         weights = _duffy(of_pieces, apart.grading)[0][:, 1:]
         yield replace(rule, origin=apart.point[None], offset=(weights @ edges).reshape(-1, 2))
-
-
-def _cut(corners: Array) -> Array:
-    """(3 k, 3, 3) the pieces of pieces (k, 3, 3) that join their edges to a point, by a sequence of places.
-
-    M. Roberts' R_2, of the plastic number; half of each piece, around its middle, is used.
-    """
-    k = len(corners)
-    u = (np.outer(np.arange(1, k + 1), [0.7548776662466927, 0.5698402909980532]) + 0.5) % 1
-    u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
-    weights = 0.5 * np.column_stack([u, 1 - u.sum(axis=1)]) + 1 / 6
-    apex = (weights[:, None] @ corners)[:, 0]
-    pieces = [np.stack([apex, corners[:, i], corners[:, (i + 1) % 3]], axis=1) for i in range(3)]
-    return np.stack(pieces, axis=1).reshape(-1, 3, 3)
 
 
 @cache

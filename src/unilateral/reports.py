@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from unilateral.accuracy import Goal, Level, limits
+from unilateral.accuracy import Goal, Level, limits, unknowable
 from unilateral.bounds import TotalBound
 from unilateral.uzawa import DualResult
 
@@ -48,6 +48,7 @@ def table(found: dict[str, Any], result: DualResult, bound: TotalBound | None, a
         rows |= _errors(found)
     if bound is not None:
         rows["guaranteed"] = f"{ERROR['h1']} <= {bound.u:.4e}, {ERROR['hm12']} <= {bound.lambda_:.4e}"
+        rows["the guarantee rests on"] = rests_on(bound)
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 
@@ -86,17 +87,31 @@ def level_line(level: Level, goal: Goal) -> str:
 
 def ending(best: Level, done: Sequence[Level], goal: Goal, ended: str) -> str:
     """Whether the accuracy is certified, and if not what `ended` the search, by default the budget."""
-    error, size = best.solved.total(goal.norm), best.solved.size(goal.norm)
+    error, size, unknown = (
+        best.solved.total(goal.norm),
+        best.solved.size(goal.norm),
+        best.solved.bound.unknown,
+    )
     reached = f"{ERROR[goal.norm]} <= {error:.4e}"
-    if math.isinf(error):
-        reached = "no bound is known, for quadrature sees too little of f on these meshes"
     if size > 0:
         reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
     if best.certified:
         return f"  certified: {reached}"
+    if unknowable(done) and not ended:
+        return (
+            f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
+            f"{unknown:.4e} is what is not known of them; {error - unknown:.4e}, the rest, is an estimate"
+        )
     why = ended or f"out of budget ({', '.join(limits(done, goal))})"
     nothing = goal.norm == "hm12" and best.solved.lambda_norm == 0
     return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
+
+
+def rests_on(bound: TotalBound) -> str:
+    """What the guarantee needs, in one line."""
+    return (
+        f"f and g enclosed, which adds {bound.unknown:.1e}; exact integrals, rounding added; nothing sampled"
+    )
 
 
 def _unknown(value: Any) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 from unilateral import case as cases
 from unilateral import dual_norm, norms, partition, polygon, problem_file
 from unilateral import mesh as meshes
-from unilateral.accuracy import LARGEST_BOUNDARY, Goal, Level, levels, natural_kind
+from unilateral.accuracy import LARGEST_BOUNDARY, Goal, Level, levels, natural_kind, standing
 from unilateral.bounds import TotalBound, total_bound
 from unilateral.case import Case
 from unilateral.certificate import certify
@@ -22,6 +22,7 @@ from unilateral.mesh import Mesh
 from unilateral.problem import Problem
 from unilateral.reports import complain, ending, head, level_head, level_line, say, table
 from unilateral.solve import Pair, Stop, guarded_beta, pair, solve
+from unilateral.source import enclosed
 from unilateral.uzawa import DualResult
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
@@ -100,7 +101,8 @@ def _on_sizes(
     found = _found(problem, mesh, both, solution.result) | _errors(on_mesh, both, solution.result)
     bound = None
     if mesh.n_nodes <= CHEAP:
-        bound = total_bound(problem, mesh, cells, solution.u_h, solution.lambda_H, free)
+        f, g = enclosed(mesh, problem), problem.enclosed_obstacle
+        bound = total_bound(f, g, cells, solution.u_h, solution.lambda_H, free)
         found["total_bound"] = bound.u
     return found, solution.result, bound
 
@@ -125,7 +127,10 @@ def _up_to_accuracy(
             complain(stopped)
     if not (ended or done[-1].certified or done[-1].solved.result.converged):
         ended = "the iteration did not converge (--max-steps, --rho, --algorithm)"
-    best = min(reversed(done), key=lambda level: (not level.certified, level.solved.total(goal.norm)))
+    believed = standing(done)
+    if len(believed) < len(done):
+        complain(f"bounds withdrawn, for those of finer meshes contradict them: {len(done) - len(believed)}")
+    best = min(reversed(believed), key=lambda level: (not level.certified, level.solved.total(goal.norm)))
     solved = best.solved
     found = _found(problem, solved.discrete.mesh, solved.discrete.both, solved.result)
     if isinstance(problem, Case):

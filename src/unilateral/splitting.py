@@ -3,7 +3,7 @@
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh. Pieces
 that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than KINK_SIZE of the
 shortest side (but no side counts as shorter than SHORTEST of the longest) and than KINK_SHARE of a circle's
-radius; those that a jump crosses are at last cut along it, or its chord. Towards a singular point pieces are
+radius. Towards a singular point pieces are
 quartered until they are small against their distance from it; the piece that contains the point is split
 there into pieces that have it as their first corner, after it is small against the distance of other points.
 """
@@ -94,29 +94,10 @@ def split_triangles(mesh: Mesh, case: Irregular) -> Split:
             marked |= coarse & (np.abs(kink.level(centre)) < radius)
         if level > 0:
             done.append((corners[~marked], parent[~marked]))
-        corners, parent = _quarter(corners[marked]), np.repeat(parent[marked], 4)
+        corners, parent = quarter(corners[marked]), np.repeat(parent[marked], 4)
     done.append((corners, parent))
     corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
-    for kink in kinks:
-        if kink.jump:
-            corners, parent = _along(mesh, corners, parent, kink)
     return Split(corners, parent, singular)
-
-
-def _along(mesh: Mesh, corners: Array, parent: Index, kink: Kink) -> tuple[Array, Index]:
-    """The pieces, those that the kink crosses each cut in three by the chord between two of its edges."""
-    level = kink.level(_vertices(mesh, corners, parent).reshape(-1, 2)).reshape(-1, 3)
-    above = level >= 0
-    crossed = above.any(axis=1) & ~above.all(axis=1)
-    alone = np.argmax(above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None], axis=1)
-    order = (alone[:, None] + np.arange(3)) % 3
-    a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
-    s = np.take_along_axis(level[crossed], order, axis=1)
-    p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
-    pieces = [np.stack(piece, axis=1) for piece in ((a, p, q), (p, b, c), (p, c, q))]
-    return np.concatenate([corners[~crossed], *pieces]), np.concatenate(
-        [parent[~crossed], *[parent[crossed]] * 3]
-    )
 
 
 def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Array]) -> tuple[Array, Index]:
@@ -131,7 +112,7 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
         crowded = (holds > 0) & (near > 1)
         if not crowded.any():
             break
-        corners = np.concatenate([corners[~crowded], _quarter(corners[crowded])])
+        corners = np.concatenate([corners[~crowded], quarter(corners[crowded])])
         parent = np.concatenate([parent[~crowded], np.repeat(parent[crowded], 4)])
     return corners, parent
 
@@ -182,7 +163,7 @@ def _at_corner(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple
     )
 
 
-def _quarter(corners: Array) -> Array:
+def quarter(corners: Array) -> Array:
     """(4k, 3, 3) the four congruent parts of each piece."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)

@@ -1,0 +1,241 @@
+"""f on a mesh, enclosed: its linear part on every triangle, and a bound of what the rest can do.
+
+Triangles are cut into pieces. On a piece f is a polynomial p, |f - p| <= rad (`taylor`); at a jump that holds
+but for a part of it whose area is bounded (`jumps`). Pieces are quartered until sum |piece| rad^2 is
+small, so that no peak of f can hide between points. With f_h the L2 projection of p onto linear functions on
+each triangle T, and E_T a bound of ||f - p||_T,
+
+    (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
+
+d_T the diameter of T and j = 3.83.. the first zero of the Bessel function J_1: the optimal constant in
+Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249,
+2010).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.elementary import Steps
+from unilateral.jumps import Jumps, cut, rounding, sides
+from unilateral.mesh import Mesh
+from unilateral.mesh_io import longest_edges
+from unilateral.splitting import quarter
+from unilateral.taylor import EPS, Model, affine, basis
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+ORDER = 4
+J = 3.8317
+"""The first zero of J_1, 3.83170597.., rounded down."""
+ENOUGH = 0.003
+"""Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
+FLOOR = 1e-13
+"""Of ||p||: its rounding, which no smaller piece takes away."""
+MOST_PIECES = 400_000
+"""To be looked at on a mesh, or four times its triangles."""
+BLOCK = 1 << 13
+
+
+class Data(Protocol):
+    """f of (1.1) by models, and where it jumps."""
+
+    @property
+    def jumps(self) -> Jumps:
+        """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
+
+    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        """f on the boxes of x and y, on which the steps have those values, NaN for both."""
+
+
+class Pieces(NamedTuple):
+    """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
+
+    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there.
+    f - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.||^2 <= `jumping` (k,), whose
+    integral is at most `integral` (k,).
+    """
+
+    corners: Array
+    parent: Index
+    c: Array
+    squares: Array
+    jumping: Array
+    integral: Array
+
+    def of(self, kept: NDArray[np.bool_]) -> Pieces:
+        rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
+        return Pieces(self.corners[kept], self.parent[kept], self.c[:, kept], *rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
+
+    f - f_h is a function with mean 0 and a norm of at most `oscillation` (m,), which is ||p - f_h||_T but for
+    jumps, and one with a norm of at most `rest` (m,), which is E_T.
+
+    `moments` (m, 3) are those of p with the triangle's hats.
+    """
+
+    mesh: Mesh
+    f_h: Array
+    moments: Array
+    oscillation: Array
+    rest: Array
+
+    @property
+    def distance(self) -> float:
+        """A bound of the norm of f - f_h in the dual of H^1."""
+        both = (self.oscillation + self.rest) ** 2
+        return math.sqrt(np.minimum((poincare(self.mesh) * self.oscillation) ** 2 + self.rest**2, both).sum())
+
+    @property
+    def unknown(self) -> float:
+        """What of that is f - p, whose means are not known."""
+        return float(np.linalg.norm(self.rest))
+
+
+def poincare(mesh: Mesh) -> Array:
+    """(m,) the constants C of ||w - mean w||_T <= C |w|_{1,T}."""
+    return longest_edges(mesh.points, mesh.triangles) / J
+
+
+def enclosed(mesh: Mesh, data: Data) -> Source:
+    """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice."""
+    n = len(mesh.triangles)
+    corners, parent, left = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), max(MOST_PIECES, 4 * n)
+    done: list[Pieces] = []
+    while True:
+        pieces, owner = _polynomials(mesh, corners, parent, data)
+        left -= len(parent)
+        rest = pieces.squares + pieces.integral**2 / _areas(mesh, pieces)
+        wide = _too_wide(mesh, done, pieces, np.bincount(owner, rest, len(parent)).astype(float), left)
+        done.append(pieces.of(~wide[owner]))
+        if not wide.any():
+            return _projected(mesh, done)
+        corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
+
+
+def _too_wide(mesh: Mesh, done: list[Pieces], now: Pieces, squares: Array, left: int) -> NDArray[np.bool_]:
+    """Which of the pieces, with E^2 (k,), are to be quartered; `left` more can be looked at."""
+    everything = [*done, now]
+    sums = np.sum([_sums(mesh, pieces) for pieces in everything], axis=0)
+    norm_squared, integral = sums
+    spread = max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)
+    enough = max((ENOUGH * mesh.h) ** 2 * spread, FLOOR**2 * norm_squared)
+    if sum(pieces.squares.sum() for pieces in everything) <= enough:
+        return np.zeros(len(squares), dtype=bool)
+    wide = squares > 0.5 * enough / sum(len(pieces.squares) for pieces in everything)
+    if 4 * np.count_nonzero(wide) > left:
+        wide = wide & (np.argsort(np.argsort(-squares)) < left // 4)
+    return np.asarray(wide)
+
+
+def _sums(mesh: Mesh, pieces: Pieces) -> tuple[float, float]:
+    """||p||^2 and the integral of p."""
+    area = _areas(mesh, pieces)
+    return float(area @ _quadratic(pieces.c)), float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
+
+
+def _polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
+    """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
+    found, owners = [], []
+    for start in range(0, len(parent), BLOCK):
+        block = slice(start, start + BLOCK)
+        parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
+        found.append(_on_block(mesh, parts, parent[block][owner], data))
+        owners.append(owner + start)
+    of_corners, of_parents, of_c, *rest = zip(*found, strict=True)
+    where, c = (np.concatenate(of_corners), np.concatenate(of_parents)), np.concatenate(of_c, axis=1)
+    return Pieces(*where, c, *map(np.concatenate, rest)), np.concatenate(owners)
+
+
+def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
+    vertices = corners @ mesh.points[mesh.triangles[parent]]
+    lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
+    order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
+    corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
+    x, y = (_coordinate(vertices[..., i]) for i in range(2))
+    steps, wrong = sides(vertices, data.jumps)
+    f = data.source_model(x, y, steps)
+    area = _areas_of(mesh, corners, parent)
+    squares = area * (f.rad + 32 * EPS * np.abs(f.c).sum(axis=0)) ** 2
+    found = Pieces(corners, parent, f.c, squares, np.zeros(len(parent)), np.zeros(len(parent)))
+    for step, of_step in wrong.items():
+        at = np.flatnonzero(~np.isnan(of_step))
+        if at.size:
+            here = {each: value[at] for each, value in steps.items()}
+            other = data.source_model(x.on(at), y.on(at), here | {step: 1 - here[step]})
+            doubt = rounding(vertices[at], data.jumps[step])
+            _jump(found, at, other + f.on(at).scaled(-1.0), of_step[at], doubt, area[at])
+    return found
+
+
+def _jump(found: Pieces, at: Index, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
+    """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
+
+    p is changed by a constant so that its integral is that of f.
+    """
+    lower, upper = by.range
+    middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
+    shift = middle * wrong / area
+    found.c[0, at] += shift
+    found.jumping[at] += 2 * (most**2 * (wrong + doubt) + shift**2 * area)
+    found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
+
+
+def _coordinate(of_vertices: Array) -> Model:
+    """x or y on pieces, from its values (k, 3) at the vertices."""
+    a, b, c = of_vertices.T
+    ends = of_vertices.min(axis=1), of_vertices.max(axis=1)
+    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends)
+
+
+def _areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[parent]
+
+
+def _areas(mesh: Mesh, pieces: Pieces) -> Array:
+    return _areas_of(mesh, pieces.corners, pieces.parent)
+
+
+@cache
+def _moments() -> Array:
+    """(3 + m, m) means on a piece of monomials times its three hats, then times each other."""
+    of = basis(2, ORDER)
+    points, weights = get_quadrature_tri(2 * ORDER)
+    values = np.prod((2 * points[None] - 1) ** of.exponents[..., None], axis=1)
+    hats = np.stack([1 - points.sum(axis=0), *points])
+    return 2 * (np.concatenate([hats, values]) * weights) @ values.T
+
+
+def _quadratic(c: Array) -> Array:
+    """(k,) means of p^2."""
+    return np.maximum(np.einsum("ak,ak->k", c, _moments()[3:] @ c), 0.0)
+
+
+def _projected(mesh: Mesh, done: list[Pieces]) -> Source:
+    n = len(mesh.triangles)
+    moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
+    for pieces in done:
+        own = _areas(mesh, pieces)[:, None] * (_moments()[:3] @ pieces.c).T
+        np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
+        for sums, values in ((rest, pieces.squares), (jumping, pieces.jumping), (integral, pieces.integral)):
+            sums += np.bincount(pieces.parent, values, n)
+    f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
+    for pieces in done:
+        a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
+        left = pieces.c.copy()
+        left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
+        squares += np.bincount(pieces.parent, _areas(mesh, pieces) * _quadratic(left), n)
+    oscillation = np.sqrt(squares) + np.sqrt(jumping)
+    return Source(mesh, f_h, moments, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))
