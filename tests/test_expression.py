@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sympy.core.function import ArgumentIndexError
 
+from unilateral import grammar
 from unilateral.errors import InputError
 from unilateral.expression import compile_numpy, kinks, number, parse, pos, positive_power
 
@@ -76,8 +77,19 @@ REFUSED = {
     "pos(x, 101)": "'pos(x, 101)' needs a rational power",
     "pos(x, pi)": "'pos(x, pi)' needs a rational power",
     "pos(x, 1/21)": "its denominator at most 20",
-    "pos(((x + 1/7)**100)**100 - 1/3, 1)": "needs an argument of a degree up to 100",
-    "pos((x**10 + 1)**11, 1)": "needs an argument of a degree up to 100",
+    "pos((x**7 + 1)**3, 1)": "'pos((x**7 + 1)**3, 1)' needs an argument of a degree up to 20",
+    "(((x + y)/9)**100)**100": "'(((x + y)/9)**100)**100' has, multiplied out, the degree 10000; at most 100",
+    "x**60/(x - 1)**41": "has, multiplied out, the degree 101; at most 100 is read",
+    "pos(x, 99)*sin(x)*cos(y)": "has, multiplied out, the degree 101; at most 100 is read",
+    "pos(x**4, 26)": "'pos(x**4, 26)' has, multiplied out, the degree 104",
+    "sin(" * 7 + "x" + ")" * 7: "has more than 6 functions in each other",
+    "sin(" * 190 + "x" + ")" * 190: "the formula has more than 30 parentheses in each other",
+    "*".join(["x"] * 502): "the formula has more than 500 operations",
+    "-" * 501 + "x": "the formula has more than 500 operations",
+    "010 + x": "'010 + x' is not a formula in x, y; write 10 for 010",
+    "0o10": "'0o10' is not a decimal number",
+    "1:30": "'1:30' is not a formula in x, y",
+    "2001-01-01": "'2001-01-01' is not a formula in x, y; write 10 for 010",
     "'x'": "''x'' is not a decimal number",
     "b'x'": "is not a decimal number",
     "True": "'True' is not a decimal number",
@@ -111,7 +123,7 @@ REFUSED = {
     "x; y": "'x; y' is not a formula in x, y",
     "x = 1": "'x = 1' is not a formula in x, y",
     "x\x00": "is not a formula in x, y",
-    "(" * 500 + "x" + ")" * 500: "is not a formula in x, y",
+    "(" * 500 + "x" + ")" * 500: "the formula has more than 30 parentheses in each other",
     "x" + "+x" * 1000: "the formula has more than 2000 characters",
 }
 
@@ -122,6 +134,63 @@ def test_refusals_name_the_place_and_the_part(text: str, message: str) -> None:
         parse(text, ("x", "y"), "file.yaml, field u[0]")
     assert str(refusal.value).startswith("file.yaml, field u[0]: ")
     assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sin(" * 190 + "x" + ")" * 190,
+        "*".join(["(x - 1)"] * 148),
+        "-" * 501 + "x",
+        "+x" * 501,
+        "(((x + y)/9)**100)**100 - (((x + y)/9)**100)**99",
+    ],
+    ids=lambda text: text[:30],
+)
+def test_limits_are_looked_at_before_the_work(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No power of x + y above its 100th, and no product above the 100th degree, is handed to sympy."""
+    made = []
+
+    def recording(operation: object) -> object:
+        return lambda a, b: made.append(sympy.total_degree(operation(a, b))) or operation(a, b)
+
+    operators = {kind: recording(operation) for kind, operation in grammar.OPERATORS.items()}
+    monkeypatch.setattr(grammar, "OPERATORS", operators)
+    with pytest.raises(InputError):
+        parse(text, ("x", "y"), "here")
+    assert max(made, default=0) <= 100
+    assert parse("(x + y)**3", ("x", "y"), "here") == (X + Y) ** 3
+    assert made[-1] == 3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "+".join(["x"] * 501),
+        "(" * 30 + "x" + ")" * 30,
+        "sin(cos(exp(tanh(sinh(cosh(x))))))",
+        "pos((x - 1/3)**20, 5)",
+        "((x + y)/2)**100",
+        "sqrt(1 + " * 20 + "2" + ")" * 20,
+    ],
+    ids=lambda text: text[:30],
+)
+def test_a_formula_at_a_limit_is_read(text: str) -> None:
+    """With one more of what is limited it is refused above; functions of numbers are numbers."""
+    assert parse(text, ("x", "y"), "here").free_symbols <= {X, Y}
+
+
+def test_a_message_quotes_the_beginning_of_a_long_formula() -> None:
+    with pytest.raises(InputError) as refusal:
+        parse("x + " + "y" * 1000, ("x", "y"), "here")
+    assert str(refusal.value).startswith(f"here: '{'y' * 57}...' is unknown; known are x, y, pi")
+
+
+@pytest.mark.filterwarnings("error")
+def test_python_s_own_warnings_are_not_shown() -> None:
+    """Of '1or x' Python's parser says that a decimal literal is invalid; our refusal says it, too."""
+    with pytest.raises(InputError, match="'1or x' is not allowed in a formula"):
+        parse("1or x", ("x", "y"), "here")
 
 
 def test_a_number_has_no_variables() -> None:
@@ -192,6 +261,14 @@ def test_positive_power_is_the_power(k: float) -> None:
     a = np.array([1e-300, 1e-9, 0.3, 2.0])
     np.testing.assert_allclose(positive_power(a, k), a**k, rtol=1e-13)
     assert not np.any(positive_power(np.array([-1.0, -0.0, 0.0]), k))
+
+
+def test_a_kink_beyond_all_numbers_is_at_infinity() -> None:
+    """The zero of 1e-300 t - 1e300 is 1e600, which no float is; control: 1e-300 t - 1 has the zero 1e300."""
+    ((root, _),) = kinks(parse("pos(1e-300*t - 1e300, 1)", ("t",), "here"), T)
+    assert root == math.inf
+    ((root, _),) = kinks(parse("pos(1e-300*t - 1, 1)", ("t",), "here"), T)
+    assert root == 1e300
 
 
 def test_kinks_with_their_exponents() -> None:

@@ -12,6 +12,7 @@ from unilateral.discrete import discretise, obstacle_means, source_load
 from unilateral.errors import InputError
 from unilateral.mesh import structured
 from unilateral.polygon import square
+from unilateral.problem import curve
 from unilateral.solve import Stop, iterate
 
 PROBLEMS = sorted((Path(__file__).parent / "data/problems").glob("*.yaml"))
@@ -63,6 +64,30 @@ def test_f_and_g_are_the_formulas(declared):
     step = 1e-5
     difference = (problem.obstacle(side, s + step)[0] - problem.obstacle(side, s - step)[0]) / (2 * step)
     assert slope == pytest.approx(difference, rel=1e-8)
+
+
+X, Y = (sympy.Symbol(name, real=True) for name in "xy")
+
+
+@pytest.mark.parametrize("scale", ["1", "1e300", "1e-300"])
+def test_the_curve_of_a_formula_of_any_size(scale):
+    """x = 1/2, and the circle of radius 1/2 about (1, 0): a factor moves no zero."""
+    factor = sympy.Rational(scale)
+    (line,) = curve(factor * (2 * X - 1))
+    assert (line.centre, line.radius) == (pytest.approx((0.5, 0)), 0)
+    (circle,) = curve(factor * (sympy.Rational(1, 4) - (X - 1) ** 2 - Y**2))
+    assert (circle.centre, circle.radius) == (pytest.approx((1, 0)), pytest.approx(0.5))
+
+
+def test_a_curve_that_is_near_no_polygon():
+    """1e300 x = 1 lies at 1e-300, x = 1e300 nowhere near; a circle of radius 1e125 is a line."""
+    (line,) = curve(10**300 * X - 1)
+    assert line.centre == (pytest.approx(1e-300, rel=1e-12), 0)
+    assert curve(X - 10**300) == []
+    with pytest.raises(ValueError, match="is 0 on a circle that is too large; write it as a line"):
+        curve(sympy.Rational("1e-250") * (X**2 + Y**2) + X - 1)
+    with pytest.raises(ValueError, match="is 0 everywhere; leave it out"):
+        curve((X + 1) ** 2 - X**2 - 2 * X - 1)
 
 
 def test_kinks_are_where_f_and_g_have_them(declared):

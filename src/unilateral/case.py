@@ -25,7 +25,8 @@ from unilateral.cantor import Cantor
 from unilateral.cantor import gap as cantor_gap
 from unilateral.elementary import Steps, evaluate
 from unilateral.errors import InputError
-from unilateral.expression import MAX_DENOMINATOR, Compiled, compile_numpy, kinks, number, parse, pos
+from unilateral.expression import Compiled, compile_numpy, kinks, number, parse, pos
+from unilateral.grammar import MAX_DENOMINATOR
 from unilateral.obstacle import Obstacle, enclosed, places
 from unilateral.polar import Polar, corner, harmonic
 from unilateral.polygon import Polygon

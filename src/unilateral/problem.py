@@ -20,6 +20,8 @@ from unilateral.taylor import Model, joined
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+FAR = 1e-100
+"""Coefficients that differ by that factor make a line that is nowhere near, or a circle that is too large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ def curve(a: sympy.Expr) -> list[Kink]:
     wanted = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
     if not a.is_polynomial(X, Y):
         raise ValueError(wanted)
-    of = sympy.Poly(a, X, Y)
+    of = _scaled(sympy.Poly(a, X, Y))
     square, c = of.coeff_monomial(X**2), float(of.coeff_monomial(1))
     slope = np.array([float(of.coeff_monomial(z)) for z in (X, Y)])
     others = of - sympy.Poly(square * (X**2 + Y**2), X, Y)
@@ -95,8 +97,20 @@ def curve(a: sympy.Expr) -> list[Kink]:
         raise ValueError(wanted)
     if square == 0:
         size = float(np.hypot(*slope))
+        if c == 0 and size == 0:
+            raise ValueError("is 0 everywhere; leave it out")
+        if size <= FAR * abs(c):
+            return []
         centre = -c * slope / size**2
         return [Kink(tuple(centre.tolist()), 0.0, (-slope[1] / size, slope[0] / size))]
+    if abs(square) < FAR:
+        raise ValueError("is 0 on a circle that is too large; write it as a line")
     centre = -slope / (2 * float(square))
     radius = float(centre @ centre) - c / float(square)
     return [Kink(tuple(centre.tolist()), math.sqrt(radius))] if radius > 0 else []
+
+
+def _scaled(of: sympy.Poly) -> sympy.Poly:
+    """Times a power of 2, so that its coefficients, and what is made of them, are finite numbers."""
+    magnitudes = (int(sympy.log(abs(c.n(17))) / math.log(2)) for c in of.coeffs() if c != 0)
+    return of * sympy.Integer(2) ** -max(magnitudes, default=0)
