@@ -392,6 +392,17 @@ BAD_FIELDS: dict[str, tuple[dict[str, Any], str]] = {
         {"gaps": 0},
         "mine.yaml: there is no field 'gaps' here; the fields are ",
     ),
+    "a number as a name": (
+        {"constants": {1: 2}},
+        "case 'mine', field constants: '1' cannot be a constant's name; take one such as c1",
+    ),
+    "a variable as a name": ({"constants": {"t": 2}}, "field constants: 't' cannot be a constant's name"),
+    "a keyword as a name": ({"constants": {"if": 2}}, "field constants: 'if' cannot be a constant's name"),
+    "a function as a name": ({"constants": {"pos": 2}}, "field constants: 'pos' cannot be a constant's name"),
+    "yes": (
+        {"hypotheses": {"j": "yes", "jj": True, "jjj": True}},
+        "'yes' is not of type 'boolean'; write true",
+    ),
     "missing field": ({"gap": None}, "mine.yaml: 'gap' is a required property"),
     "unknown atom": ({"u": [{"atom": "harmonc"}]}, "mine.yaml, field u[0].atom: 'harmonc' is not one of"),
     "field of another atom": (

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from unilateral import polygon as polygons
 from unilateral.errors import InputError
 from unilateral.polygon import NAMED, Polygon, lshape, named, square
 
@@ -47,6 +50,53 @@ def test_area_far_from_the_origin_keeps_its_digits():
 def test_points_on_sides():
     points = square().at(np.array([0, 1, 2, 3]), np.full(4, 0.25))
     assert_array_equal(points, [[0.25, 0], [1, 0.25], [0.75, 1], [0, 0.75]])
+
+
+def regular(n: int) -> np.ndarray:
+    """(n, 2) the vertices of a regular polygon."""
+    angles = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch):
+    """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
+    compared = []
+    compare = polygons._meets_later
+    monkeypatch.setattr(polygons, "_meets_later", lambda *given: compared.append(given) or compare(*given))
+    with pytest.raises(InputError, match=r"polygon 'polygon': it has 1001 vertices; at most 1000 are read"):
+        Polygon(regular(1001))
+    assert compared == []
+    assert_allclose(Polygon(regular(1000)).diameter, 2, rtol=ROUND_OFF)
+    assert len(compared) == 999
+
+
+def test_memory_grows_like_the_number_of_vertices():
+    """At its peak less than 100 numbers per vertex; all pairs would be 1000 per vertex, in each array."""
+    vertices = regular(1000)
+    tracemalloc.start()
+    assert Polygon(vertices).diameter > 1
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100 * 8 * len(vertices)
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 2), (1, 3), (3, 7), (2, 6)])
+def test_the_first_crossing_is_found_anywhere(i, j):
+    """Two vertices of an octagon exchanged: the sides that then cross first, by all pairs of segments."""
+    vertices = regular(8)
+    vertices[[i, j]] = vertices[[j, i]]
+    after = np.roll(vertices, -1, axis=0)
+
+    def cross(p, q, r):
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    def meet(k, m):
+        a, b, c, d = vertices[k], after[k], vertices[m], after[m]
+        return cross(a, b, c) * cross(a, b, d) < 0 and cross(c, d, a) * cross(c, d, b) < 0
+
+    first = next((k, m) for k in range(8) for m in range(k + 1, 8) if meet(k, m))
+    with pytest.raises(InputError, match=f"its sides {first[0]} and {first[1]} meet"):
+        Polygon(vertices)
 
 
 def test_counts_ignore_round_off():

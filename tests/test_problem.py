@@ -186,8 +186,26 @@ ONE_LINE = {
     ),
     "half a formula": ({"f": "x +"}, ", field f: 'x +' is not a formula in x, y"),
     "no formula": ({"f": "''"}, ", field f: '' is not a formula in x, y"),
-    "a truth value": ({"f": "yes"}, ", field f: it is True; it has to be a formula in x and y"),
-    "infinite": ({"f": ".inf"}, ", field f: 'inf' is unknown"),
+    "a truth value": ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
+    "yes": ({"f": "yes"}, ", field f: 'yes' is unknown; known are x, y, pi"),
+    "infinite": ({"f": ".inf"}, ", field f: '.inf' is not a formula in x, y"),
+    "an octal number": (
+        {"polygon": "[[0, 0], [010, 0], [010, 010]]"},
+        ", field polygon[1]: '010' is not a formula of numbers, such as 3, 0.05 or 1/3; write 10 for 010",
+    ),
+    "another octal number": ({"polygon": "[[0, 0], [0o10, 0], [1, 1]]"}, "[1]: '0o10' is not a decimal num"),
+    "a hexadecimal number": ({"f": "0x10"}, ", field f: '0x10' is not a decimal number"),
+    "minutes and seconds": ({"g": "1:30"}, ", field g: '1:30' is not a formula in x, y"),
+    "a date": ({"g": "2001-01-01"}, ", field g: '2001-01-01' is not a formula in x, y"),
+    "an octal side": (
+        {"free_sides": "[01]"},
+        ", field free_sides[0]: '01' is not of type 'integer'; write a whole number such as 3",
+    ),
+    "too many digits": ({"f": "9" * 5000}, ", field f: the formula has more than 2000 characters"),
+    "too many vertices": (
+        {"polygon": [[0, 0], [1, 0], [1, 1]] * 667},
+        ", field polygon: it has 2001 vertices; at most 1000 are read",
+    ),
     "f twice": ({"f": "1\nf: 2"}, " is not a YAML file: the field 'f' is given twice"),
     "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
     "overflow of f": ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
@@ -217,7 +235,7 @@ ONE_LINE = {
     "g jumps at the start": ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
     "all free": ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),
     "no such side": ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
-    "a side twice": ({"free_sides": "[1, 1]"}, ", field free_sides: [1, 1] has non-unique elements"),
+    "a side twice": ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
     "clockwise": ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, "clockwise; list its vertices anticlockwise"),
     "crossing": (
         {"polygon": "[[0, 0], [1, 1], [1, 0], [0, 1]]"},
@@ -253,6 +271,24 @@ def test_a_bad_file_is_refused_in_one_sentence(declared, fields, message):
     problem_file.load(declared())
 
 
+def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):
+    """Control: of a polygon that is not too large every coordinate is read."""
+    read = []
+    monkeypatch.setattr(problem_file, "number", lambda text, _: read.append(text) or sympy.Integer(text))
+    with pytest.raises(InputError, match="at most 1000 are read"):
+        problem_file.load(declared(polygon=[[0, 0]] * 1001))
+    assert read == []
+    problem_file.load(declared())
+    assert len(read) == 8
+
+
+def test_numbers_are_read_exactly(declared):
+    """20 digits, which no float has, and 1_000, which is what it looks like."""
+    problem = problem_file.load(declared(f="0.12345678901234567891", g="1_000"))
+    assert problem.f == sympy.Rational(12345678901234567891, 10**20)
+    assert problem.g == (1000,) * 4
+
+
 def test_a_jump_at_a_free_side_is_harmless(declared):
     problem = problem_file.load(declared(g='["1 - x", null, 0, 0]', free_sides="[1, 3]"))
     assert problem.obstacle(np.array([0, 1]), np.array([0.25, 0.5]))[0] == pytest.approx([0.75, 0])
@@ -276,7 +312,8 @@ def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
     assert problem_file.is_declared_in(declared(polygon=None, g=None))
     assert not problem_file.is_declared_in(str(case))
     assert not problem_file.is_declared_in("natural")
-    assert not problem_file.is_declared_in(str(tmp_path / "missing.yaml"))
+    with pytest.raises(InputError, match="there is no file"):
+        problem_file.is_declared_in(str(tmp_path / "missing.yaml"))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ and g = u - gap follow. `certificate.certify` checks what the paper asks of them
 
 from __future__ import annotations
 
+import keyword
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
@@ -24,15 +26,16 @@ from unilateral.atoms import Along, Kink, Singular, Smooth, T, Tensor, X, Y
 from unilateral.cantor import Cantor
 from unilateral.cantor import gap as cantor_gap
 from unilateral.elementary import Steps, evaluate
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.expression import Compiled, compile_numpy, kinks, number, parse, pos
-from unilateral.grammar import MAX_DENOMINATOR
+from unilateral.grammar import FUNCTIONS, MAX_DENOMINATOR
 from unilateral.obstacle import Obstacle, enclosed, places
 from unilateral.polar import Polar, corner, harmonic
 from unilateral.polygon import Polygon
 from unilateral.taylor import Model, joined
 
 Array = NDArray[np.float64]
+RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
 Atom = Smooth | Tensor | Polar | Cantor
 
 
@@ -188,11 +191,12 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:
     """The declaration of a case as the schema allows it, and the case's name."""
     name = str(case)
-    file = Path(name) if name.endswith((".yaml", ".yml")) else _catalogue() / f"{name}.yaml"
-    if not file.is_file():
-        if isinstance(file, Path) and file == Path(name):
-            raise InputError(f"there is no file {name} that could declare a case or a problem")
-        raise InputError(f"case '{name}' is unknown; the catalogue has {', '.join(names())}")
+    file: Path | Traversable | None = None if name in names() else declarations.file_of(name)
+    if file is None:
+        file = _catalogue() / f"{name}.yaml"
+        if name not in names():
+            known = ", ".join(names())
+            raise InputError(f"case '{shown(name)}' is unknown; the catalogue has {known}")
     schema = resources.files("unilateral") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read(file, name), schema, name)
     return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
@@ -212,8 +216,16 @@ def _constants(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> 
             if polygon.name not in value:
                 raise InputError(f"{where}: the constant '{name}' has no value for '{polygon.name}'")
             value = value[polygon.name]
+        _check_name(name, where)
         constants[sympy.Symbol(name, real=True)] = number(value, f"{where}, constant {name}")
     return constants
+
+
+def _check_name(name: str, where: str) -> None:
+    """A formula can use a constant if its name is one for Python, and nothing else has it."""
+    if name in RESERVED or keyword.iskeyword(name) or not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
+        fault = "cannot be a constant's name; take one such as c1 that formulas do not have"
+        raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
 
 
 @dataclass(frozen=True)

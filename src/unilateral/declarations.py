@@ -1,7 +1,12 @@
-"""YAML files that declare something, read and held against a JSON schema."""
+"""YAML files that declare something, read and held against a JSON schema.
+
+Plain scalars mean what they look like: null, true, false and decimal whole numbers are these; anything else
+is text, so that 0.1 stays exact and 010, 0x10, 1:30, yes or a date are not read as another number or value.
+"""
 
 from __future__ import annotations
 
+import re
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
@@ -9,19 +14,54 @@ from typing import Any
 import jsonschema
 import yaml
 
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
+
+MAX_BYTES = 200_000
+MAX_NODES = 10_000
+"""Of values, lists and fields."""
+MAX_DEPTH = 10
+"""Of lists and fields in each other; no schema needs half of it."""
+WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
+
+
+def file_of(name: str) -> Path | None:
+    """The YAML file that a user names, None for what can only be the name of a case.
+
+    Raises InputError for a folder, a file with another ending, and a file that is not there.
+    """
+    path = Path(name)
+    try:
+        is_file, is_folder = path.is_file(), name != "" and path.is_dir()
+    except OSError as error:
+        raise InputError(f"{shown(name)} cannot be read: {error.strerror}") from None
+    if is_folder:
+        raise InputError(f"{name} is a folder; name a YAML file, or a case")
+    if name.endswith((".yaml", ".yml")):
+        if not is_file:
+            raise InputError(f"there is no file {name} that could declare a case or a problem")
+        return path
+    if is_file:
+        raise InputError(f"{name} does not end in .yaml or .yml; rename it if it is a YAML file")
+    return None
 
 
 def read(file: Path | Traversable, name: str) -> Any:
     """What a YAML file holds.
 
-    Raises InputError if it is none or if a field is given twice, of which YAML would keep the last one.
+    Raises InputError if it is none or beyond the limits, if a field is given twice, of which YAML would keep
+    the last one, and for anchors, aliases and tags.
     """
     try:
-        return yaml.load(file.read_text(encoding="utf-8"), _Loader)
+        with file.open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise InputError(f"{name} has more than {MAX_BYTES} bytes; a case or a problem needs less")
+        return yaml.load(content.decode("utf-8"), _Loader)
     except OSError as error:
         raise InputError(f"{name} cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except _RefusedError as error:
+        raise InputError(f"{name}: {error}") from None
+    except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{name} is not a YAML file: {' '.join(str(error).split())}") from None
 
 
@@ -30,25 +70,75 @@ def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]
     rules = yaml.safe_load(schema.read_text(encoding="utf-8"))
     fault = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(rules).iter_errors(declaration))
     if fault is not None:
-        place = ", field " + fault.json_path.removeprefix("$.") if fault.path else ""
+        place = ", field " + shown(fault.json_path.removeprefix("$.")) if fault.path else ""
         raise InputError(f"{name}{place}: {_said(fault)}")
     return declaration
 
 
 def _said(fault: Any) -> str:
     if fault.validator in ("type", "anyOf", "minItems", "maxItems") and "description" in fault.schema:
-        return f"it is {str(fault.instance)[:40]}; it has to be {fault.schema['description']}"
+        return f"it is {shown(fault.instance)}; it has to be {fault.schema['description']}"
     if fault.validator != "additionalProperties":
-        return str(fault.message)
+        message = str(fault.message).replace(repr(fault.instance), shown(repr(fault.instance)))
+        wanted = fault.validator == "type" and WRITE.get(fault.validator_value)
+        return f"{message}; write {wanted}" if wanted else message
     known = fault.schema["properties"]
-    unknown = sorted(str(key) for key in set(fault.instance) - set(known))
-    return f"there is no field '{unknown[0]}' here; the fields are {', '.join(known)}"
+    unknown = min(set(fault.instance) - set(known))
+    return f"there is no field '{shown(unknown)}' here; the fields are {', '.join(known)}"
+
+
+def _line(place: yaml.Event | yaml.Node) -> str:
+    return f"in line {getattr(place.start_mark, 'line', 0) + 1}"
+
+
+class _RefusedError(Exception):
+    """YAML, but more than is read here."""
 
 
 class _Loader(yaml.SafeLoader):
+    """All names of fields are text; limits are looked at while the file is read, before anything is built."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+    nodes = depth = 0
+
+    def get_event(self) -> yaml.Event:
+        event = super().get_event()
+        if isinstance(event, yaml.NodeEvent):
+            self._check(event)
+        self.depth -= isinstance(event, yaml.CollectionEndEvent)
+        return event
+
+    def _check(self, event: yaml.NodeEvent) -> None:
+        self.nodes += 1
+        self.depth += isinstance(event, yaml.CollectionStartEvent)
+        if self.nodes > MAX_NODES:
+            raise _RefusedError(f"it has more than {MAX_NODES} values")
+        if self.depth > MAX_DEPTH:
+            raise _RefusedError(f"it has more than {MAX_DEPTH} lists or fields in each other")
+        line = _line(event)
+        if event.anchor is not None:
+            raise _RefusedError(
+                f"'{shown(event.anchor)}' {line} is an anchor or alias; write the value itself"
+            )
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            raise _RefusedError(f"'{shown(tag)}' {line} is a tag; write the value alone")
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.YAMLError(f"the field '{key}' is given twice")
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise _RefusedError(f"the name of the field {_line(key)} is not a text")
+            if key.value in seen:
+                raise yaml.YAMLError(f"the field '{shown(key.value)}' is given twice")
+            seen.add(key.value)
+            key.tag = "tag:yaml.org,2002:str"
         return super().construct_mapping(node, deep)
+
+
+for _tag, _pattern, _first in (
+    ("null", "~|null|", ["~", "n", ""]),
+    ("bool", "true|false", ["t", "f"]),
+    ("int", "[-+]?(0|[1-9][0-9]{0,17})", list("-+0123456789")),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"({_pattern})\Z"), _first)

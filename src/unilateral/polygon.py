@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from unilateral.errors import InputError
 
 Array = NDArray[np.float64]
+MAX_VERTICES = 1000
+"""More sides than that leave less than two cells a side, see `accuracy.LARGEST_BOUNDARY`."""
+TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,8 +23,8 @@ class Polygon:
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
     arc length s along the boundary grows from 0 at vertex 0 to `perimeter`.
 
-    Raises InputError if the vertices are fewer than three, not finite, clockwise, or if two sides
-    touch elsewhere than in their common vertex.
+    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite,
+    clockwise, or if two sides touch elsewhere than in their common vertex.
     """
 
     vertices: Array
@@ -80,8 +83,7 @@ class Polygon:
 
     @cached_property
     def diameter(self) -> float:
-        differences = self.vertices[:, None] - self.vertices[None]
-        return float(np.max(np.hypot(differences[..., 0], differences[..., 1])))
+        return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
 
     def arc_length(self, side: int, t: float) -> float:
         """Of the point that lies t side lengths along a side; exact at its ends."""
@@ -143,6 +145,8 @@ def _as_vertices(vertices: ArrayLike, name: str) -> Array:
 def _check(v: Array, name: str) -> None:
     if v.ndim != 2 or v.shape[1] != 2 or len(v) < 3:
         raise InputError(f"polygon '{name}' needs at least three vertices, each a pair x, y")
+    if len(v) > MAX_VERTICES:
+        raise InputError(f"polygon '{name}': {TOO_MANY.format(len(v))}")
     if not np.all(np.isfinite(v)):
         raise InputError(f"polygon '{name}' has a vertex that is not finite")
     after = np.roll(v, -1, axis=0)
@@ -161,25 +165,27 @@ def _check(v: Array, name: str) -> None:
 
 def _first_crossing(v: Array, after: Array) -> tuple[int, int] | None:
     """The first pair of sides that meet elsewhere than in a vertex they share, or None."""
-    n = len(v)
-    i, j = np.triu_indices(n, 1)
+    for i in range(len(v) - 1):
+        crossed = np.flatnonzero(_meets_later(v, after, i))
+        if crossed.size:
+            return i, i + 1 + int(crossed[0])
+    return None
+
+
+def _meets_later(v: Array, after: Array, i: int) -> NDArray[np.bool_]:
+    """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
+    n, j = len(v), np.arange(i + 1, len(v))
     a, b, c, d = v[i], after[i], v[j], after[j]
-    abc, abd, cda, cdb = (
-        _cross(b - a, c - a),
-        _cross(b - a, d - a),
-        _cross(d - c, a - c),
-        _cross(d - c, b - c),
-    )
+    abc, abd = _cross(b - a, c - a), _cross(b - a, d - a)
+    cda, cdb = _cross(d - c, a - c), _cross(d - c, b - c)
     proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
-    touching = np.zeros(len(i), dtype=bool)
+    touching = np.zeros(len(j), dtype=bool)
     for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
         touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
-    adjacent = (j == i + 1) | ((i == 0) & (j == n - 1))
-    shared = np.where((j == i + 1)[:, None], b, a)
-    other_i, other_j = np.where((j == i + 1)[:, None], a, b), np.where((j == i + 1)[:, None], d, c)
+    follows = j == i + 1
+    shared = np.where(follows[:, None], b, a)
+    other_i, other_j = np.where(follows[:, None], a, b), np.where(follows[:, None], d, c)
     folded = (_cross(other_i - shared, other_j - shared) == 0) & (
         np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
     )
-    bad = np.where(adjacent, folded, proper | touching)
-    first = np.flatnonzero(bad)
-    return (int(i[first[0]]), int(j[first[0]])) if first.size else None
+    return np.where(follows | ((i == 0) & (j == n - 1)), folded, proper | touching)

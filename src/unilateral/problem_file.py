@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy
 
+from unilateral import case as cases
 from unilateral import declarations
 from unilateral.atoms import T, X, Y
 from unilateral.errors import InputError
 from unilateral.expression import kinks, number, parse, pos
-from unilateral.polygon import Polygon
+from unilateral.polygon import MAX_VERTICES, TOO_MANY, Polygon
 from unilateral.problem import Problem, curve
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
@@ -26,8 +28,10 @@ ROUND_OFF = 1e-12
 
 def is_declared_in(name: str) -> bool:
     """Whether this is a YAML file with a field that only problems have, not a case."""
-    file = Path(name)
-    if file.suffix not in (".yaml", ".yml") or not file.is_file():
+    if name in cases.names():
+        return False
+    file = declarations.file_of(name)
+    if file is None:
         return False
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or not declaration:
@@ -45,6 +49,8 @@ def load(name: str) -> Problem:
     """
     schema = resources.files("unilateral") / "problem.schema.yaml"
     declaration = declarations.validate(declarations.read(Path(name), name), schema, name)
+    if len(declaration["polygon"]) > MAX_VERTICES:
+        raise InputError(f"{name}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
     exact = [
         [number(x, f"{name}, field polygon[{i}]") for x in vertex]
         for i, vertex in enumerate(declaration["polygon"])
@@ -66,6 +72,9 @@ def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tup
     where = f"{name}, field free_sides"
     if free and free[-1] >= polygon.n_sides:
         raise InputError(f"{where}: the polygon has the sides 0 to {polygon.n_sides - 1}, not {free[-1]}")
+    twice = [a for a, b in pairwise(free) if a == b]
+    if twice:
+        raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
     if len(free) == polygon.n_sides:
         raise InputError(f"{where}: all sides are free; one at least must have an obstacle")
     return free
