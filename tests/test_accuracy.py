@@ -357,11 +357,14 @@ def test_a_peak_at_a_declared_kink_is_seen(tmp_path):
     assert first.solved.total("h1") >= 0.49
 
 
-def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path):
-    angles = 2 * np.pi * np.arange(3000) / 3000
+def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path, monkeypatch):
+    """Two nodes a side; `Polygon` itself has at most 1000 sides, so that less is made possible here."""
+    monkeypatch.setattr("unilateral.accuracy.LARGEST_BOUNDARY", 1024)
+    monkeypatch.setattr("unilateral.accuracy.two_edges_per_cell", None)
+    angles = 2 * np.pi * np.arange(600) / 600
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
-    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 3000)
-    with pytest.raises(InputError, match=r"'wheel' needs 6000 boundary nodes .* at most 4096 are possible"):
+    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
+    with pytest.raises(InputError, match=r"'wheel' needs 1200 boundary nodes .* at most 1024 are possible"):
         next(levels(wheel, Goal(0.05)))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import discrete, load
 
-from unilateral import case, solving
+from unilateral import case, claims, cli, solving
 from unilateral.accuracy import levels
 from unilateral.bounds import total_bound
 from unilateral.cli import main
@@ -28,10 +28,14 @@ KEYS = [  # of --json, in the documented order
     *("algebraic_bound", "h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"),
     *("seconds", "peak_mb"),
 ]
+NOT_UNIQUE = "unilateral: lambda_H may not be unique, for beta = 0; take h < H, such as H = 2h\n"
 SIZES = ("--h", "1/8", "--H", "1/4")
 ROOT = Path(__file__).parents[1]
 PROBLEM = str(ROOT / "tests/data/problems/triangle.yaml")
 SCRIPT = Path(sys.executable).with_name("unilateral")
+SQUARE = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: 1\ng: 0\n"
+DEGREE = "(((x+y)/9)**100)**100 - (((x+y)/9)**100)**99"
+NESTED = "sin(" * 190 + "x" + ")" * 190
 DECLARATION = """\
 title: contact everywhere
 polygons: any
@@ -135,11 +139,23 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(capsys):
 def test_json_is_null_where_beta_is_0(capsys):
     """At H = h the multiplier is not judged; the active set, which ran, counts no steps."""
     code, found, err = as_json(capsys, "natural", "--h", "1/8", "--H", "1/8")
-    assert (code, err) == (0, "")
+    assert (code, err) == (0, NOT_UNIQUE)
     assert list(found) == KEYS
     unknown = [key for key in KEYS if found[key] is None]
     assert unknown == ["iterations", "hm12_error_lower", "hm12_error_upper", "l2_error"]
     assert found["h1_error"] == pytest.approx(discrete("natural", 8, 8).solve().h1_error, rel=1e-9)
+
+
+@pytest.mark.parametrize("problem", ["natural", PROBLEM])
+def test_a_multiplier_that_may_not_be_unique_is_said(capsys, problem):
+    """With more cells than boundary nodes beta = 0, whatever the mesh; control: it is positive at H = 2h."""
+    code, out, err = run(capsys, "solve", problem, "--h", "1/8", "--H", "1/16")
+    assert (code, err) == (0, NOT_UNIQUE)
+    assert f"\n  lambda_H                    {NOT_UNIQUE.split('lambda_H ')[1]}" in out
+    assert as_json(capsys, problem, "--h", "1/8", "--H", "1/16")[::2] == (0, NOT_UNIQUE)
+    code, out, err = run(capsys, "solve", problem, "--h", "1/8", "--H", "1/4")
+    assert (code, err) == (0, "")
+    assert "unique" not in out
 
 
 def test_the_table_says_where_beta_is_0(capsys):
@@ -458,8 +474,32 @@ def test_bad_arguments(capsys, arguments, message):
         (b"\x00\xff\xfe\x80", "is not a YAML file"),
         (b"a: [1, 2", "is not a YAML file"),
         (b"", "has no fields; a problem has polygon, f and g"),
+        (b"f: !!int x", "own.yaml: 'tag:yaml.org,2002:int' in line 1 is a tag; write the value alone"),
+        (b"a: &a [*a, *a]", "own.yaml: 'a' in line 1 is an anchor or alias; write the value itself"),
+        (
+            f"constants: {{ 1: 2 }}\n{DECLARATION}".encode(),
+            "field constants: '1' cannot be a constant's name",
+        ),
+        (SQUARE.replace("f: 1", f"f: {'9' * 5000}").encode(), "field f: the formula has more than 2000 char"),
+        (SQUARE.replace("g: 0", f"g: {DEGREE}").encode(), "field g: '(((x+y)/9)**100)**100' has, multiplied"),
+        (
+            SQUARE.replace("g: 0", f"g: {NESTED}").encode(),
+            "field g: the formula has more than 30 parentheses",
+        ),
+        (
+            f"{SQUARE}? {'k' * 100_000}\n: 1\n".encode(),
+            f"there is no field '{'k' * 57}...' here; the fields are",
+        ),
+        (f"{SQUARE}title: {'[1], ' * 2000}\n".encode(), "is not a YAML file"),
+        (
+            f"{SQUARE}title: [{'[1], ' * 2000}]\n".encode(),
+            "field title: it is [[1], [1], [1], [1], [1], [1], [1], [1], [1], [1], [1], [...; it",
+        ),
     ],
-    ids=["typo", "formula", "not a solution", "binary", "half", "empty"],
+    ids=[
+        *("typo", "formula", "not a solution", "binary", "half", "empty", "tag", "alias", "number as a name"),
+        *("digits", "degree", "nested", "long name", "no list", "long list"),
+    ],
 )
 def test_bad_files(capsys, tmp_path, content, message):
     file = tmp_path / "own.yaml"
@@ -497,6 +537,138 @@ def test_a_closed_pipe_is_no_error(arguments, unbuffered):
     finally:
         os.close(writer)
     assert (found.returncode, found.stderr) == (0, b"")
+
+
+COMMANDS = [("--help",), ("--version",), ("cases",), ("solve", "full_contact", *SIZES)]
+
+
+def alone(*arguments, shell="", **environment):
+    """The command in a process of its own; `shell` redirects its streams."""
+    command = f"{SCRIPT} {' '.join(arguments)} {shell}"
+    found = subprocess.run(
+        ["sh", "-c", command], capture_output=True, env={**os.environ, **environment}, timeout=60, cwd=ROOT
+    )
+    return found.returncode, found.stdout, found.stderr.decode()
+
+
+@pytest.mark.parametrize("arguments", COMMANDS, ids=lambda value: value[0])
+@pytest.mark.parametrize(
+    ("shell", "message"),
+    [(">/dev/full", "No space left on device"), (">&-", "standard output is closed")],
+    ids=["full", "closed"],
+)
+def test_output_that_cannot_be_written_is_code_4(arguments, shell, message):
+    """A full disk is what writing to /dev/full gives, see full(4)."""
+    found = alone(*arguments, shell=shell)
+    assert found == (4, b"", f"unilateral: the system failed: {message}\n")
+
+
+def test_without_a_buffer_a_full_disk_is_met_earlier():
+    found = alone("cases", shell=">/dev/full", PYTHONUNBUFFERED="1")
+    assert found == (4, b"", "unilateral: the system failed: No space left on device\n")
+
+
+@pytest.mark.parametrize("shell", ["2>&-", "2>/dev/full"])
+def test_messages_that_cannot_be_written_change_no_code(shell):
+    """And do not go to standard output; the solve warns, the other one is refused."""
+    assert alone("solve", "unknown", *SIZES, shell=shell)[:2] == (2, b"")
+    code, out, _ = alone("solve", "natural", "--h", "1/4", "--H", "1/8", "--json", shell=shell)
+    assert code == 0
+    assert list(json.loads(out)) == KEYS
+    assert alone("cases", shell=f"{shell} >/dev/full")[0] == 4
+
+
+TITLE = "λ-λ_H ‖·‖ – 90° š…"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "letters"),
+    [
+        ("utf-8", TITLE),
+        ("cp1252", "lambda-lambda_H ||·|| – 90° š…"),
+        ("latin-1", r"lambda-lambda_H ||·|| - 90° \u0161\u2026"),
+        ("ascii", r"lambda-lambda_H ||*|| - 90 degrees \u0161\u2026"),
+        ("ascii:replace", "?-?_H ??? ? 90? ??"),
+    ],
+)
+def test_letters_that_a_terminal_does_not_have(tmp_path, encoding, letters):
+    """By their names, or their codes; a user's own choice, such as ascii:replace, is left."""
+    source = f"from unilateral import streams; streams.prepare(); streams.say({TITLE!r})"
+    found = subprocess.run(
+        [sys.executable, "-c", source],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        timeout=60,
+    )
+    assert (found.returncode, found.stderr) == (0, b"")
+    assert found.stdout.decode(encoding.split(":")[0]).splitlines() == [letters]
+
+
+def test_a_file_s_name_that_is_no_text_is_printed(tmp_path):
+    """Bytes that are not UTF-8, which Python keeps as surrogates."""
+    file = os.fsencode(tmp_path) + b"/\xff.yaml"
+    Path(os.fsdecode(file)).write_text(SQUARE)
+    found = subprocess.run([SCRIPT, "solve", file, *SIZES], capture_output=True, timeout=60)
+    assert (found.returncode, found.stderr) == (0, b"")
+    assert found.stdout.startswith(rb"\udcff: h = ")
+
+
+def test_the_entry_point_imports_next_to_nothing():
+    """So that `main` is there to be interrupted; control: --help, which knows all options, imports more."""
+    source = "import sys, unilateral.cli; {} print({{'numpy', 'sympy', 'argparse'}} & set(sys.modules))"
+    assert in_a_process(source.format("")).endswith("set()\n")
+    assert "numpy" in in_a_process(source.format("unilateral.cli.main(['--version']);"))
+
+
+@pytest.mark.parametrize(
+    ("fault", "outcome"),
+    [
+        ("os.kill(os.getpid(), signal.SIGINT)", (130, b"", "unilateral: interrupted\n")),
+        ("raise ImportError('libx is missing')", (4, b"", "ImportError: libx is missing (numpy, line 5)")),
+        ("raise OSError(5, 'Input/output error', 'x.so')", (4, b"", "failed: x.so: Input/output error\n")),
+    ],
+    ids=["interrupt", "missing", "unreadable"],
+)
+def test_a_library_that_cannot_be_imported(tmp_path, fault, outcome):
+    """A library in the place of numpy which, as some written in C do, makes another error of an interrupt."""
+    other = "except KeyboardInterrupt:\n    raise ImportError from None\n"
+    (tmp_path / "numpy.py").write_text(f"import os, signal\n\n\ntry:\n    {fault}\n{other}")
+    code, out, err = alone("cases", PYTHONPATH=str(tmp_path))
+    assert (code, out, err.count("\n")) == (*outcome[:2], 1)
+    assert outcome[2] in err
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (MemoryError(), "the memory does not suffice; take larger sizes --h and --H"),
+        (OSError(28, "No space left on device", "a.nc"), "failed: a.nc: No space left on device"),
+        (RuntimeError("NetCDF: HDF error"), "RuntimeError: NetCDF: HDF error (test_cli, line "),
+    ],
+    ids=["memory", "disk", "HDF"],
+)
+def test_a_failure_in_the_midst_is_code_4(capsys, monkeypatch, error, message):
+    """And not 1, a claim that fails; control: that one."""
+
+    def failing(*_):
+        raise error
+
+    monkeypatch.setattr(claims, "load", failing)
+    code, out, err = run(capsys, "claims", "4.12")
+    assert (code, out, err.count("\n")) == (4, "", 1)
+    assert message in err
+    monkeypatch.undo()
+    monkeypatch.setattr(claims.Judgement, "holds", False)
+    assert run(capsys, "claims", "4.12")[0] == 1
+
+
+@pytest.mark.parametrize("command", [(), ("cases",), ("claims",), ("solve",)], ids=str)
+def test_help_lists_the_exit_codes(capsys, command):
+    """Those of the docstring."""
+    code, out, err = run(capsys, *command, "--help")
+    assert (code, err) == (0, "")
+    codes = " ".join(cli.__doc__.split()).split("Exit codes: ")[1].split(". ")[0]
+    assert f"exit codes: {codes}" in " ".join(out.split())
 
 
 def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it():

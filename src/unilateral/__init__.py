@@ -5,6 +5,11 @@ certificate, problem; quadrature, forms, coupling, condense; uzawa, active_set, 
 accuracy; rates, tables, plots, cli.
 """
 
-from importlib.metadata import version
 
-__version__ = version("unilateral")
+def __getattr__(name: str) -> str:
+    """The version, looked up when it is asked for, for that takes longer than all other imports of `cli`."""
+    if name != "__version__":
+        raise AttributeError(f"module 'unilateral' has no attribute '{name}'")
+    from importlib.metadata import version
+
+    return version("unilateral")

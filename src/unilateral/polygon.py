@@ -12,7 +12,7 @@ from unilateral.errors import InputError
 
 Array = NDArray[np.float64]
 MAX_VERTICES = 1000
-"""More sides than that leave less than two cells a side, see `accuracy.LARGEST_BOUNDARY`."""
+"""With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,18 +13,8 @@ from unilateral.uzawa import DualResult
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
+NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
 COLUMNS = ("h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
-
-
-def say(text: str) -> None:
-    """On standard output, at once."""
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
-    print(text, flush=True)
-
-
-def complain(message: object) -> None:
-    """One line on standard error."""
-    print("unilateral:", *str(message).split(), file=sys.stderr)
 
 
 def head(found: dict[str, Any]) -> str:
@@ -34,7 +22,9 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(found: dict[str, Any], result: DualResult, bound: TotalBound | None, as_json: bool) -> str:
+def table(
+    found: dict[str, Any], result: DualResult, bound: TotalBound | None, as_json: bool, unique: bool = True
+) -> str:
     """One JSON object with null for what is unknown, or rows for a reader."""
     if as_json:
         return json.dumps({key: None if _unknown(value) else value for key, value in found.items()})
@@ -49,6 +39,8 @@ def table(found: dict[str, Any], result: DualResult, bound: TotalBound | None, a
     if bound is not None:
         rows["guaranteed"] = f"{ERROR['h1']} <= {bound.u:.4e}, {ERROR['hm12']} <= {bound.lambda_:.4e}"
         rows["the guarantee rests on"] = rests_on(bound)
+    if not unique:
+        rows["lambda_H"] = NOT_UNIQUE
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 

@@ -20,9 +20,10 @@ from unilateral.errors import InputError
 from unilateral.memory import peak_mb
 from unilateral.mesh import Mesh
 from unilateral.problem import Problem
-from unilateral.reports import complain, ending, head, level_head, level_line, say, table
+from unilateral.reports import NOT_UNIQUE, ending, head, level_head, level_line, table
 from unilateral.solve import Pair, Stop, guarded_beta, pair, solve
 from unilateral.source import enclosed
+from unilateral.streams import say, tell
 from unilateral.uzawa import DualResult
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
@@ -37,11 +38,13 @@ def run(options: argparse.Namespace) -> int:
     problem, free = _problem(options)
     if options.accuracy is not None:
         return _up_to_accuracy(options, problem, free, begin)
-    found, result, bound = _on_sizes(options, problem, free)
+    found, result, bound, unique = _on_sizes(options, problem, free)
     _add_cost(found, begin)
+    if not unique:
+        tell(f"lambda_H {NOT_UNIQUE}")
     if not options.json:
         say(head(found))
-    say(table(found, result, bound, options.json))
+    say(table(found, result, bound, options.json, unique))
     return 0 if result.converged else NOT_CONVERGED
 
 
@@ -78,7 +81,8 @@ def _free_sides(case: Case, free: tuple[int, ...]) -> tuple[int, ...]:
 
 def _on_sizes(
     options: argparse.Namespace, problem: Case | Problem, free: tuple[int, ...]
-) -> tuple[Found, DualResult, TotalBound | None]:
+) -> tuple[Found, DualResult, TotalBound | None, bool]:
+    """What is printed, the iteration's result, the bound, and whether lambda_H is unique."""
     domain = problem.polygon
     for name, size in (("--h", options.h), ("--H", options.H)):
         if domain.perimeter / size > LARGEST_BOUNDARY * (1 + 1e-9):
@@ -91,8 +95,8 @@ def _on_sizes(
     stop = _stop(options)
     if isinstance(problem, Problem):
         solved = solve_to_fraction(discretise(problem, mesh, cells, free), stop)
-        found = _found(problem, mesh, solved.discrete.both, solved.result)
-        return found | {"total_bound": solved.bound.u}, solved.result, solved.bound
+        found = _found(problem, mesh, solved.discrete.both, solved.result) | {"total_bound": solved.bound.u}
+        return found, solved.result, solved.bound, not solved.discrete.both.operator.singular
     condensed = condense(mesh)
     both = pair(condensed, cells, free)
     on_mesh, on_cells = norms.on_mesh(problem, condensed), norms.on_cells(problem, cells)
@@ -104,7 +108,7 @@ def _on_sizes(
         f, g = enclosed(mesh, problem), problem.enclosed_obstacle
         bound = total_bound(f, g, cells, solution.u_h, solution.lambda_H, free)
         found["total_bound"] = bound.u
-    return found, solution.result, bound
+    return found, solution.result, bound, not both.operator.singular
 
 
 def _up_to_accuracy(
@@ -124,12 +128,12 @@ def _up_to_accuracy(
         ended = "interrupted"
         if isinstance(stopped, InputError):
             ended = "the next level is refused"
-            complain(stopped)
+            tell(stopped)
     if not (ended or done[-1].certified or done[-1].solved.result.converged):
         ended = "the iteration did not converge (--max-steps, --rho, --algorithm)"
     believed = standing(done)
     if len(believed) < len(done):
-        complain(f"bounds withdrawn, for those of finer meshes contradict them: {len(done) - len(believed)}")
+        tell(f"bounds withdrawn, for those of finer meshes contradict them: {len(done) - len(believed)}")
     best = min(reversed(believed), key=lambda level: (not level.certified, level.solved.total(goal.norm)))
     solved = best.solved
     found = _found(problem, solved.discrete.mesh, solved.discrete.both, solved.result)

@@ -1,0 +1,80 @@
+"""Standard output and error as they may be: closed, full, or without the letters that are printed."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import io
+import os
+import signal
+import sys
+from importlib import import_module
+from typing import Any, NoReturn, TextIO
+
+NAMES = {
+    "α": "alpha", "β": "beta", "γ": "gamma", "ε": "epsilon", "λ": "lambda", "μ": "mu", "ρ": "rho",
+    "σ": "sigma", "Λ": "Lambda", "Π": "Pi", "Ω": "Omega", "∂": "d", "‖": "||", "×": "x", "·": "*",
+    "–": "-", "°": " degrees",
+}  # fmt: skip
+"""How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
+
+
+def say(text: str) -> None:
+    """On standard output, at once."""
+    _print(text, sys.stdout)
+
+
+def tell(message: object) -> None:
+    """One line on standard error, where that can be written."""
+    try:
+        _print(" ".join(["unilateral:", *str(message).split()]), sys.stderr)
+    except OSError:
+        abandon(sys.stderr)
+
+
+def _print(text: str, stream: TextIO) -> None:
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
+    print(text, file=stream, flush=True)
+
+
+def load(module: str) -> Any:
+    """Import a module. An interrupt ends it at once: some libraries make another error of it."""
+    before = signal.signal(signal.SIGINT, _leave)
+    try:
+        return import_module(module)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _leave(*_: object) -> NoReturn:
+    tell("interrupted")
+    os._exit(130)
+
+
+def prepare() -> None:
+    """Make what is printed end neither in a letter that cannot be encoded nor in another file.
+
+    Raises OSError where there is no standard output.
+    """
+    if sys.stderr is None:  # print would take standard output for it
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    if sys.stdout is None:
+        raise OSError("standard output is closed")
+    codecs.register_error("unilateral", _named)
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
+        sys.stdout.reconfigure(errors="unilateral")
+
+
+def abandon(stream: TextIO | None) -> None:
+    """What a stream still holds goes nowhere, or Python would fail on it once more at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # type: ignore[union-attr]
+
+
+def _named(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letter = error.object[error.start]
+    if letter not in NAMES:
+        return codecs.backslashreplace_errors(error)
+    return NAMES[letter], error.start + 1
