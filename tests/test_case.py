@@ -343,6 +343,10 @@ NOT_CERTIFIED: dict[str, tuple[dict[str, Any], list[str]]] = {
         {"gap": on_own_side(GAP + " + 1/(t - 1/2)**2")},
         ["at (0.5, 0), side 0", "is not finite"],
     ),
+    "cutoff too small for its derivatives": (
+        {"u": [HARMONIC | {"cutoff": "1e-160"}]},
+        ["case 'mine' on 'square' at (0."],
+    ),
     "(j) declared wrongly": (
         {"hypotheses": {"j": False, "jj": True, "jjj": True}},
         ["field hypotheses.j: (j) holds, declared otherwise"],

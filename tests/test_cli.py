@@ -624,7 +624,7 @@ def test_the_entry_point_imports_next_to_nothing():
     ("fault", "outcome"),
     [
         ("os.kill(os.getpid(), signal.SIGINT)", (130, b"", "unilateral: interrupted\n")),
-        ("raise ImportError('libx is missing')", (4, b"", "ImportError: libx is missing (numpy, line 5)")),
+        ("raise ImportError('libx is missing')", (4, b"", "ImportError: libx is missing (numpy.py, line 5)")),
         ("raise OSError(5, 'Input/output error', 'x.so')", (4, b"", "failed: x.so: Input/output error\n")),
     ],
     ids=["interrupt", "missing", "unreadable"],
@@ -643,7 +643,7 @@ def test_a_library_that_cannot_be_imported(tmp_path, fault, outcome):
     [
         (MemoryError(), "the memory does not suffice; take larger sizes --h and --H"),
         (OSError(28, "No space left on device", "a.nc"), "failed: a.nc: No space left on device"),
-        (RuntimeError("NetCDF: HDF error"), "RuntimeError: NetCDF: HDF error (test_cli, line "),
+        (RuntimeError("NetCDF: HDF error"), "RuntimeError: NetCDF: HDF error (test_cli.py, line "),
     ],
     ids=["memory", "disk", "HDF"],
 )
@@ -660,6 +660,18 @@ def test_a_failure_in_the_midst_is_code_4(capsys, monkeypatch, error, message):
     monkeypatch.undo()
     monkeypatch.setattr(claims.Judgement, "holds", False)
     assert run(capsys, "claims", "4.12")[0] == 1
+
+
+def test_a_failure_in_code_without_a_file_is_told(capsys, monkeypatch):
+    """As numpy functions are that sympy makes: their place has no module's name."""
+    source = "def failing(*_):\n    raise ArithmeticError('no number')\n"
+    made = {"__builtins__": __builtins__}
+    exec(compile(source, "<lambdifygenerated-1>", "exec"), made)
+    del made["__builtins__"]
+    monkeypatch.setattr(claims, "load", made["failing"])
+    code, _, err = run(capsys, "claims", "4.12")
+    assert (code, err.count("\n")) == (4, 1)
+    assert err.endswith("ArithmeticError: no number (<lambdifygenerated-1>, line 2)\n")
 
 
 @pytest.mark.parametrize("command", [(), ("cases",), ("claims",), ("solve",)], ids=str)

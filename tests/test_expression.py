@@ -304,3 +304,11 @@ def test_compiled_constants_have_the_shape_of_the_arguments() -> None:
     assert one.shape == product.shape == (3, 4)
     assert np.all(one == 1 / 3)
     np.testing.assert_array_equal(product, x * y)
+
+
+def test_a_fraction_beyond_all_floats_is_infinite() -> None:
+    """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
+    huge, large = sympy.Rational(10**400, 3), sympy.Rational(10**300, 3)
+    found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
+    assert np.array_equal(found[0], [np.inf])
+    assert found[1] == pytest.approx([1e300 / 6])

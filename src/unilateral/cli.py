@@ -7,7 +7,9 @@ Only `main` imports what takes long, so that an interrupt and a library that is 
 
 from __future__ import annotations
 
+import os
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
 
@@ -63,8 +65,6 @@ def _reason(error: Exception) -> str:
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         return f"the system failed: {place}{error.strerror or error}"
-    last = error.__traceback__
-    while last is not None and last.tb_next is not None:
-        last = last.tb_next
-    place = f"{last.tb_frame.f_globals['__name__']}, line {last.tb_lineno}" if last else "nowhere"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(last.filename)}, line {last.lineno}"
     return f"this program or a library failed, not the input: {type(error).__name__}: {error} ({place})"

@@ -66,9 +66,14 @@ def compile_numpy(expressions: Sequence[sympy.Expr], symbols: Sequence[sympy.Sym
 @lru_cache(maxsize=1024)
 def _compiled(expressions: tuple[sympy.Expr, ...], symbols: tuple[sympy.Symbol, ...]) -> Compiled:
     for_numpy = [
-        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Integer) if abs(n) >= 2**63}) for e in expressions
+        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Rational) if _is_large(n)}) for e in expressions
     ]
     return sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=True)
+
+
+def _is_large(n: sympy.Rational) -> bool:
+    """Whether Python's whole numbers, as which it would be compiled, are none of numpy's, or no float."""
+    return bool(abs(n) >= (2**63 if n.is_Integer else 2**1023))
 
 
 def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sympy.Expr]]:
