@@ -400,6 +400,10 @@ BAD_FIELDS: dict[str, tuple[dict[str, Any], str]] = {
         {"constants": {1: 2}},
         "case 'mine', field constants: '1' cannot be a constant's name; take one such as c1",
     ),
+    "a formula of a constant 0": (
+        {"constants": {"c": 0}, "gap": {"elsewhere": "t/c"}},
+        "case 'mine', gap.elsewhere: it is not a finite real function",
+    ),
     "a variable as a name": ({"constants": {"t": 2}}, "field constants: 't' cannot be a constant's name"),
     "a keyword as a name": ({"constants": {"if": 2}}, "field constants: 'if' cannot be a constant's name"),
     "a function as a name": ({"constants": {"pos": 2}}, "field constants: 'pos' cannot be a constant's name"),

@@ -208,6 +208,14 @@ ONE_LINE = {
     ),
     "f twice": ({"f": "1\nf: 2"}, " is not a YAML file: the field 'f' is given twice"),
     "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
+    "g infinite on all of a side": (
+        {"g": "cos(cosh(y))/y"},
+        ", field g, on side 0: it is not a finite real function",
+    ),
+    "g not real on a side": (
+        {"g": "pos(y - (y - 2)**(1/2), 1)"},
+        ", field g, on side 0: it is not a finite real function",
+    ),
     "overflow of f": ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
     "pole of g": ({"g": "1/(x - 1/3)"}, ", field g: it is not finite on side 0"),
     "f too large": (

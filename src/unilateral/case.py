@@ -27,7 +27,7 @@ from unilateral.cantor import Cantor
 from unilateral.cantor import gap as cantor_gap
 from unilateral.elementary import Steps, evaluate
 from unilateral.errors import InputError, shown
-from unilateral.expression import Compiled, compile_numpy, kinks, number, parse, pos
+from unilateral.expression import Compiled, compile_numpy, kinks, number, parse, pos, substituted
 from unilateral.grammar import FUNCTIONS, MAX_DENOMINATOR
 from unilateral.obstacle import Obstacle, enclosed, places
 from unilateral.polar import Polar, corner, harmonic
@@ -237,7 +237,7 @@ class _Builder:
 
     def formula(self, text: object, variables: tuple[sympy.Symbol, ...], where: str) -> sympy.Expr:
         allowed = [symbol.name for symbol in (*variables, *self.constants)]
-        return parse(text, allowed, where).subs(self.constants)
+        return substituted(parse(text, allowed, where), self.constants, where)
 
     def along_side(self, text: object, where: str) -> sympy.Expr:
         """A formula in t whose kinks can be found."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -40,6 +40,17 @@ def parse(text: object, variables: Sequence[str], where: str) -> sympy.Expr:
         hint = "; write 10 for 010" if "leading zeros" in str(error) else ""
         raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{hint}") from None
     return part.value
+
+
+def substituted(formula: sympy.Expr, values: Mapping[sympy.Symbol, sympy.Expr], where: str) -> sympy.Expr:
+    """The formula with values, or other formulas, for some variables; InputError if it has none there."""
+    try:
+        found = formula.subs(values)
+    except TypeError:  # pos of what is not real
+        found = sympy.nan
+    if not grammar.is_finite_and_real(found):
+        raise InputError(f"{where}: it is not a finite real function")
+    return found
 
 
 def number(text: object, where: str) -> sympy.Expr:

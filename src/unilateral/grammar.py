@@ -97,7 +97,7 @@ class Reader(ast.NodeVisitor):
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         if any(max(n.p.bit_length(), n.q.bit_length()) > MAX_BITS for n in value.atoms(sympy.Rational)):
             raise self.refuse(node, "has a number that is too large")
-        if not _is_finite_and_real(value):
+        if not is_finite_and_real(value):
             raise self.refuse(node, "is not a finite real number or function")
         if value.has(sympy.Abs):
             raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
@@ -183,7 +183,7 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, f"needs an argument of a degree up to {MAX_KINK_DEGREE}")
 
 
-def _is_finite_and_real(value: sympy.Expr) -> bool:
+def is_finite_and_real(value: sympy.Expr) -> bool:
     """Whether a number is; a function may still fail to be where it is evaluated."""
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
         return False

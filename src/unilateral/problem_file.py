@@ -14,7 +14,7 @@ from unilateral import case as cases
 from unilateral import declarations
 from unilateral.atoms import T, X, Y
 from unilateral.errors import InputError
-from unilateral.expression import kinks, number, parse, pos
+from unilateral.expression import kinks, number, parse, pos, substituted
 from unilateral.polygon import MAX_VERTICES, TOO_MANY, Polygon
 from unilateral.problem import Problem, curve
 
@@ -97,9 +97,10 @@ def _obstacles(
             found.append(sympy.Integer(0))
             continue
         found.append(formula)
-        if not formula.has(pos) and not formula.has(sympy.log) and not _fractional(formula):
+        if not formula.has(pos, sympy.log) and not _fractional(formula):
             continue
-        along = formula.subs({X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)})
+        on_side = {X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)}
+        along = substituted(formula, on_side, f"{place}, on side {side}")
         try:
             powers = [k for t, k in kinks(along, T) if 0 <= t <= 1]
         except ValueError as error:
