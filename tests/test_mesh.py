@@ -395,6 +395,6 @@ def test_unreadable_files_are_named(name, tmp_path, capfd):
 
 @pytest.mark.parametrize("name", ["mesh.nothing", "missing/mesh.vtu"])
 def test_unwritable_files_are_named(name, tmp_path):
-    with pytest.raises(InputError, match=f"{name}: the mesh cannot be written"):
+    with pytest.raises(InputError, match=f"{name}.* cannot be written"):
         write(structured(square(), 1), tmp_path / name)
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from unilateral import plots
-from unilateral.errors import InputError
+from unilateral.errors import InputError, StorageError
 
 NORMS = ("h1", "hm12", "l2")
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
@@ -252,7 +252,7 @@ def test_a_failure_while_writing_leaves_the_old_figure(
 
     with monkeypatch.context() as patched:
         patched.setattr(Figure, "savefig", breaking)
-        with pytest.raises(OSError, match="no space"):
+        with pytest.raises(StorageError, match="no space"):
             draw(figure, folder)
     assert (folder / "figure.svg").read_text() == "old"
     assert sorted(folder.iterdir()) == before

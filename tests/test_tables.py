@@ -1,7 +1,12 @@
 """Tables as files: described, byte-identical, never half written."""
 
 import hashlib
+import re
+import subprocess
+import sys
+from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,8 +14,9 @@ import xarray as xr
 
 import unilateral
 from unilateral import tables
-from unilateral.errors import InputError
+from unilateral.errors import InputError, StorageError
 
+SCRIPTS = Path(__file__).parents[1] / "workflow/scripts"
 RUN = ("case", "mesh", "partition")
 
 
@@ -24,6 +30,12 @@ def level(h, case="made_up", error=0.25):
         },
         coords={"case": [case], "h": ("mesh", [h]), "H": ("partition", [0.5, 0.25])},
     )
+
+
+@pytest.fixture
+def stored(tmp_path):
+    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
+    return tmp_path / "errors.nc"
 
 
 def digest(path):
@@ -69,16 +81,10 @@ def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, m
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
     monkeypatch.setattr(pd.DataFrame, "to_csv", half)
-    with pytest.raises(OSError, match="no space left"):
+    with pytest.raises(StorageError, match=rf"table\.{ending} cannot be written: no space left"):
         tables.save(level(0.5), path, "scene") if ending == "nc" else tables.save_csv(pd.DataFrame(), path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_new_file_can_be_read_by_all_and_has_no_temporary_beside_it(tmp_path):
-    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
-    assert [file.name for file in tmp_path.iterdir()] == ["errors.nc"]
-    assert (tmp_path / "errors.nc").stat().st_mode & 0o777 == 0o644
 
 
 def test_a_folder_that_is_not_there(tmp_path):
@@ -95,10 +101,67 @@ def test_loading_what_is_not_there():
 def test_loading_what_is_no_table(tmp_path, content):
     path = tmp_path / "errors.nc"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"errors\.nc is no netCDF table"):
+    with pytest.raises(StorageError, match=r"errors\.nc is damaged or no table of the study; 'snakemake"):
         tables.load(path)
-    with pytest.raises(InputError, match="is no netCDF table"):
+    with pytest.raises(StorageError, match="cannot be read: Is a directory"):
         tables.load(tmp_path)
+
+
+def test_a_table_of_another_hand_is_refused(tmp_path):
+    """Control: what is wrong with it is the missing checksum alone."""
+    level(0.5).to_netcdf(tmp_path / "errors.nc", engine="netcdf4")
+    with pytest.raises(StorageError, match="is damaged or no table of the study"):
+        tables.load(tmp_path / "errors.nc")
+
+
+def test_other_readers_pass_over_the_checksum(stored):
+    """The last line, as `sha256sum` gives it for all before it."""
+    content, _, seal = stored.read_bytes()[:-1].rpartition(b"\n")
+    assert seal == b"sha256 " + hashlib.sha256(content).hexdigest().encode()
+    xr.testing.assert_identical(xr.load_dataset(stored), tables.load(stored))
+    with netCDF4.Dataset(stored) as other:
+        assert other["h1_error"][0, 0, 0] == 0.25
+
+
+def test_no_flipped_bit_and_no_cut_goes_unnoticed(stored):
+    """200 bits drawn from all of the file, each bit of its last line, and 50 lengths."""
+    whole, rng = stored.read_bytes(), np.random.default_rng(1)
+    bits = [*rng.integers(8 * len(whole), size=200), *range(8 * (len(whole) - tables.SEAL), 8 * len(whole))]
+    for bit in bits:
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        stored.write_bytes(damaged)
+        with pytest.raises(StorageError, match="is damaged"):
+            tables.load(stored)
+    for length in [*rng.integers(len(whole), size=49), len(whole) - 1]:
+        stored.write_bytes(whole[:length])
+        with pytest.raises(StorageError, match="is damaged"):
+            tables.load(stored)
+    stored.write_bytes(whole)
+    assert tables.load(stored)["h1_error"][0, 0, 0] == 0.25
+
+
+def test_a_flipped_bit_changes_a_value_where_nothing_checks(stored):
+    """Control."""
+    whole, right = stored.read_bytes(), xr.load_dataset(stored)
+    place = whole.index(np.array([0.25, np.nan]).tobytes())
+    stored.write_bytes(whole[: place + 6] + bytes([whole[place + 6] ^ 16]) + whole[place + 7 :])
+    assert not xr.load_dataset(stored).equals(right)
+
+
+@pytest.mark.parametrize("size", [0, 4000])
+def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
+    """A limit on the size of files stands for the disk; netCDF itself says "HDF error" of it."""
+    code = (
+        f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
+        "import sentences, xarray; from unilateral import tables; sentences.speak_plainly()\n"
+        f"tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
+    )
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
+    assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: .*\n", found.stderr)
+    assert found.returncode == 4
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_levels_are_put_along_mesh():

@@ -378,15 +378,27 @@ def test_no_absolute_path_in_the_workflow():
 
 @pytest.mark.parametrize(
     ("fault", "said"),
-    [("InputError('case x: u < g')", "unilateral: case x: u < g\n"), ("KeyError('x')", "Traceback")],
+    [
+        ("errors.InputError('case x: u < g')", (2, "unilateral: case x: u < g\n")),
+        ("errors.StorageError('x.nc is damaged')", (4, "unilateral: x.nc is damaged\n")),
+    ],
 )
-def test_bad_input_ends_a_script_in_one_sentence(fault, said):
-    """And only bad input: any other error keeps its traceback."""
-    code = f"from sentences import InputError, speak_plainly; speak_plainly(); raise {fault}"
-    command = [sys.executable, "-c", code]
-    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+def test_bad_input_and_bad_files_end_a_script_in_one_sentence(fault, said):
+    found = raised_in_a_script(fault)
+    assert (found.returncode, found.stderr) == said
+
+
+def test_any_other_error_keeps_its_traceback():
+    """Control."""
+    found = raised_in_a_script("KeyError('x')")
     assert found.returncode == 1
-    assert found.stderr == said if "Traceback" not in said else said in found.stderr
+    assert found.stderr.startswith("Traceback")
+
+
+def raised_in_a_script(fault):
+    code = "import sentences; from unilateral import errors; sentences.speak_plainly(); raise " + fault
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
 
 
 def test_cases_of_a_scene_are_certified(tmp_path):

@@ -25,11 +25,11 @@ from unilateral.condense import condense, dual_operator
 from unilateral.coupling import coupling
 from unilateral.dual_norm import Bounds, dual_norm
 from unilateral.errors import InputError
+from unilateral.files import replacing
 from unilateral.infsup import infsup
 from unilateral.mesh import Mesh, with_boundary
 from unilateral.partition import Partition, from_points
 from unilateral.polygon import square
-from unilateral.tables import replacing
 
 Array = NDArray[np.float64]
 FOUND = Path(__file__).parent / "config" / "worst_infsup.yaml"

@@ -16,9 +16,9 @@ import pandas as pd
 import xarray as xr
 
 from unilateral.errors import InputError
+from unilateral.files import replacing
 from unilateral.rates import NORMS
 from unilateral.rates_table import smallest_rate
-from unilateral.tables import replacing
 
 SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
 TITLES = {norm: f"{'u' if norm == 'h1' else 'λ'} in {space}" for norm, space in SPACES.items()}

@@ -6,8 +6,16 @@ LONGEST = 60
 class InputError(Exception):
     """Bad input, told in one sentence: where (file, field), what is wrong, what would be right.
 
-    The command line prints the sentence and ends with exit code 2.
+    Who catches it prints the sentence and ends with `exit_code`.
     """
+
+    exit_code = 2
+
+
+class StorageError(InputError):
+    """A file that is damaged, or cannot be read or written, as on a full disk: no input is wrong."""
+
+    exit_code = 4
 
 
 def shown(value: object) -> str:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from unilateral.errors import InputError
+from unilateral.files import replacing
 from unilateral.polygon import Array, Polygon
 
 Integers = NDArray[np.intp]
@@ -175,13 +174,14 @@ def save(path: Path, points: Array, triangles: Integers, lines: Integers, side: 
         [("triangle", triangles), ("line", lines)],
         cell_data={"side": [np.full(len(triangles), -1), side]},
     )
-    try:
-        with _quiet(), TemporaryDirectory(dir=path.parent, prefix=".mesh") as folder:
-            meshio.write(Path(folder) / path.name, mesh)
-            for file in sorted(Path(folder).iterdir()):
-                os.replace(file, path.parent / file.name)
-    except Exception as error:
-        raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
+    with replacing(path) as temporary:
+        try:
+            with _quiet():
+                meshio.write(temporary, mesh)
+        except OSError:
+            raise
+        except Exception as error:
+            raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
 
 
 def load(path: Path) -> tuple[Array, Integers, Integers, Array]:

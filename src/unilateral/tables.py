@@ -1,15 +1,15 @@
-"""The netCDF schema of the study's tables, and how they are written: described, deterministic, never half.
+"""The netCDF schema of the study's tables, and their files: described, deterministic, never half, checked.
 
 Dimensions are `case`, `mesh` (levels, coarse to fine) and `partition` (coarse to fine), the full tensor
-grid; what was not computed is NaN, or the empty string.
+grid; what was not computed is NaN, or the empty string. A file ends with a line that holds the SHA-256 of
+all before it, which other readers of netCDF pass over.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -20,7 +20,8 @@ import xarray as xr
 import yaml
 
 from unilateral import __version__
-from unilateral.errors import InputError
+from unilateral.errors import InputError, StorageError
+from unilateral.files import replacing
 
 SOURCE = (
     "J. Haslinger, J. Lovíšek: Mixed variational formulation of unilateral problems. "
@@ -49,23 +50,6 @@ def error_in(table: xr.Dataset, norm: str, bound: str | None = None) -> xr.DataA
     return square**0.5
 
 
-@contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside `path`, with its ending, that takes its place if the block succeeds."""
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise InputError(f"{path} cannot be written: there is no folder {path.parent}")
-    handle, name = tempfile.mkstemp(prefix=".", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
     """Write a table as netCDF with its variables described, its provenance, and no time stamp."""
     table = table.copy()
@@ -76,17 +60,36 @@ def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     table.attrs = {"scene": scene, "unilateral": __version__, "libraries": libraries, "source": SOURCE}
     with replacing(path) as temporary:
-        table.to_netcdf(temporary, engine="netcdf4")
+        try:
+            table.to_netcdf(temporary, engine="netcdf4")
+        except RuntimeError as error:
+            raise OSError(f"{error}; is the disk full?") from error
+        content = temporary.read_bytes()
+        temporary.write_bytes(content + _seal(content))
 
 
 def load(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A table, read whole. Raises InputError for a file that is missing or no netCDF."""
+    """A table, read whole. Raises InputError where there is none, StorageError for one that is damaged."""
     try:
-        return xr.load_dataset(path, engine="netcdf4")
+        data = Path(path).read_bytes()
     except FileNotFoundError:
         raise InputError(f"there is no table {path}; run 'make', or 'snakemake -j2 {path}'") from None
-    except OSError:
-        raise InputError(f"{path} is no netCDF table") from None
+    except OSError as error:
+        raise StorageError(f"{path} cannot be read: {error.strerror}") from None
+    content, seal = data[:-SEAL], data[-SEAL:]
+    if seal != _seal(content):
+        raise StorageError(
+            f"{path} is damaged or no table of the study; 'snakemake -j2 -f {path}' makes it anew"
+        )
+    return xr.load_dataset(path, engine="netcdf4")
+
+
+def _seal(content: bytes) -> bytes:
+    """The last line of a file with this content."""
+    return f"\nsha256 {hashlib.sha256(content).hexdigest()}\n".encode()
+
+
+SEAL = len(_seal(b""))
 
 
 def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:

@@ -10,7 +10,7 @@ import pypandoc
 import typst
 
 from unilateral.errors import InputError
-from unilateral.tables import replacing
+from unilateral.files import replacing
 
 ARCHIVAL: Final = "a-2b"
 """PDF/A: under this standard typst refuses a letter that its fonts do not have."""

@@ -4,12 +4,13 @@ import json
 
 from sentences import speak_plainly
 
-from unilateral import claims, tables
+from unilateral import claims
+from unilateral.files import replacing
 
 
 def main(results, path):
     found = claims.judge(claims.Results(results))
-    with tables.replacing(path) as temporary:
+    with replacing(path) as temporary:
         temporary.write_text(json.dumps([each.record() for each in found], indent=1) + "\n", encoding="utf-8")
     print(claims.summary(found))
 

@@ -1,4 +1,4 @@
-"""How a script ends on bad input: with one sentence instead of a traceback."""
+"""How a script ends on bad input or a bad file: with one sentence instead of a traceback."""
 
 import sys
 
@@ -6,12 +6,12 @@ from unilateral.errors import InputError
 
 
 def speak_plainly():
-    """Let an InputError end this process with its sentence; any other error keeps its traceback."""
+    """Let an InputError end this process with its sentence and exit code; other errors keep tracebacks."""
 
     def tell(kind, error, trace):
         if issubclass(kind, InputError):
             print(f"unilateral: {error}", file=sys.stderr)
-        else:
-            sys.__excepthook__(kind, error, trace)
+            sys.exit(error.exit_code)
+        sys.__excepthook__(kind, error, trace)
 
     sys.excepthook = tell

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from unilateral.errors import InputError
-from unilateral.tables import replacing
+from unilateral.files import replacing
 
 FilePath = str | os.PathLike[str]
 WIDTH = 17.0
