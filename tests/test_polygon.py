@@ -125,6 +125,36 @@ def test_sizes_have_to_be_positive(size):
         square().counts(size)
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e-10])
+def test_sizes_that_would_take_too_many_pieces(size):
+    with pytest.raises(
+        InputError, match=f"by the size {size:g}: these are more than 1e.07 pieces; give a larger"
+    ):
+        square().counts(size)
+    assert square().counts(1e-6).tolist() == [10**6] * 4
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-76, 1e76, 1e160, 1e300, 1.7e308])
+def test_polygons_whose_areas_cannot_be_squared(size):
+    """In one sentence: NumPy's warnings would be errors here."""
+    with pytest.raises(
+        InputError, match="polygon 'far' is too large or too small, and squares of areas leave"
+    ):
+        Polygon(size * square().vertices, "far")
+
+
+@pytest.mark.parametrize("size", [1e76, 1e300, 1.7e308])
+def test_one_vertex_far_away(size):
+    with pytest.raises(InputError, match="is too large or too small"):
+        Polygon([[0, 0], [1, 0], [1, 1], [0, size]])
+
+
+@pytest.mark.parametrize("size", [1e-75, 1e75])
+def test_polygons_whose_areas_just_can_be(size):
+    """Control."""
+    assert_allclose(Polygon(size * square().vertices).area, size**2)
+
+
 def test_named():
     assert [named(name).name for name in NAMED] == ["square", "lshape"]
     with pytest.raises(InputError, match="'disc' is unknown; the named ones are square, lshape"):

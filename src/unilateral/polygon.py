@@ -15,6 +15,11 @@ MAX_VERTICES = 1000
 """With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
+SMALLEST, LARGEST = 1e-75, 1e75
+"""Of lengths and coordinates, so that squares of areas are normal numbers."""
+MOST = 10_000_000
+"""Pieces of the boundary: their numbers alone take 80 MB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
@@ -23,8 +28,8 @@ class Polygon:
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
     arc length s along the boundary grows from 0 at vertex 0 to `perimeter`.
 
-    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite,
-    clockwise, or if two sides touch elsewhere than in their common vertex.
+    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise, too
+    far apart or too near, or if two sides touch elsewhere than in their common vertex.
     """
 
     vertices: Array
@@ -102,6 +107,11 @@ class Polygon:
             raise InputError(
                 f"polygon '{self.name}' cannot be divided by the size {size}; give a positive number"
             )
+        if size < self.perimeter / MOST:
+            raise InputError(
+                f"polygon '{self.name}' cannot be divided by the size {size:g}: these are more than "
+                f"{MOST:g} pieces; give a larger one"
+            )
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
     def divided(self, counts: NDArray[np.intp]) -> Array:
@@ -154,6 +164,11 @@ def _check(v: Array, name: str) -> None:
     if repeated.size:
         raise InputError(
             f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}"
+        )
+    if np.abs(v).max() > LARGEST or np.ptp(v, axis=0).max() < SMALLEST:
+        raise InputError(
+            f"polygon '{name}' is too large or too small, and squares of areas leave double precision; "
+            f"it has to be at least {SMALLEST:g} wide or high, its coordinates at most {LARGEST:g}"
         )
     crossing = _first_crossing(v, after)
     if crossing is not None:
