@@ -1,18 +1,24 @@
 # The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial.
 import os
+import sys
 
-from snakemake.utils import min_version, validate
+from snakemake.utils import min_version, update_config
+
+from unilateral import configuration
+from unilateral.errors import InputError
 
 min_version("9.0")
 
+PARAMETERS = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes")]
 
-configfile: "workflow/config/study.yaml"
-configfile: "workflow/config/rates.yaml"
-configfile: "workflow/config/worst_infsup.yaml"
-configfile: "workflow/config/extremes.yaml"
-
-
-validate(config, "workflow/schemas/study.schema.yaml")
+try:
+    given, sources = configuration.read(PARAMETERS)
+    update_config(given, config)  # by what the option --config says
+    configuration.check(given, sources, "workflow/schemas/study.schema.yaml")
+except InputError as fault:
+    print(f"unilateral: {fault}", file=sys.stderr)
+    sys.exit(fault.exit_code)
+config = given
 
 # One thread a job: jobs run side by side, and sums keep their order, so results are byte-identical.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):

@@ -1,19 +1,14 @@
-"""The pipeline: its parameters under the schema, what a target plans, its scripts' shape. Nothing is run."""
+"""The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is run."""
 
 import ast
-import copy
 import re
 import shutil
 import subprocess
 import sys
-from functools import reduce
 from pathlib import Path
 
-import jsonschema
 import pytest
 import yaml
-
-from unilateral import case
 
 ROOT = Path(__file__).parents[1]
 WORKFLOW = ROOT / "workflow"
@@ -25,128 +20,6 @@ STUDY = {
     **yaml.safe_load((WORKFLOW / "config/worst_infsup.yaml").read_text()),
     **yaml.safe_load((WORKFLOW / "config/extremes.yaml").read_text()),
 }
-SCHEMA = yaml.safe_load((WORKFLOW / "schemas/study.schema.yaml").read_text())
-REMOVED = object()
-
-
-def faults(study):
-    return [fault.json_path for fault in jsonschema.Draft202012Validator(SCHEMA).iter_errors(study)]
-
-
-def test_the_study_satisfies_its_schema():
-    jsonschema.Draft202012Validator.check_schema(SCHEMA)
-    assert faults(STUDY) == []
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("speed", 1),
-        ("stop", REMOVED),
-        ("rates", REMOVED),
-        ("stop.steps", 10),
-        ("stop.fraction", 0),
-        ("stop.fraction", "1 %"),
-        ("stop.max_steps", 1.5),
-        ("scenes.Square", {}),
-        ("surveys.betasquare.partitions", REMOVED),
-        ("surveys.betasquare.kind", "odd"),
-        ("finds", REMOVED),
-        ("multiplier.h_over_H", []),
-        ("scenes.quick.h", "1/8"),
-        ("scenes.quick.polygon", "disc"),
-        ("scenes.quick.polygon", REMOVED),
-        ("scenes.quick.side", -1),
-        ("scenes.quick.cases", []),
-        ("scenes.quick.cases", "natural"),
-        ("scenes.quick.cases", ["natural", "natural"]),
-        ("scenes.quick.mesh.kind", "quads"),
-        ("scenes.quick.mesh.levels", 0),
-        ("scenes.quick.mesh.levels", True),
-        ("scenes.quick.mesh.h", "1/0"),
-        ("scenes.quick.mesh.h", "0/1"),
-        ("scenes.quick.mesh.h", "0.0"),
-        ("scenes.quick.mesh.h", 0),
-        ("scenes.quick.mesh.h", -0.125),
-        ("scenes.quick.mesh.h", "-1/8"),
-        ("scenes.quick.mesh.h", "1 / 8"),
-        ("scenes.quick.mesh.h", "1/8/2"),
-        ("scenes.quick.mesh.h", "eighth"),
-        ("scenes.quick.mesh.h", None),
-        ("scenes.quick.H", "1/8"),
-        ("scenes.quick.H", ["1/4", "1/0"]),
-        ("scenes.quick.H_over_h.least", 2),
-        ("scenes.quick.H_over_h.max", -1),
-        ("scenes.quick.judged", "no"),
-        ("scenes.quick.figures", ["rate"]),
-        ("scenes.square.grid_cases", REMOVED),
-        ("sharpness", REMOVED),
-        ("sharpness.alphas", ["1"]),
-        ("sharpness.alphas", ["1/21"]),
-        ("sharpness.alphas", [0.25]),
-        ("sharpness.gammas", [0]),
-        ("sharpness.gammas", ["-1/2"]),
-        ("sharpness.gammas", [1, 1]),
-        ("sharpness.positions", 0),
-        ("sharpness.H", ["1/8", "1/16"]),
-        ("sharpness.h_over_H", "0/1"),
-        ("consistency", REMOVED),
-        ("consistency.cells.H", 0),
-        ("consistency.cells.scene", REMOVED),
-        ("consistency.totals", {}),
-        ("consistency.totals.square", ["thirds", "thirds"]),
-        ("cost", REMOVED),
-        ("cost.base.algebra", "A_2"),
-        ("cost.base.case", REMOVED),
-        ("cost.vary.speed", [1]),
-        ("cost.vary.algorithm", ["fast"]),
-        ("cost.vary.H_over_h", ["0"]),
-        ("cost.jobs", []),
-        ("cost.stops", [2.0]),
-        ("cost.costly_steps", 0),
-        ("extremes", REMOVED),
-        ("extremes.accuracy", 0),
-        ("extremes.axes.ratio.values", [1]),
-        ("extremes.axes.ratio.values", [1, -1]),
-        ("extremes.axes.ratio.steps", 3),
-        ("extremes.jobs.cells", []),
-        ("deep.memory", 0),
-        ("portraits.natural.levels", 3),
-        ("portraits.natural.H", REMOVED),
-        ("rates.judged_ratio", "0"),
-        ("rates.norms.h1.bound.reference", "h"),
-        ("rates.norms.energy", {}),
-        ("rates.cases.thirds.h1.rate", "fast"),
-        ("rates.cases.thirds.h1.source", REMOVED),
-    ],
-)
-def test_a_bad_value_is_refused_where_it_stands(path, value):
-    study = copy.deepcopy(STUDY)
-    *parents, last = path.split(".")
-    place = reduce(dict.__getitem__, parents, study)
-    if value is REMOVED:
-        del place[last]
-    else:
-        place[last] = value
-    found = faults(study)
-    assert found
-    assert all(f"$.{path}".startswith(fault) or fault.startswith(f"$.{path}[") for fault in found)
-
-
-@pytest.mark.parametrize("size", ["1/8", "0.125", 0.125, 1, "10/3", "1/10", "0.5/4"])
-def test_sizes_that_are_allowed(size):
-    study = copy.deepcopy(STUDY)
-    study["scenes"]["quick"]["mesh"]["h"] = size
-    assert faults(study) == []
-
-
-def test_every_case_of_the_study_is_declared_and_has_expected_rates():
-    """And the maps over (h, H) and the consistency terms drawn are of cases that their scene solves."""
-    for scene in STUDY["scenes"].values():
-        assert set(scene["cases"]) <= set(case.names()) & set(STUDY["rates"]["cases"])
-        assert set(scene.get("grid_cases", [])) <= set(scene["cases"])
-    for name, cases in STUDY["consistency"]["totals"].items():
-        assert set(cases) <= set(STUDY["scenes"][name]["cases"])
 
 
 @pytest.fixture(scope="module")
@@ -246,16 +119,48 @@ def test_a_portrait_needs_no_results(tree):
     assert built(text) == set()
 
 
-def test_a_bad_parameter_ends_the_run_before_it_starts(tree):
-    """Control: the schema is in force in the Snakefile."""
-    study = tree / "workflow/config/study.yaml"
-    kept = study.read_text()
-    study.write_text(kept.replace("levels: 4", "levels: four"))
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick"]
+REFUSED = [
+    (
+        ("study", "levels: 4 }", "levels: four }"),
+        "workflow/config/study.yaml, field scenes.quick.mesh.levels: it is 'four'; it has to be a whole "
+        "number, at least 1, at most 9",
+    ),
+    (
+        ("study", " cases: [natural, thirds]\n", " cases: [natural, reentrant]\n"),
+        "workflow/config/study.yaml, field scenes.quick.cases[1]: case 'reentrant' is for lshape, not for "
+        "'square'",
+    ),
+    (
+        ("rates", "    smooth:", "    smoother:"),
+        "workflow/config/rates.yaml, field rates.cases: there is no 'smooth'; add it, for scene 'square' has "
+        "that case",
+    ),
+    (
+        ("study", "judged: false", "judged: false\n    judged: true"),
+        "workflow/config/study.yaml is not a YAML file: the field 'judged' is given twice",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), REFUSED)
+def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, change, said):
+    """Also by a dry run, and whatever the target is."""
+    name, old, new = change
+    file = tree / f"workflow/config/{name}.yaml"
+    kept = file.read_text()
+    assert kept.count(old) == 1
+    file.write_text(kept.replace(old, new))
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/natural.svg"]
     found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    study.write_text(kept)
-    assert found.returncode != 0
-    assert "'four' is not of type 'integer'" in found.stdout + found.stderr
+    file.write_text(kept)
+    assert (found.returncode, found.stderr) == (2, f"unilateral: {said}\n")
+
+
+def test_a_parameter_from_the_command_line_is_checked_too(tree):
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick", "--config", "stop=4"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    assert found.returncode == 2
+    assert "field stop: it is 4; it has to be a mapping" in found.stderr
 
 
 @pytest.fixture
