@@ -37,13 +37,48 @@ include: "workflow/rules/documents.smk"
 include: "workflow/rules/paper.smk"
 
 
+# Snakemake makes a file anew that is missing only if it is a target, or if what follows from it is made anew.
+
+
+def results_of(scene):
+    """All files of a scene."""
+    kinds = [
+        rules.mesh,
+        rules.solve,
+        rules.errors,
+        rules.rates,
+        *([rules.dual_norm] if normed_of(scene) else []),
+    ]
+    return expand(
+        [path for kind in kinds for path in kind.output],
+        scene=scene,
+        level=range(SCENES[scene]["mesh"]["levels"]),
+    )
+
+
+RESULTS = [
+    *(path for scene in JUDGED for path in results_of(scene)),
+    *expand(rules.floors.output, scene=GRIDS),
+    *expand(rules.totals.output, scene=config["totals"]["scenes"]),
+    *expand(rules.survey.output, survey=SURVEYS),
+    *rules.sharpness.input.levels,
+    *rules.sharpness.output,
+    *rules.sharpness_rates.output,
+    *rules.algorithm.output,
+    *rules.cost.input.parts,
+    *rules.cost.input.timings,
+    *rules.cost.output,
+    *rules.extremes.input.parts,
+    *rules.extremes.output,
+    *rules.claims.output,
+]
+
+
 rule all:
     default_target: True
     input:
-        expand("results/{scene}/rates.nc", scene=JUDGED),
-        expand("results/{scene}/floors.nc", scene=GRIDS),
+        RESULTS,
         FIGURES,
-        "results/claims.json",
         "results/cost/work_seconds.svg",
         "README.md",
         rules.paper.output,
@@ -56,4 +91,4 @@ rule figures:
 
 rule quick:
     input:
-        "results/quick/rates.nc",
+        results_of("quick"),

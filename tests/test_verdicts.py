@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from unilateral import claims, documents, plots, tables, verdicts
-from unilateral.errors import InputError
+from unilateral.errors import InputError, StorageError
 
 ROOT = Path(__file__).parents[1]
 
@@ -125,3 +125,12 @@ def test_the_table_of_floors() -> None:
         documents.floors_table(table).splitlines()[2]
         == "| `natural` | 1.23 | 0.5 | 1.50 ± 0.01 | 7 | 1.2 % |"
     )
+
+
+@pytest.mark.parametrize("content", ["", '[{"id": "4.11", "sta', "\x00"])
+def test_damaged_claims_are_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "claims.json").write_text(content)
+    with pytest.raises(StorageError, match=r"claims\.json is damaged; 'snakemake -j2 -f .*' makes it anew"):
+        verdicts.read(tmp_path / "claims.json")
+    (tmp_path / "claims.json").write_text('[{"id": "4.11"}]')
+    assert verdicts.read(tmp_path / "claims.json") == [{"id": "4.11"}]

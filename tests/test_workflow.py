@@ -1,14 +1,19 @@
 """The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is run."""
 
 import ast
+import os
 import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 import yaml
+
+from unilateral import claims, tables
+from unilateral.errors import StorageError
 
 ROOT = Path(__file__).parents[1]
 WORKFLOW = ROOT / "workflow"
@@ -29,19 +34,19 @@ def tree(tmp_path_factory):
     copied.mkdir()
     for name in ("workflow", "src/unilateral", "manufactured"):
         shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("Snakefile", "README.md"):
+    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
     return copied
 
 
-def plan(tree, target):
+def plan(tree, *target):
     """The text of a dry run, and how many jobs it plans of each rule."""
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", target]
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", *target]
     found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
     text = found.stdout + found.stderr
     assert found.returncode == 0, text
-    table = text.split("Job stats:")[1].split("total")[0]
+    table = text.partition("Job stats:")[2].partition("total")[0]
     return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
 
 
@@ -111,6 +116,78 @@ def test_quick_plans_the_quick_scene_only(tree):
     text, jobs = plan(tree, "quick")
     assert jobs == {**jobs_of("quick"), "rates": 1, "quick": 1}
     assert built(text) == {"quick"}
+
+
+def test_everything_that_is_computed_is_a_target_of_the_whole_study(tree):
+    """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
+    text, _ = plan(tree)
+    targets = re.search(r"^rule all:\n    input: (.*)$", text, re.MULTILINE)[1].split(", ")
+    command = [sys.executable, "-m", "snakemake", "--summary"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    files = [line.split("\t")[0] for line in found.stdout.splitlines()[1:]]
+    computed = {
+        file for file in files if file.startswith("results/") and file.endswith((".nc", ".json", ".vtu"))
+    }
+    assert len(computed) > 100
+    assert computed <= set(targets)
+    assert {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads} <= computed
+
+
+QUICK = [
+    ("mesh.vtu", "mesh"),
+    ("dual_norm.nc", "dual_norm"),
+    *((f"levels/{k}{part}.nc", "solve") for k in range(4) for part in ("", "_timings")),
+    *((f"{name}.nc", "errors") for name in ("errors", "infsup", "timings")),
+    ("rates.nc", "rates"),
+]
+"""Files of the scene `quick` and their rules, in the order in which they are made."""
+
+
+@pytest.fixture
+def computed(tree):
+    """The project with files in place of the scene's results."""
+    folder = tree / "results/quick"
+    (folder / "levels").mkdir(parents=True)
+    for i, (name, _) in enumerate(QUICK):
+        (folder / name).write_text("a result")
+        os.utime(folder / name, (time.time() + i, time.time() + i))
+    yield folder
+    shutil.rmtree(tree / "results")
+
+
+def test_what_is_there_is_not_made_anew(tree, computed):
+    """Control."""
+    assert "Nothing to be done" in plan(tree, "quick", "--rerun-triggers", "mtime")[0]
+
+
+@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 1, 2, 9, 10, 11, 13)])
+def test_what_is_missing_is_made_anew_with_what_follows_from_it(tree, computed, name, rule):
+    (computed / name).unlink()
+    _, jobs = plan(tree, "quick", "--rerun-triggers", "mtime")
+    assert jobs[rule] == 1
+    assert jobs["rates"] == 1
+
+
+@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 2, 10)])
+def test_one_command_makes_a_damaged_file_anew(tree, computed, name, rule):
+    """The one that messages name."""
+    assert plan(tree, "-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
+    with pytest.raises(StorageError, match=f"; 'snakemake -j2 -f .*/results/quick/{name}' makes it anew"):
+        tables.load(computed / name)
+
+
+def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
+    """An emptied one, as solve_level.py reads it."""
+    (computed / "mesh.vtu").write_text("")
+    code = (
+        "import scenes, sentences; sentences.speak_plainly(); "
+        f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
+    )
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+    said = r"unilateral: .*mesh\.vtu: no mesh can be read .*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
+    assert re.fullmatch(said, found.stderr)
+    assert found.returncode == 4
 
 
 def test_a_portrait_needs_no_results(tree):

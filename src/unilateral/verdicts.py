@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
+
+from unilateral.errors import StorageError
 
 ROUND_OFF = 1e-12
 LEAST, PLENTY = 1e-4, 10.0
@@ -32,6 +37,15 @@ KINDS = {
     "is supported": "supported beyond the paper",
     "is not contradicted": "not contradicted",
 }
+
+
+def read(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """The records of `results/claims.json`. Raises StorageError for a file that is damaged."""
+    try:
+        records: list[dict[str, Any]] = json.loads(Path(path).read_text(encoding="utf-8"))
+    except ValueError:
+        raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
+    return records
 
 
 def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -64,8 +64,12 @@ def levels(wildcards):
 
 
 def normed(wildcards):
+    return normed_of(wildcards.scene)
+
+
+def normed_of(name):
     """The partitions with errors of lambda: those coarser than the finest mesh (else beta is 0) and solved."""
-    scene = scene_of(wildcards)
+    scene = SCENES[name]
     coarsest = number(scene["mesh"]["h"])
     finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
     most = number(scene["H_over_h"]["max"]) * coarsest if "max" in scene["H_over_h"] else math.inf

@@ -1,6 +1,6 @@
 """Guaranteed total errors of a scene's coarser levels, over the true ones."""
 
-from scenes import cases, domain, partitions
+from scenes import cases, partitions, stored_mesh
 from sentences import speak_plainly
 
 from unilateral import mesh, tables
@@ -9,7 +9,7 @@ from unilateral.totals import totals
 
 
 def main(coarse, levels, scene, name, wanted, ratio, path):
-    refined, found = mesh.read(coarse, domain(scene)), []
+    refined, found = stored_mesh(coarse, scene), []
     chosen = [case for case in cases(scene) if case.name in wanted]
     for k, level in enumerate(levels):
         refined = mesh.refine(refined) if k else refined

@@ -1,8 +1,5 @@
 """paper.md: its tables."""
 
-import json
-from pathlib import Path
-
 import pandas as pd
 from sentences import speak_plainly
 
@@ -11,7 +8,7 @@ from unilateral.expression import real
 
 
 def main(given, study, paper):
-    blocks = verdicts.claims_tables(json.loads(Path(given["claims"]).read_text(encoding="utf-8")))
+    blocks = verdicts.claims_tables(verdicts.read(given["claims"]))
     blocks |= of_errors(given, study) | of_cost(given, study["cost"])
     documents.fill(paper, blocks | of_extremes(tables.load(given["extremes"]), study))
 

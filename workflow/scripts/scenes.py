@@ -9,6 +9,7 @@ from typing import Any
 from unilateral import case, mesh, partition, polygon
 from unilateral.case import Case
 from unilateral.certificate import certify
+from unilateral.errors import InputError, StorageError
 from unilateral.expression import real
 from unilateral.mesh import Mesh
 from unilateral.partition import Partition
@@ -22,6 +23,14 @@ def domain(scene: Mapping[str, Any]) -> Polygon:
 def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
     make = {"structured": mesh.structured, "unstructured": mesh.unstructured}[scene["mesh"]["kind"]]
     return make(domain(scene), real(scene["mesh"]["h"], "mesh.h"))
+
+
+def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
+    """The coarsest mesh from its file. Raises StorageError for one that is damaged."""
+    try:
+        return mesh.read(path, domain(scene))
+    except InputError as error:
+        raise StorageError(f"{error}; 'snakemake -j2 -f {path}' makes it anew") from None
 
 
 def cases(scene: Mapping[str, Any]) -> list[Case]:

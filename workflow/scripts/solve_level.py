@@ -1,6 +1,6 @@
 """Every case on every partition of a scene, on the coarsest mesh refined `level` times."""
 
-from scenes import cases, domain, limits, partitions
+from scenes import cases, limits, partitions, stored_mesh
 from sentences import speak_plainly
 
 from unilateral import mesh, tables
@@ -10,7 +10,7 @@ from unilateral.sweep import sweep
 
 
 def main(coarse, norm, scene, name, level, stop, results, timings):
-    refined = mesh.read(coarse, domain(scene))
+    refined = stored_mesh(coarse, scene)
     for _ in range(level):
         refined = mesh.refine(refined)
     gram = Gram.of_table(tables.load(norm)) if norm else None

@@ -1,16 +1,12 @@
 """The table behind the figure of all verdicts."""
 
-import json
-from pathlib import Path
-
 from sentences import speak_plainly
 
 from unilateral import tables, verdicts
 
 
 def main(claims, path):
-    records = json.loads(Path(claims).read_text(encoding="utf-8"))
-    tables.save_csv(verdicts.verdict_frame(records), path)
+    tables.save_csv(verdicts.verdict_frame(verdicts.read(claims)), path)
 
 
 if __name__ == "__main__":
