@@ -74,6 +74,45 @@ def test_the_control_turns_it_to_fails(name):
     assert judgement.verdict == claims.FAILS, "\n" + claims.explanation(judgement)
 
 
+LIMIT = float(np.sqrt(2) / np.tanh(8**-0.5))
+"""Of lambda_max(S) on the unit square, 1/sigma_1."""
+BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own control does not
+    ("1.2", "square/errors", "hm12_error_upper", {"value": np.nan, "at": {"mesh": -1}}),
+    ("R1.1", "algorithm/steps", "saddle_in_v", {"value": -1e-9, "at": {"case": 1}}),
+    ("3.5", "square/dual_norm", "norm_lower", {"factor": 1.02}),
+    ("3.5", "square/dual_norm", "norm_upper", {"factor": 0.98}),
+    ("3.th", "algorithm/uniqueness", "multiplier_distance", {"value": 0.01}),
+    ("4.11", "square/rates", "verdict", {"value": "fails", "at": {"case": 1}}),
+    ("R4.1b", "irregular/errors", "hm12_error_lower", {"factor": 9, "at": {"mesh": -1}}),
+    (
+        "5.1",
+        "algorithm/steps",
+        "distance",
+        {
+            "labels": {"variant": "as printed", "rho_share": 0.51},
+            "to": {"variant": "as printed", "rho_share": 0.49},
+        },
+    ),
+    ("5.2b", "algorithm/steps", "distance", {"labels": {"rho_share": 0.99}, "to": {"rho_share": 1.01}}),
+    ("5.2c", "square/errors", "lambda_max", {"value": 1.0001 * LIMIT}),
+    ("5.A", "algorithm/elimination", "difference", {"value": 1e-9}),
+    ("5.G", "cost/algorithm", "steps", {"value": np.nan, "at": {"algorithm": 1, "H": 2, "stop": 3}}),
+    ("5.H", "cost/case", "h1_error", {"value": np.nan, "at": {"case": 0, "H": -2}}),
+    ("5.J", "cost/algebra", "steps", {"factor": 2, "at": {"algebra": 1}}),
+    ("F.norm", "square/errors", "hm12_error_upper", {"factor": 0.9, "at": {"mesh": 0}}),
+    ("F.total", "corners/totals", "total_index_lambda", {"factor": 0.1}),
+    ("S.local", "betasquare/infsup", "cell_over_edge", {"value": 3.0}),
+]
+
+
+@pytest.mark.parametrize(("name", "table", "variable", "spoil"), BRANCHES)
+def test_every_branch_of_a_check_can_turn_its_claim_to_fails(name, table, variable, spoil):
+    """One number is spoilt so that only that branch is taken; all else is as it was found."""
+    spoilt = claims.spoilt(results(), {"tables": [table], "variable": variable, **spoil})
+    judgement = claims.judge(spoilt, [LEDGER[name]])[0]
+    assert judgement.verdict == claims.FAILS, "\n" + claims.explanation(judgement)
+
+
 @pytest.mark.parametrize("name", LEDGER)
 def test_it_reads_the_tables_that_it_names_and_no_others(name):
     """The pipeline feeds the ledger by these names."""
