@@ -283,7 +283,8 @@ def test_a_negative_consistency_term_is_none() -> None:
     of = table(
         {"consistency_elsewhere": (("case", "partition"), [[1e-16, -0.5], [0.25, 0]])}, case=["c", "d"]
     )
-    assert estimates.no_consistency(of, ["a"]).observed == 0.5
+    made = estimates.no_consistency(of, ["a"])
+    assert (made.observed, made.required) == (0.5, 1e-12)
 
 
 def levels(**errors: list[float]) -> dict[str, xr.Dataset]:
@@ -602,6 +603,7 @@ def test_two_multipliers_are_two_only_if_they_are_apart(
         ([1.0, 1.0], [1.25, 1.5], 0.5),
         ([1.0, 1.0], [1.25, 0.99], INF),
         ([1.0, 1e-14], [1.25, 1e-13], 0.25),
+        ([1.0, 1e-10], [1.25, 2e-10], 1.0),
         ([1.0, NAN], [1.25, NAN], 0.25),
     ],
 )
