@@ -14,7 +14,7 @@ import yaml
 
 from unilateral import case as cases
 from unilateral import mesh as meshes
-from unilateral.atoms import D, Smooth, T, Tensor, X, Y
+from unilateral.atoms import D, Kink, Smooth, T, Tensor, X, Y
 from unilateral.case import Case
 from unilateral.certificate import certify
 from unilateral.errors import InputError
@@ -169,6 +169,29 @@ def test_traces_are_limits_from_inside(name: str, polygon: str, side: int) -> No
     value, gradient = case.value_and_gradient(points - 1e-9 * normals)
     np.testing.assert_allclose(value, u, atol=1e-7)
     np.testing.assert_allclose(np.sum(gradient * normals, axis=1), flux, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kink", "crossings"),
+    [
+        (Kink((1 / 2, 0), 1 / 4), [(0, 1 / 4), (0, 3 / 4)]),
+        (Kink((0, 0), 1 / 4), [(0, 1 / 4), (3, 3 / 4)]),
+        (Kink((1 / 2, 1 / 2), 1 / 4), []),
+        (Kink((1 / 2, 1 / 2), 3), []),
+        (Kink((3 / 10, 7), 0, (0, 1)), [(0, 3 / 10), (2, 7 / 10)]),
+        (Kink((0, 1 / 4), 0, (1 / np.sqrt(2), 1 / np.sqrt(2))), [(2, 1 / 4), (3, 3 / 4)]),
+        (Kink((1 / 2, 1), 0, (1, 0)), []),
+        (Kink((1 / 2, 2), 0, (1, 0)), []),
+    ],
+)
+@pytest.mark.parametrize("size", [1.0, 8.0])
+def test_where_curves_cross_the_sides(kink: Kink, crossings: list[tuple[int, float]], size: float) -> None:
+    """By hand, as fractions of the sides of the square; a curve along a side or through a vertex is on it."""
+    centre = (size * kink.centre[0], size * kink.centre[1])
+    large = Kink(centre, size * kink.radius, kink.tangent)
+    found = large.crossings(Polygon(size * square().vertices))
+    assert sorted((p.side, p.t) for p in found) == [(side, pytest.approx(t)) for side, t in crossings]
+    assert {p.grading for p in found} <= {1}
 
 
 TEST_FUNCTIONS = {

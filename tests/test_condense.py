@@ -13,6 +13,7 @@ from unilateral import partition as partitions
 from unilateral.condense import (
     Condensed,
     DualOperator,
+    check_constants,
     condense,
     dual_operator,
     elimination_order,
@@ -126,6 +127,16 @@ def test_dual_operator_equals_full_solves(ratio: float) -> None:
     assert operator.area == pytest.approx(3)
 
 
+def test_S_has_the_energy_of_D_in_unknowns_of_the_L2_norm() -> None:
+    """y.Sy = mu.D mu for y_i = H_i^{1/2} mu_i, on cells of unequal lengths, and S is symmetric."""
+    half = np.random.default_rng(6).standard_normal((5, 3))
+    operator = DualOperator(half, np.array([0.25, 1.0, 4.0]), 1.0)
+    mu = np.array([1.0, -2.0, 3.0])
+    y = np.array([0.5, -2.0, 6.0])
+    assert y @ operator.S @ y == pytest.approx(np.sum((half @ mu) ** 2), rel=1e-13)
+    np.testing.assert_allclose(operator.S, operator.S.T, rtol=1e-14)
+
+
 def test_singular_exactly_where_beta_is_zero() -> None:
     """H = h on an even number of edges, and more cells than boundary nodes: beta = 0; H = 2h: beta > 0."""
     mesh = meshes.structured(square(), 1 / 8)
@@ -165,6 +176,23 @@ def test_constants_are_solved_for_on_any_reasonable_scale(L: float) -> None:
     on = condense(scaled_square(L))
     load = on.A @ np.ones(on.mesh.n_nodes)
     np.testing.assert_allclose(on.solve(load), 1, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("off", "refused"), [(0.9e-8, False), (1.1e-8, True), (-1.1e-8, True), (np.nan, True)]
+)
+def test_constants_are_solved_for_up_to_1e_8(off: float, refused: bool) -> None:
+    """As `dual_norm` says of its bounds: right up to 1e-9 at a diameter of about 1, refused at 1e-8."""
+    mesh = meshes.unstructured(NECK, 0.25)
+    found = np.ones(mesh.n_nodes)
+    found[3] += off
+    if not refused:
+        return check_constants(mesh, found)
+    shortest = np.min(np.hypot(*np.diff(mesh.points[np.append(mesh.boundary, mesh.boundary[0])], axis=0).T))
+    with pytest.raises(
+        InputError, match=f"'neck' of diameter 2.24 with boundary edges down to {shortest:.3g} is"
+    ):
+        check_constants(mesh, found)
 
 
 @pytest.mark.parametrize("L", [1e-6, 1e-8])

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sympy
 import yaml
 
 from unilateral import case as cases
@@ -15,6 +16,7 @@ from unilateral import partition as partitions
 from unilateral.case import Case
 from unilateral.certificate import certify
 from unilateral.errors import InputError
+from unilateral.polar import Polar, corner, harmonic
 from unilateral.polygon import Polygon, lshape, square
 from unilateral.quadrature import BoundaryRule, boundary_rule, triangle_rules
 
@@ -53,10 +55,14 @@ def load(name: str, polygon: str | None = None, side: int = 0) -> Case:
 
 @pytest.mark.parametrize("name", HYPOTHESES)
 def test_the_certificates(name: str) -> None:
-    """The hypotheses as the catalogue of the design states them; contact by the declarations."""
+    """The hypotheses as the catalogue of the design states them; contact by the declarations.
+
+    lambda is unbounded where it is like r^(-1/3), at a held corner, or like s^alpha with alpha < 0.
+    """
     found = certify(load(name))
     assert tuple(found.hypotheses.values()) == HYPOTHESES[name]
     np.testing.assert_allclose(found.contact, CONTACT[name], atol=1e-14)
+    assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
 
 
 @pytest.mark.parametrize("name", HYPOTHESES)
@@ -69,6 +75,42 @@ def test_a_wrong_claim_is_noticed(name: str, hypothesis: str, tmp_path) -> None:
     wrong = cases.load(tmp_path / "wrong.yaml", POLYGONS[ON[name]])
     with pytest.raises(InputError, match=rf"field hypotheses\.{hypothesis}: .* declared otherwise"):
         certify(wrong)
+
+
+def polar(kind: str, alpha: str | None = None, vertex: int = 2) -> Polar:
+    """Vertex 2 of the L-shape is the re-entrant one, vertex 1 a right angle."""
+    power = None if alpha is None else sympy.Rational(alpha)
+    cutoff = sympy.Rational(1, 4)
+    if kind == "harmonic":
+        return harmonic(square(), 0, sympy.Rational(1, 2), power, cutoff)
+    return corner(lshape(), vertex, kind, power, cutoff)
+
+
+@pytest.mark.parametrize(
+    ("atom", "lipschitz", "flux_bounded", "flux_in_L2", "in_H2"),
+    [
+        (polar("harmonic", "1/2"), True, True, True, True),
+        (polar("harmonic", "-1/4"), False, False, True, False),
+        (polar("harmonic", "-1/2"), False, False, False, False),
+        (polar("free"), False, True, True, False),
+        (polar("held"), True, False, True, False),
+        (polar("free", vertex=1), True, True, True, True),
+        (polar("transition", "-1/4"), False, False, True, False),
+    ],
+    ids=["1/2", "-1/4", "-1/2", "free", "held", "free at 90 degrees", "transition"],
+)
+def test_what_is_bounded_on_the_sides(
+    atom: Polar, lipschitz: bool, flux_bounded: bool, flux_in_L2: bool, in_H2: bool
+) -> None:
+    """u is like r^beta on a side or 0 there, lambda like r^(beta - 1) or 0, beta = 1 + alpha or pi/omega.
+
+    So with beta < 1 a trace is Lipschitz, or a flux bounded, only if it vanishes on both sides.
+    """
+    assert atom.lipschitz == lipschitz
+    assert atom.flux_bounded == flux_bounded
+    assert atom.flux_in_L2 == flux_in_L2
+    assert atom.in_H2 == in_H2
+    assert atom.finite
 
 
 def cut_off_power(s: np.ndarray, alpha: float, R: float) -> np.ndarray:

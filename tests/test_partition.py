@@ -145,6 +145,24 @@ def test_the_common_refinement_by_hand():
     assert common_refinement([near]).n_cells == 8
 
 
+@pytest.mark.parametrize(("share", "same"), [(0.9, True), (1.1, False)])
+def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
+    """A thousand times the rounding of arc lengths, a few 1e-16 of the perimeter a sum; cells are longer."""
+    halves, off = uniform(square(), 1 / 2), share * 1e-12 * square().perimeter
+    moved = Partition(square(), halves.points + off * (np.arange(9) == 1))
+    assert common_refinement([halves, moved]).n_cells == (8 if same else 9)
+    assert moved.has_inside(np.array([0.5])).any() == (not same)
+    at_a_vertex = [0, 1 + off, 2, 3, 4]
+    if same:
+        assert_array_equal(halves.cells_of(moved.points), np.arange(8))
+        assert_array_equal(from_points(square(), at_a_vertex).points, np.arange(5))
+        return
+    with pytest.raises(InputError, match=r"point 1 .* is not among the points of the finer"):
+        halves.cells_of(moved.points)
+    with pytest.raises(InputError, match="vertex 1"):
+        from_points(square(), at_a_vertex)
+
+
 @pytest.mark.parametrize("coarse", [uniform(square(), 1 / 2), uniform(square(), 1 / 3)])
 def test_the_cells_that_contain_those_of_a_refinement(coarse):
     """By the middles of the finer cells, which lie inside one cell each."""

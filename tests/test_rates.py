@@ -89,6 +89,7 @@ def test_pairs_a_factor_of_four_apart():
     [
         (table(0.9), H1, "is below 0.970"),
         (table(h1_error=((2, 2), 1.05 * 3 * LEVELS[2])), H1, "is below 0.970"),
+        (table(1.2), changed(rate=1.5), "is below 1.470"),
         (table(1.0), changed(bound=1.4), "is above its bound"),
         (table(converged=((4, 4), 0.0)), H1, "did not converge"),
         (table(algebraic_bound=((3, 3), 0.011 * 3 * LEVELS[3])), H1, "algebraic error is above"),
@@ -99,6 +100,7 @@ def test_pairs_a_factor_of_four_apart():
     ids=[
         "slow",
         "one slow pair",
+        "slower than expected",
         "bound",
         "unconverged",
         "algebraic",

@@ -70,6 +70,12 @@ def test_the_boundary_nodes_are_those_of_the_mesh_and_nested_in_the_cells(name):
     assert_allclose(s[:-1], boundary_nodes(cells, (), 4), rtol=0, atol=1e-14 * cells.polygon.perimeter)
 
 
+def test_cells_have_8_edges_unless_said_otherwise():
+    """The number at which bounds of P0 functions were measured to be half a per cent apart."""
+    cells = partitions.uniform(square(), 1.0)
+    assert_array_equal(np.histogram(reference_spaces(cells).mesh.s[:-1], cells.points)[0], 8)
+
+
 def test_two_singular_points_in_a_cell_are_both_graded_to():
     cells = partitions.uniform(square(), 1.0)
     s = boundary_nodes(cells, [0.4, 0.45], 8)

@@ -193,6 +193,18 @@ def test_printed_index_halves_the_stable_range() -> None:
     assert printed_index_error(1.05 * SIGMA_1, 20_000) > 0.1
 
 
+@pytest.mark.parametrize(
+    ("method", "share"), [("uzawa", 1.9), ("nesterov", 1), ("barzilai_borwein", 1), ("newton", 1)]
+)
+def test_the_step_where_none_is_given(method: str, share: float) -> None:
+    """1/lambda_max(S) is that of the theory of projected gradients with momentum (Nesterov 1983).
+
+    Plain steps converge below 2/lambda_max(S); a twentieth less leaves half the steps of 1/lambda_max(S).
+    """
+    of = operator(8, 2)
+    assert uzawa(of, partial_contact(of), 1e-8, method=method).rho * of.lambda_max == pytest.approx(share)
+
+
 @pytest.mark.parametrize("ratio", [2, 4])
 def test_steps_stay_below_the_contraction_estimate(ratio: float) -> None:
     """||R_n||_0 <= q^n ||R_0||_0, and the bound is at most 1 + rho (lambda_min lambda_max)^{1/2} times its
