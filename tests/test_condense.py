@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -15,8 +17,10 @@ from unilateral.condense import (
     DualOperator,
     check_constants,
     condense,
+    dissected,
     dual_operator,
     elimination_order,
+    factorise,
     last_block,
 )
 from unilateral.coupling import coupling
@@ -98,6 +102,23 @@ def test_boundary_unknowns_moved_by_the_factorisation_are_an_error() -> None:
     mesh = MESHES["structured"]()
     with pytest.raises(RuntimeError, match="moved the boundary"):
         last_block(spl.splu(full_matrix(mesh), permc_spec="COLAMD"), len(mesh.boundary))
+
+
+def test_pivots_stay_on_the_diagonal() -> None:
+    """Of [[1, 3/2], [3/2, 4]], where 3/2 would be the larger pivot: the Schur complement is 4 - 9/4."""
+    A = sp.csr_array([[1, 1.5], [1.5, 4]])
+    np.testing.assert_allclose(last_block(factorise(A, np.arange(2)), 1), [[math.sqrt(1.75)]], rtol=1e-15)
+    with pytest.raises(RuntimeError, match="moved the boundary"):
+        last_block(spl.splu(A.tocsc(), permc_spec="NATURAL"), 1)
+
+
+def test_without_elimination_the_boundary_is_not_last() -> None:
+    """All nodes are dissected then, whose separators go across the boundary; solutions are the same."""
+    condensed = condense(MESHES["structured"]())
+    other, boundary = dissected(condensed), condensed.mesh.boundary
+    assert not np.all(np.isin(other.order[-len(boundary) :], boundary))
+    rhs = np.random.default_rng(8).standard_normal(condensed.mesh.n_nodes)
+    np.testing.assert_allclose(other.solve(rhs), condensed.solve(rhs), rtol=0, atol=1e-12 * abs(rhs).max())
 
 
 def test_the_neck_has_an_interior_in_pieces() -> None:
