@@ -114,6 +114,15 @@ def test_contact_is_what_the_offsets_say() -> None:
     assert 0 < loaded["partial contact"] < 16
 
 
+@pytest.mark.parametrize(("ratio", "applications"), [(2, 2), (0.5, 1)])
+def test_the_bound_takes_one_product_with_D_for_u_and_one_for_its_energy(
+    ratio: float, applications: int
+) -> None:
+    """Where beta is 0 the energy bound takes that for u alone."""
+    of = operator("square", ratio)
+    assert active_set(of, OFFSETS["partial contact"](of), 1e-5).operator_applications == applications
+
+
 @pytest.mark.parametrize("ratio", [2, 3, 4])
 def test_uzawa_agrees_within_the_bounds(ratio: float) -> None:
     of = operator("square", ratio)
@@ -150,6 +159,7 @@ def test_a_solver_that_gives_up_is_reported(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.warns(RuntimeWarning, match="active_set .* above the tolerance"):
         result = active_set(of, OFFSETS["partial contact"](of), 1e-6)
     assert not result.converged
+    assert not result.lambda_H.any()
     assert result.bound > 0.1
 
 

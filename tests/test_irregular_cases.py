@@ -113,6 +113,31 @@ def test_what_is_bounded_on_the_sides(
     assert atom.finite
 
 
+@pytest.mark.parametrize(("alpha", "refused"), [("-1/3", True), ("1/3", True), ("0", False), ("-1", True)])
+def test_a_transition_needs_no_logarithm(alpha: str, refused: bool) -> None:
+    """At 3 pi/2 it does where sin(3/2 (1 + alpha) pi), by which it is divided, is 0."""
+    if not refused:
+        assert polar("transition", alpha).beta == 1
+        return
+    with pytest.raises(InputError, match=r"\(1 \+ alpha\) omega/pi no integer"):
+        polar("transition", alpha)
+
+
+def test_the_points_at_which_polar_atoms_are_not_smooth() -> None:
+    """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
+    found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular()}
+    assert found == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
+    found = {(p.side, p.t, p.grading) for p in polar("held").singular() if p.t >= 0}
+    assert found == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
+
+
+@pytest.mark.parametrize("off", [1e-17, 0.0, -0.0, -1e-17])
+def test_rounding_beyond_a_side_is_on_it(off: float) -> None:
+    """On the side at angle 0 the held atom is 0; taken for the angle 2 pi it would be sin(4 pi/3) r^(2/3)."""
+    value, _ = polar("held").value_and_gradient(np.array([[0.1, off], [0.2, off]]))
+    np.testing.assert_allclose(value, 0, atol=1e-15)
+
+
 def cut_off_power(s: np.ndarray, alpha: float, R: float) -> np.ndarray:
     """Integral from 0 to s_+ of s^alpha (1 - (s/R)^2)_+^4, term by term."""
     s = np.clip(s, 0, R)

@@ -233,6 +233,14 @@ def test_predicted_steps_at_the_ends() -> None:
     assert predicted_steps(of, 1.9 / of.lambda_max, 1e-9, 1e-8) == 0
     assert predicted_steps(of, 2.1 / of.lambda_max, 1.0, 1e-8) == math.inf
     assert predicted_steps(operator(8, 1), 1.9 / of.lambda_max, 1.0, 1e-8) == math.inf
+    assert predicted_steps(of, 1.9 / of.lambda_max, 1.0, 0.0) == math.inf
+
+
+@pytest.mark.parametrize(("rho", "steps"), [(1 / 8, 3.0), (1 / 4, 1.0), (3 / 8, 3.0), (1 / 2, math.inf)])
+def test_predicted_steps_where_all_eigenvalues_are_4(rho: float, steps: float) -> None:
+    """The error shrinks by |1 - 4 rho| a step: three times a half are an eighth; none is left, or all."""
+    of = DualOperator(np.eye(3), np.full(3, 0.25), 1.0)
+    assert predicted_steps(of, rho, 1.0, 1 / 8) == steps
 
 
 @pytest.mark.parametrize("ratio", [1, 2, 4])
