@@ -24,6 +24,7 @@ from unilateral.accuracy import (
     next_H,
     prolonged,
     two_edges_per_cell,
+    unknowable,
 )
 from unilateral.discrete import discretise, solve_to_fraction
 from unilateral.dual_norm import dual_norm
@@ -208,7 +209,7 @@ PEAKS = {
     ("field", "size"), [(field, size) for field, (_, _, sizes) in PEAKS.items() for size in sizes]
 )
 def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(tmp_path, field, size):
-    """Where u_h = 0 was certified: ||u||_1 >= (sigma_1 int g_+^2)^(1/2), int g_+^2 > 4 / k; f's peak alone.
+    """Where u_h = 0 was certified: ||u||_1 >= (sigma_1 int g_+^2)^(1/2), int g_+^2 > 4 / k, or by f's mean.
 
     Where k s <= 1/2 g is at least 2, for 4 exp(-1/4) > 3, and 1 / sigma_1 = sqrt(2) / tanh(1 / sqrt(8)).
     """
@@ -220,42 +221,35 @@ def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(tmp_path, field, 
     assert len(done) == 3
     for level in done:
         assert not level.certified
-        assert level.solved.bound.u >= (least if field == "g" else math.inf)
+        assert level.solved.bound.u >= (least if field == "g" else of_peak(float(size)))
 
 
-def test_f_is_believed_where_its_peak_is_seen(tmp_path):
-    """Control: a wide one on the same meshes."""
-    file = tmp_path / "wide.yaml"
-    f = "1e4*exp(-((x - 3/10)**2 + (y - 1/2)**2)*10)"
-    file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f}\ng: 0\n")
-    done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
-    assert all(math.isfinite(level.solved.bound.u) for level in done)
+def of_peak(height):
+    """||u||_1 for that f: at least |(f, 1)| = pi 1e-6 times its height."""
+    return np.pi * 1e-6 * height
 
 
 @pytest.mark.parametrize("h", [1 / 4, 1 / 8, 1 / 16])
-def test_a_source_that_quadrature_mistakes_is_not_certified(tmp_path, h):
+def test_waves_of_f_are_integrated(tmp_path, h):
     """f = 1 + cos(k x), whose u has the mean 1: |1 - mean u_h| = |(u - u_h, 1)_1| <= ||u - u_h||_1.
 
-    Of 160 / pi and 320 / pi waves any two rules that are alike in all triangles were mistaken alike.
+    Of 160 / pi and 320 / pi waves any two rules that are alike in all triangles are mistaken alike, by .15.
     """
-    errors = []
     for n in (20, 64, 160, 320):
         of = declared(tmp_path, f=f"1 + cos({2 * n}*pi*x)", g=-1)
         mesh, cells = meshes.structured(square(), h), partitions.uniform(square(), 2 * h)
         solved = solve_to_fraction(discretise(of, mesh, cells), Stop())
-        errors.append(abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1)))
-        assert solved.bound.u >= errors[-1]
-    assert max(errors) > 0.01
+        error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
+        assert error <= min(solved.bound.u, solved.bound.unknown + 1e-12)
+        assert solved.bound.unknown <= {20: 0.01, 64: 0.01, 160: 0.2, 320: 1.0}[n]
 
 
-def test_a_wave_is_not_mistaken_where_kinks_cut_the_triangles(tmp_path):
-    """As above; the kinks, of size 1e-9, are in every column of triangles. |u - 1| is below 1e-3."""
-    kinks = " + ".join(f"pos(x - {k}/8, 1)" for k in (1, 3, 5, 7))
-    of = declared(tmp_path, f=f"1 + cos(4096*pi*(x - y)) + 1e-9*({kinks})", g=-10)
-    mesh, cells = meshes.structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
-    solved = solve_to_fraction(discretise(of, mesh, cells), Stop())
-    error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
-    assert solved.bound.u >= error > 0.1
+def test_a_wave_that_cannot_be_enclosed_is_not_certified(tmp_path):
+    """As above: |u - 1| is below 1e-3, u_h may have any mean. It ends the search, for no mesh would help."""
+    (only,) = levels(declared(tmp_path, f="1 + cos(4096*pi*(x - y))", g=-10), Goal(0.01))
+    assert not only.certified
+    assert unknowable(only)
+    assert not any(map(unknowable, levels(load("natural"), Goal(0.03))))
 
 
 def test_jumps_of_f_are_integrated_where_they_are(tmp_path):
@@ -369,12 +363,15 @@ def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path, 
 
 
 @pytest.mark.parametrize("width", [20_000, 282_000])
-def test_meshes_that_do_not_see_f_do_not_end_the_search(tmp_path, width):
-    """u_h is about 1e-24 there, and less than a normal number; the next mesh is made, all the same."""
-    of = declared(tmp_path, f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=0)
+def test_peaks_between_all_nodes_do_not_end_the_search(tmp_path, width):
+    """f < 0 has its peak where no coarse mesh has a node; its integral is seen by u_h on all of them."""
+    of = declared(tmp_path, f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
     done = list(levels(of, Goal(0.1, max_unknowns=1000)))
     assert len(done) > 3
-    assert all(level.solved.result.converged and math.isinf(level.solved.bound.u) for level in done[:2])
+    for level in done:
+        mean = level.solved.u_integral
+        assert mean == pytest.approx(-100 * np.pi / width, rel=1e-2)
+        assert level.solved.result.converged
 
 
 def test_a_budget_that_is_too_small_is_said_before_meshing(tmp_path, monkeypatch):

@@ -7,12 +7,13 @@ import pytest
 import sympy
 
 from unilateral import partition as partitions
-from unilateral import problem_file
-from unilateral.discrete import discretise, obstacle_means, source_load
+from unilateral import problem_file, source
+from unilateral.atoms import X, Y
+from unilateral.discrete import discretise
 from unilateral.errors import InputError
-from unilateral.mesh import structured
+from unilateral.expression import compile_numpy
+from unilateral.mesh import structured, unstructured
 from unilateral.polygon import square
-from unilateral.problem import curve
 from unilateral.solve import Stop, iterate
 
 PROBLEMS = sorted((Path(__file__).parent / "data/problems").glob("*.yaml"))
@@ -52,97 +53,46 @@ def test_f_and_g_are_the_formulas(declared):
     )
     x, y = np.random.default_rng(1).random((2, 20))
     expected = np.sin(x) * y + np.maximum(x - 1, 0)
-    assert problem.source(np.column_stack([x, y])) == pytest.approx(expected, rel=1e-14)
-    assert problem.source(np.array([[0.5, 0.25]]), np.column_stack([x, y])) == pytest.approx(
-        np.sin(x + 0.5) * (y + 0.25) + np.maximum(x - 0.5, 0), rel=1e-14
-    )
+    assert compile_numpy([problem.f], (X, Y))(x, y)[0] == pytest.approx(expected, rel=1e-14)
     side, s = np.array([0, 1, 1, 2]), np.array([0.3, 0.2, 0.9, 1.0])
     x, y = problem.polygon.at(side, s).T
     by_side = [x * (x - 2), y * np.exp(x - 2), (1 - 2 * x) * (x - y) * x + 3 * np.exp(-1.5) * x]
-    g, slope = problem.obstacle(side, s)
-    assert g == pytest.approx([by_side[i][k] for k, i in enumerate(side)], rel=1e-13)
+    along = problem.polygon.starts[side] + s
+    found = problem.enclosed_obstacle
+    g, slope = found.at(found.on(along), along)
+    assert g == pytest.approx([by_side[i][k] for k, i in enumerate(side)], rel=1e-8)
     step = 1e-5
-    difference = (problem.obstacle(side, s + step)[0] - problem.obstacle(side, s - step)[0]) / (2 * step)
-    assert slope == pytest.approx(difference, rel=1e-8)
+    before, after = (found.at(found.on(along + d), along + d)[0] for d in (-step, step))
+    assert slope == pytest.approx((after - before) / (2 * step), rel=1e-6)
 
 
-X, Y = (sympy.Symbol(name, real=True) for name in "xy")
-
-
-@pytest.mark.parametrize("scale", ["1", "1e300", "1e-300"])
-def test_the_curve_of_a_formula_of_any_size(scale):
-    """x = 1/2, and the circle of radius 1/2 about (1, 0): a factor moves no zero."""
-    factor = sympy.Rational(scale)
-    (line,) = curve(factor * (2 * X - 1))
-    assert (line.centre, line.radius) == (pytest.approx((0.5, 0)), 0)
-    (circle,) = curve(factor * (sympy.Rational(1, 4) - (X - 1) ** 2 - Y**2))
-    assert (circle.centre, circle.radius) == (pytest.approx((1, 0)), pytest.approx(0.5))
-
-
-def test_a_curve_that_is_near_no_polygon():
-    """1e300 x = 1 lies at 1e-300, x = 1e300 nowhere near; a circle of radius 1e125 is a line."""
-    (line,) = curve(10**300 * X - 1)
-    assert line.centre == (pytest.approx(1e-300, rel=1e-12), 0)
-    assert curve(X - 10**300) == []
-    with pytest.raises(ValueError, match="is 0 on a circle that is too large; write it as a line"):
-        curve(sympy.Rational("1e-250") * (X**2 + Y**2) + X - 1)
-    with pytest.raises(ValueError, match="is 0 everywhere; leave it out"):
-        curve((X + 1) ** 2 - X**2 - 2 * X - 1)
-
-
-def test_kinks_are_where_f_and_g_have_them(declared):
-    problem = problem_file.load(
-        declared(
-            f="pos(2*x + 2*y - 1, 1) + pos(1/4 - (x - 1)**2 - (y - 1/2)**2, 3/2)",
-            g="pos(x - 1/3, 3/2) + pos(y - 1/4, 2)",
-        )
-    )
-    line, circle = sorted(problem.kinks(), key=lambda kink: kink.radius)
+def test_jumps_of_f_are_where_it_has_them(declared):
+    """Kinks are none: there f is enclosed by ever smaller pieces."""
+    f = "pos(2*x + 2*y - 1, 0) + pos(1/4 - (x - 1)**2 - (y - 1/2)**2, 0) + pos(x - 1/3, 1)"
+    line, circle = sorted(problem_file.load(declared(f=f)).jumps.values(), key=lambda kink: kink.radius)
     on_line, on_circle = np.array([[0.1, 0.4], [0.5, 0.0]]), np.array([[0.5, 0.5], [1.0, 1.0]])
     assert line.level(on_line) == pytest.approx([0, 0], abs=1e-15)
     assert abs(line.level(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
     assert circle.level(on_circle) == pytest.approx([0, 0], abs=1e-15)
-    found = {(p.side, round(p.t, 12), p.grading) for p in problem.singular()}
-    of_f = {(0, 0.5, 1), (3, 0.5, 1)}
-    of_g = {(0, round(1 / 3, 12), 2), (1, 0.25, 1), (2, round(2 / 3, 12), 2), (3, 0.75, 1)}
-    assert found == of_f | of_g
-    assert problem.flux_singular() == []
-
-
-def test_a_peak_of_g_is_seen_between_the_points_of_a_rule(declared):
-    """The means of g, by quadrature, on cells of length 1/2, against the closed form; and where it is cut."""
-    peak = "-1 + 4*exp(-((x - 3/10)*1000)**2)"
-    problem = problem_file.load(declared(g=f'["{peak}", -1, -1, -1]'))
-    means = obstacle_means(problem, partitions.uniform(square(), 1 / 2))
-    assert means[0] == pytest.approx(-1 + 2 * 4 * np.sqrt(np.pi) / 1000, rel=1e-4)
-    assert means[1:] == pytest.approx(-1)
-    points = [p.t for p in problem.singular()]
-    assert {p.side for p in problem.singular()} == {0}
-    assert np.abs(np.array(points) - 0.3).min() < 1e-3
-    free = problem_file.load(declared(g=f'["{peak}", -1, -1, -1]', free_sides="[0]"))
-    assert free.singular() == []
-
-
-@pytest.mark.parametrize("file", PROBLEMS, ids=[file.stem for file in PROBLEMS])
-def test_g_of_an_ordinary_problem_is_not_cut(file):
-    problem = problem_file.load(str(file))
-    assert len(problem.singular()) == sum(len(kink.crossings(problem.polygon)) for kink in problem.kinks())
 
 
 def test_data_of_any_size_in_between_are_accepted(declared):
     for size in ("1e-139", "1e139"):
-        assert problem_file.load(declared(f=f"{size}*x", g=f"{size}*y")).largest_source == pytest.approx(
-            float(size)
-        )
-    assert problem_file.load(declared(f="pos(x - 2, 1)", g="0")).largest_source < 1e-300
+        found = problem_file.load(declared(f=f"{size}*x", g=f"{size}*y"))
+        assert found.range_of_f[1] == pytest.approx(float(size))
+    assert problem_file.load(declared(f="pos(x - 2, 1)", g="0")).range_of_f == pytest.approx(
+        (0, 0), abs=1e-290
+    )
 
 
 def test_loads_and_means_see_the_kinks(declared):
     """The integral of f over Omega and the means of g, against their closed forms."""
     problem = problem_file.load(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
-    total = source_load(problem, structured(square(), 1 / 4)).sum()
-    assert total == pytest.approx(0.7**2 / 2 * (np.e - 1), rel=1e-6)
-    means = obstacle_means(problem, partitions.uniform(square(), 1 / 2))
+    found = source.enclosed(structured(square(), 1 / 4), problem)
+    exact = 0.7**2 / 2 * (np.e - 1)
+    assert found.moments.sum() == pytest.approx(exact, abs=found.unknown)
+    assert found.unknown <= 1e-3 * exact
+    means = problem.enclosed_obstacle.means(partitions.uniform(square(), 1 / 2).points)
     exact = 2 * np.diff(0.4 * np.maximum(np.array([0, 1 / 2, 1]) - 1 / 3, 0) ** 2.5)
     assert means[:2] == pytest.approx(exact, rel=1e-9)
     assert means[4:6] == pytest.approx(exact[::-1], rel=1e-9)
@@ -151,7 +101,7 @@ def test_loads_and_means_see_the_kinks(declared):
 def test_a_side_below_the_source_is_idle(declared):
     """sup g < inf f there: f >= 1, and g < 1 on sides 0 and 3 only."""
     problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
-    assert problem.range_of_f()[0] == pytest.approx(1, abs=1e-2)
+    assert problem.range_of_f[0] == pytest.approx(1, abs=1e-2)
     assert problem.idle_sides() == (0, 3)
     free = problem_file.load(
         declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]', free_sides="[3]")
@@ -210,7 +160,7 @@ ONE_LINE = {
     "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
     "g infinite on all of a side": (
         {"g": "cos(cosh(y))/y"},
-        ", field g, on side 0: it is not a finite real function",
+        ", field g: it is not finite on side 0, or no bound can be found",
     ),
     "g not real on a side": (
         {"g": "pos(y - (y - 2)**(1/2), 1)"},
@@ -226,10 +176,6 @@ ONE_LINE = {
     "both too small": (
         {"f": "1e-160*(3*x - 2)"},
         ", fields f and g: they are at most 2e-160, and squares of",
-    ),
-    "g too fast": (
-        {"g": "sin(100000*x)"},
-        ", field g: on side 0 it varies faster than 16384 pieces can resolve",
     ),
     "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
     "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
@@ -299,7 +245,8 @@ def test_numbers_are_read_exactly(declared):
 
 def test_a_jump_at_a_free_side_is_harmless(declared):
     problem = problem_file.load(declared(g='["1 - x", null, 0, 0]', free_sides="[1, 3]"))
-    assert problem.obstacle(np.array([0, 1]), np.array([0.25, 0.5]))[0] == pytest.approx([0.75, 0])
+    assert problem.enclosed_obstacle.range(0) == pytest.approx((0, 1))
+    assert problem.enclosed_obstacle.range(1) == (-np.inf, -np.inf)
 
 
 @pytest.mark.parametrize(
@@ -337,30 +284,31 @@ def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
 def test_bounds_of_f_are_sharp_in_whatever_form(declared, f, most):
     """On the unit square; the last one is exp(-60 (x - 3/10)^2)."""
     found = problem_file.load(declared(f=f, g=0))
-    assert found.largest_met <= most * (1 + 1e-12)
-    assert most <= found.largest_source <= 1.5 * found.largest_met
+    assert most <= max(map(abs, found.range_of_f)) <= 1.01 * most
 
 
-def test_f_without_a_sharp_bound_is_refused(declared):
-    """(x - 20)^12, expanded, near x = 20: its terms are as large as 20^12."""
+def test_terms_that_cancel_are_no_reason_to_refuse(declared):
+    """(x - 20)^12, expanded, near x = 20: its terms are as large as 924 * 20^12, its values 1."""
     twelfth = sympy.expand((sympy.Symbol("x") - 20) ** 12)
-    with pytest.raises(
-        InputError, match=r"field f: all that is known is \|f\| <= .* no value above .* was met"
-    ):
-        problem_file.load(declared(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0))
+    found = problem_file.load(declared(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0))
+    assert found.range_of_f[0] <= 0 <= 1 <= found.range_of_f[1] < np.inf
+    assert 0 < source.enclosed(unstructured(found.polygon, 1 / 4), found).unknown < 1e7
 
 
 @pytest.mark.parametrize(
     ("g", "pieces"),
     [
-        ("pos(1/4-(x-1/2)**2-y**2,1)", 0),
-        ("x*pos(x-y-1/2,1)", 0),
-        ("exp(-3000*((x-3/10)**2+y**2))", 30),
-        ('["-1+4*exp(-((x-31415/100000)*10**6)**2)", -1, -1, -1]', 60),
+        ("pos(1/4-(x-1/2)**2-y**2,1)", 100),
+        ("x*pos(x-y-1/2,1)", 100),
+        ("exp(-3000*((x-3/10)**2+y**2))", 100),
+        ('["-1+4*exp(-((x-31415/100000)*10**6)**2)", -1, -1, -1]', 150),
     ],
 )
-def test_g_that_is_0_on_a_side_or_has_a_narrow_peak_needs_few_pieces(declared, g, pieces):
-    assert len(problem_file.load(declared(f=-1, g=g))._fast) <= pieces
+def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(declared, g, pieces):
+    """In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations."""
+    found = problem_file.load(declared(f=-1, g=g)).enclosed_obstacle
+    assert len(found.side) <= pieces
+    assert found.doubt.max() <= (1e-7 if "10**6" in g else 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -373,6 +321,7 @@ def test_g_that_is_0_on_a_side_or_has_a_narrow_peak_needs_few_pieces(declared, g
 )
 def test_a_peak_of_g_is_not_hidden_by_values_that_u_cannot_reach(declared, g, peak):
     """u >= -1 = inf f: what g is below that, on this side or another one, says nothing of its size."""
-    found = problem_file.load(declared(f=-1, g=g))
-    near = [point for point in found._fast if point.side == 0 and abs(point.t - peak) < 1e-3]
-    assert len(near) >= 2
+    found = problem_file.load(declared(f=-1, g=g)).enclosed_obstacle
+    near = (found.points[:-1] <= peak) & (found.points[1:] >= peak)
+    assert found.upper[near].max() == pytest.approx(1, abs=1e-3)
+    assert found.doubt[near].max() <= 1e-8

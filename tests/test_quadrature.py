@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,11 +17,10 @@ from unilateral import case as cases
 from unilateral import mesh as meshes
 from unilateral import partition as partitions
 from unilateral import quadrature
-from unilateral.atoms import Kink, Singular
 from unilateral.case import Case
 from unilateral.mesh import Mesh
 from unilateral.norms import on_mesh
-from unilateral.polygon import Polygon, lshape, square
+from unilateral.polygon import lshape, square
 from unilateral.quadrature import boundary_rule, triangle_rules
 from unilateral.solve import solve
 from unilateral.splitting import Split
@@ -263,56 +260,3 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(tmp_path: Path) 
     means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
     np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_triangles_cut_at_points_of_their_own_are_covered_with_the_same_degree(name: str) -> None:
-    """A polynomial of degree 8; the points differ from triangle to triangle, in barycentric coordinates."""
-    mesh, case = mesh_of(name), load("smooth")
-    rules = list(triangle_rules(mesh, case, quadrature.DEGREE, True))
-    areas = np.zeros(len(mesh.triangles))
-    for rule in rules:
-        np.add.at(areas, rule.triangle, rule.weight.sum(axis=1))
-    np.testing.assert_allclose(areas, mesh.areas, rtol=1e-12)
-
-    def integral(cut: bool) -> float:
-        found = triangle_rules(mesh, case, quadrature.DEGREE, cut)
-        return sum(float(rule.weight.ravel() @ np.prod(rule.points ** [5, 3], axis=1)) for rule in found)
-
-    assert integral(True) == pytest.approx(integral(False), rel=1e-12)
-    first, second = rules[0].barycentric[[0, 3]]
-    assert np.abs(first - second).max() > 0.05
-
-
-@pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
-def test_a_jump_is_integrated_exactly_along_a_line_and_nearly_so_along_a_circle(kink: Kink) -> None:
-    """Areas on one side: of a polygon by an integral over x, of a disc; 1e-5: chords of arcs of 1/256."""
-
-    class Jumping(NamedTuple):
-        polygon: Polygon
-
-        def kinks(self) -> list[Kink]:
-            return [replace(kink, jump=True)]
-
-        def flux_singular(self) -> list[Singular]:
-            return []
-
-        def singular(self) -> list[Singular]:
-            return []
-
-    def area(problem: Any) -> float:
-        rules = triangle_rules(mesh_of("structured"), problem)
-        return sum(float(rule.weight.ravel() @ (kink.level(rule.points) < 0)) for rule in rules)
-
-    if kink.radius:
-        exact, near = math.pi / 16, 1e-5
-    else:
-        slope = kink.tangent[1] / kink.tangent[0]
-        left = quad(
-            lambda x: np.clip(kink.centre[1] + slope * (x - kink.centre[0]), 0, 1),
-            0,
-            1,
-            points=[0.0017, 0.7517],
-        )
-        exact, near = 1 - left[0], 1e-12
-    assert area(Jumping(square())) == pytest.approx(exact, abs=near)

@@ -43,8 +43,6 @@ GUESS = 1.05
 """More unknowns than h^-2 predicts, which gmsh may make."""
 SAFE = 0.5
 """Below 2 / sqrt(3), the unknowns on equilateral triangles of the size h, times h^2 over the area."""
-HOPEFUL = 2.0
-"""By what the unknown part of the bound has to fall from a level to the next, while it is too large."""
 GROWTH = 1.3
 """Seconds grow like the unknowns to this power, at most."""
 
@@ -218,7 +216,7 @@ def _target(solved: Bounded, goal: Goal) -> float:
 def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     """The next level's H within the budget, or None."""
     last, in_time = done[-1], _in_time(done[-1], goal, seconds)
-    if last.certified or in_time == math.inf or not last.solved.result.converged or unknowable(done):
+    if last.certified or in_time == math.inf or not last.solved.result.converged or unknowable(last):
         return None
     H, believed = last.partition.H, standing(done)
     totals = [level.solved.total(goal.norm) for level in believed]
@@ -229,10 +227,9 @@ def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     return max(wanted, affordable)
 
 
-def unknowable(done: Sequence[Level]) -> bool:
-    """Whether what is not known of f and g is more than the error that is wanted, and does not fall."""
-    unknown = [level.solved.bound.unknown for level in done[-2:]]
-    return len(unknown) == 2 and unknown[1] > done[-1].target and HOPEFUL * unknown[1] > unknown[0]
+def unknowable(last: Level) -> bool:
+    """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
+    return last.solved.bound.irreducible > last.target > 0
 
 
 def _shares(last: Level, goal: Goal) -> dict[str, float]:

@@ -17,7 +17,7 @@ from unilateral import streams
 from unilateral.errors import InputError
 from unilateral.streams import tell
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 4, 130
+FAILED, INTERRUPTED = 4, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,7 +46,7 @@ def _guarded(action: Callable[[], int]) -> int:
         return action()
     except InputError as error:
         tell(error)
-        return BAD_INPUT
+        return error.exit_code
     except KeyboardInterrupt:
         tell("interrupted")
         return INTERRUPTED

@@ -21,6 +21,8 @@ SAME = 1e-9
 """So is one that misses them by less than this share of the value."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
+MOST_DISTANCES = 1 << 20
+"""At once, of boxes from sides."""
 
 
 def range_in(polygon: Polygon, formula: sympy.Expr) -> tuple[float, float]:
@@ -69,7 +71,9 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np
     """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
     centres, half = boxes.mean(axis=2), 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices
-    near = segment_distances(centres, v, np.roll(v, -1, axis=0)).min(axis=1) <= half * (1 + 1e-9)
+    parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MOST_DISTANCES)
+    away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
+    near = np.concatenate(away) <= half * (1 + 1e-9)
     inside = _inside(polygon, centres)
     return near | inside, inside
 

@@ -86,7 +86,7 @@ def area_in_disc(vertices: Array, radius: float) -> Array:
     start, end = vertices, np.roll(vertices, -1, axis=1)
     d = end - start
     a, b, c = _dot(d, d), _dot(start, d), _dot(start, start) - radius**2
-    root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
+    root, a = np.sqrt(np.maximum(b**2 - a * c, 0.0)), np.where(a > 0, a, 1.0)
     t = (np.clip((-b + sign * root) / a, 0.0, 1.0)[..., None] for sign in (-1, 1))
     enter, leave = (start + fraction * d for fraction in t)
     sectors = _angle(start, enter) + _angle(leave, end)

@@ -22,8 +22,10 @@ Index = NDArray[np.intp]
 ORDER = 7
 SHARP = 1e-10
 """Of what g varies by above the least value that u can have: how far it may be from the polynomial."""
-FLOOR = 1e-14
+FLOOR = 1e-13
 """Of |g| on a piece: its rounding, which no shorter piece takes away."""
+IN_VAIN = 4.0
+"""Times the rounding of g at a point: a piece on which g is known that well is not cut."""
 MOST_PIECES = 60_000
 SHORTEST = 2.0**-44
 """Of a side."""
@@ -128,28 +130,43 @@ def enclosed(
 
     It takes fewer pieces if these begin and end at the points where g is known not to be smooth.
     """
-    points = {(point.side, point.t) for point in cuts if 0 < point.t < 1}
-    held = np.setdiff1d(np.arange(data.polygon.n_sides), free).tolist()
-    ends = [sorted({0.0, 1.0, *(t for at, t in points if at == i)}) for i in held]
-    side = np.repeat(held, [len(each) - 1 for each in ends]).astype(np.intp)
-    start, end = (
-        np.array([t for each in ends for t in part(each)]) for part in (lambda e: e[:-1], lambda e: e[1:])
-    )
-    left = MOST_PIECES
-    done: list[_Pieces] = []
+    side, start, end = _first_intervals(data.polygon, free, cuts)
+    done, left = [_without(np.array(free, dtype=np.intp))], MOST_PIECES
     while len(side):
-        now = _on_intervals(data, side, start, end)
-        wide = _too_wide(_together([*done, now]), least)[-len(side) :] & (end - start > SHORTEST)
-        left -= len(side)
+        now, left = _on_intervals(data, side, start, end), left - len(side)
+        wide = _too_wide(_together([now, *done]), least)[: len(side)] & (end - start > SHORTEST)
+        if wide.any():
+            wide[wide] = ~_only_rounded(data, now.of(wide))
         if 2 * np.count_nonzero(wide) > left:
             wide[:] = False
         done.append(now.of(~wide))
-        side, middle = np.repeat(side[wide], 2), 0.5 * (start + end)[wide]
-        start, end = (
-            np.column_stack([start[wide], middle]).ravel(),
-            np.column_stack([middle, end[wide]]).ravel(),
+        middle = 0.5 * (start + end)
+        side, start, end = (
+            np.concatenate([first[wide], second[wide]])
+            for first, second in ((side, side), (start, middle), (middle, end))
         )
-    return _joined(data.polygon, _together([*done, _without(np.array(free, dtype=np.intp))]))
+    return _joined(data.polygon, _together(done))
+
+
+def _first_intervals(
+    polygon: Polygon, free: Sequence[int], cuts: Iterable[Singular]
+) -> tuple[Index, Array, Array]:
+    """The sides that are not free, cut at those points: the sides (k,), starts and ends (k,)."""
+    inner = {(point.side, point.t) for point in cuts if 0 < point.t < 1}
+    held = np.setdiff1d(np.arange(polygon.n_sides), free).tolist()
+    ends = sorted(
+        {(side, t) for side in held for t in (0.0, 1.0)} | {each for each in inner if each[0] in held}
+    )
+    side, t = np.array([i for i, _ in ends], dtype=np.intp), np.array([t for _, t in ends])
+    within = side[1:] == side[:-1]
+    return side[:-1][within], t[:-1][within], t[1:][within]
+
+
+def _only_rounded(data: Data, pieces: _Pieces) -> NDArray[np.bool_]:
+    """Where g is hardly better known in the middle of a piece than on all of it: shorter ones are in vain."""
+    middle = 0.5 * (pieces.start + pieces.end)
+    at_points = _on_intervals(data, pieces.side, middle, middle)
+    return np.asarray(pieces.rad <= IN_VAIN * at_points.rad)
 
 
 def _on_intervals(data: Data, side: Index, start: Array, end: Array) -> _Pieces:
@@ -164,9 +181,10 @@ def _together(pieces: Sequence[_Pieces]) -> _Pieces:
 
 def _too_wide(pieces: _Pieces, least: float) -> NDArray[np.bool_]:
     """Where g is not known up to SHARP times its spread above `least`, or its depth below."""
+    held = np.isfinite(pieces.lower)
     at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
-    floor = max(least, float(at_centre.min()))
-    scale = np.maximum(at_centre.max() - floor, floor - pieces.lower)
+    floor = max(least, float(at_centre[held].min(initial=np.inf)))
+    scale = np.maximum(at_centre[held].max(initial=-np.inf) - floor, floor - pieces.lower)
     return np.asarray(~(pieces.rad <= np.maximum(SHARP * scale, FLOOR * size)))
 
 

@@ -28,8 +28,8 @@ class Polygon:
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
     arc length s along the boundary grows from 0 at vertex 0 to `perimeter`.
 
-    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise, too
-    far apart or too near, or if two sides touch elsewhere than in their common vertex.
+    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,
+    too far apart or too near, or if two sides touch elsewhere than in their common vertex.
     """
 
     vertices: Array

@@ -89,7 +89,7 @@ def ending(best: Level, done: Sequence[Level], goal: Goal, ended: str) -> str:
         reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
     if best.certified:
         return f"  certified: {reached}"
-    if unknowable(done) and not ended:
+    if unknowable(done[-1]) and not ended:
         return (
             f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
             f"{unknown:.4e} is what is not known of them; {error - unknown:.4e}, the rest, is an estimate"

@@ -15,6 +15,7 @@ Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. D
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple, Protocol
@@ -32,11 +33,14 @@ from unilateral.taylor import EPS, Model, affine, basis
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 ORDER = 4
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
 """Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
+IN_VAIN = 16.0
+"""Times what rounding leaves: a piece with that E^2 is not quartered."""
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
 MOST_PIECES = 400_000
@@ -59,7 +63,7 @@ class Pieces(NamedTuple):
     """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
 
     The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there.
-    f - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.||^2 <= `jumping` (k,), whose
+    f - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping` (k,), whose
     integral is at most `integral` (k,).
     """
 
@@ -70,7 +74,7 @@ class Pieces(NamedTuple):
     jumping: Array
     integral: Array
 
-    def of(self, kept: NDArray[np.bool_]) -> Pieces:
+    def of(self, kept: Mask) -> Pieces:
         rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
         return Pieces(self.corners[kept], self.parent[kept], self.c[:, kept], *rest)
 
@@ -80,7 +84,7 @@ class Source:
     """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
 
     f - f_h is a function with mean 0 and a norm of at most `oscillation` (m,), which is ||p - f_h||_T but for
-    jumps, and one with a norm of at most `rest` (m,), which is E_T.
+    jumps, and one with a norm of at most `rest` (m,), which is E_T, `resolved` if it is as small as wanted.
 
     `moments` (m, 3) are those of p with the triangle's hats.
     """
@@ -90,6 +94,7 @@ class Source:
     moments: Array
     oscillation: Array
     rest: Array
+    resolved: bool = True
 
     @property
     def distance(self) -> float:
@@ -117,26 +122,36 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
         pieces, owner = _polynomials(mesh, corners, parent, data)
         left -= len(parent)
         rest = pieces.squares + pieces.integral**2 / _areas(mesh, pieces)
-        wide = _too_wide(mesh, done, pieces, np.bincount(owner, rest, len(parent)).astype(float), left)
+        squares = np.bincount(owner, rest, len(parent)).astype(float)
+        wanted = _too_wide(mesh, [*done, pieces], squares)
+        wide = wanted.copy()
+        wide[wide] = squares[wide] > IN_VAIN * _at_points(mesh, corners[wide], parent[wide], data)
+        if 4 * np.count_nonzero(wide) > left:
+            wide &= np.argsort(np.argsort(-squares)) < left // 4
         done.append(pieces.of(~wide[owner]))
         if not wide.any():
-            return _projected(mesh, done)
+            return _projected(mesh, done, resolved=not wanted.any())
         corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
 
 
-def _too_wide(mesh: Mesh, done: list[Pieces], now: Pieces, squares: Array, left: int) -> NDArray[np.bool_]:
-    """Which of the pieces, with E^2 (k,), are to be quartered; `left` more can be looked at."""
-    everything = [*done, now]
-    sums = np.sum([_sums(mesh, pieces) for pieces in everything], axis=0)
-    norm_squared, integral = sums
+def _too_wide(mesh: Mesh, everything: Sequence[Pieces], squares: Array) -> Mask:
+    """Which of the last pieces, with E^2 (k,), are to be quartered for what is wanted of all."""
+    norm_squared, integral = np.sum([_sums(mesh, pieces) for pieces in everything], axis=0)
     spread = max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)
     enough = max((ENOUGH * mesh.h) ** 2 * spread, FLOOR**2 * norm_squared)
     if sum(pieces.squares.sum() for pieces in everything) <= enough:
         return np.zeros(len(squares), dtype=bool)
-    wide = squares > 0.5 * enough / sum(len(pieces.squares) for pieces in everything)
-    if 4 * np.count_nonzero(wide) > left:
-        wide = wide & (np.argsort(np.argsort(-squares)) < left // 4)
-    return np.asarray(wide)
+    return np.asarray(squares > 0.5 * enough / sum(len(pieces.squares) for pieces in everything))
+
+
+def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
+    """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
+    middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
+    known = []
+    for start in range(0, len(parent), BLOCK):
+        vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
+        known.append(_known(_model(vertices, data, sides(vertices, data.jumps)[0])))
+    return _areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
 
 
 def _sums(mesh: Mesh, pieces: Pieces) -> tuple[float, float]:
@@ -163,23 +178,21 @@ def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
     order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
-    x, y = (_coordinate(vertices[..., i]) for i in range(2))
     steps, wrong = sides(vertices, data.jumps)
-    f = data.source_model(x, y, steps)
-    area = _areas_of(mesh, corners, parent)
-    squares = area * (f.rad + 32 * EPS * np.abs(f.c).sum(axis=0)) ** 2
-    found = Pieces(corners, parent, f.c, squares, np.zeros(len(parent)), np.zeros(len(parent)))
-    for step, of_step in wrong.items():
-        at = np.flatnonzero(~np.isnan(of_step))
-        if at.size:
-            here = {each: value[at] for each, value in steps.items()}
-            other = data.source_model(x.on(at), y.on(at), here | {step: 1 - here[step]})
-            doubt = rounding(vertices[at], data.jumps[step])
-            _jump(found, at, other + f.on(at).scaled(-1.0), of_step[at], doubt, area[at])
+    f, area = _model(vertices, data, steps), _areas_of(mesh, corners, parent)
+    found = Pieces(corners, parent, f.c, area * _known(f) ** 2, *np.zeros((2, len(parent))))
+    near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
+    for step, at in near.items():
+        here = {each: value[at] for each, value in steps.items()}
+        by = _model(vertices[at], data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
+        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step]), area[at])
+    several = np.sum([*near.values()], axis=0) > 1
+    if several.any():
+        _jumps(found, several, vertices[several], data, steps, wrong)
     return found
 
 
-def _jump(found: Pieces, at: Index, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
+def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
     """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
 
     p is changed by a constant so that its integral is that of f.
@@ -188,8 +201,29 @@ def _jump(found: Pieces, at: Index, by: Model, wrong: Array, doubt: Array, area:
     middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
     shift = middle * wrong / area
     found.c[0, at] += shift
-    found.jumping[at] += 2 * (most**2 * (wrong + doubt) + shift**2 * area)
+    found.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
     found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
+
+
+def _jumps(found: Pieces, at: Mask, vertices: Array, data: Data, steps: Steps, wrong: Steps) -> None:
+    """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
+    both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
+    lower, upper = _model(vertices, data, both).range
+    doubts = [rounding(vertices, kink) for kink in data.jumps.values()]
+    areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
+    second = np.sort(areas, axis=0)[-2]
+    most = (1 + len(areas)) * (upper - lower)
+    found.jumping[at] += most * np.sqrt(len(areas) * second)
+    found.integral[at] += most * len(areas) * second
+
+
+def _model(vertices: Array, data: Data, steps: Steps) -> Model:
+    return data.source_model(_coordinate(vertices[..., 0]), _coordinate(vertices[..., 1]), steps)
+
+
+def _known(f: Model) -> Array:
+    """(k,) a bound of |f - p|, in which the rounding of p is."""
+    return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
 
 
 def _coordinate(of_vertices: Array) -> Model:
@@ -223,13 +257,17 @@ def _quadratic(c: Array) -> Array:
     return np.maximum(np.einsum("ak,ak->k", c, _moments()[3:] @ c), 0.0)
 
 
-def _projected(mesh: Mesh, done: list[Pieces]) -> Source:
+def _projected(mesh: Mesh, done: list[Pieces], resolved: bool) -> Source:
     n = len(mesh.triangles)
     moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
     for pieces in done:
         own = _areas(mesh, pieces)[:, None] * (_moments()[:3] @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
-        for sums, values in ((rest, pieces.squares), (jumping, pieces.jumping), (integral, pieces.integral)):
+        for sums, values in (
+            (rest, pieces.squares),
+            (jumping, pieces.jumping**2),
+            (integral, pieces.integral),
+        ):
             sums += np.bincount(pieces.parent, values, n)
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
     for pieces in done:
@@ -238,4 +276,5 @@ def _projected(mesh: Mesh, done: list[Pieces]) -> Source:
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
         squares += np.bincount(pieces.parent, _areas(mesh, pieces) * _quadratic(left), n)
     oscillation = np.sqrt(squares) + np.sqrt(jumping)
-    return Source(mesh, f_h, moments, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))
+    rest = np.sqrt(rest) + integral / np.sqrt(mesh.areas)
+    return Source(mesh, f_h, moments, oscillation, rest, resolved)
