@@ -89,6 +89,18 @@ def test_barzilai_and_borwein_s_steps_with_the_published_safeguard() -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one() -> None:
+    """By hand; values are relative to the best one, and so is the reference when that changes."""
+    step = BarzilaiBorwein(S, B, 0.9, START)
+    for value in (5.0, 7.0, -2.0, 4.0, 9.0, 3.0, 2.0, 1.0, 2.0, 3.0, 4.0, 5.0):
+        step._remember(value)
+        assert step.reference == math.inf
+    step._remember(6.0)
+    assert step.reference == 9
+    step._remember(-2.0)
+    assert step.reference == 11
+
+
 @pytest.mark.parametrize(
     ("start", "expected"),
     [([1.0, 1.0], [0.91 / 0.19, 0.0]), ([1.0, 0.0], [1.0, 0.0]), ([0.0, 1.0], [0.0, 0.1])],

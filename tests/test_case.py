@@ -14,7 +14,7 @@ import yaml
 
 from unilateral import case as cases
 from unilateral import mesh as meshes
-from unilateral.atoms import D, Kink, Smooth, T, Tensor, X, Y
+from unilateral.atoms import Along, D, Kink, Smooth, T, Tensor, X, Y
 from unilateral.case import Case
 from unilateral.certificate import certify
 from unilateral.errors import InputError
@@ -169,6 +169,20 @@ def test_traces_are_limits_from_inside(name: str, polygon: str, side: int) -> No
     value, gradient = case.value_and_gradient(points - 1e-9 * normals)
     np.testing.assert_allclose(value, u, atol=1e-7)
     np.testing.assert_allclose(np.sum(gradient * normals, axis=1), flux, atol=1e-6)
+
+
+def test_distances_along_a_side_do_not_round() -> None:
+    """1/3 + 1e-20 is 1/3, its distance from there is not 0."""
+    third, off = np.array([1 / 3]), np.array([1e-20])
+    assert Along(third + off, third, off).minus(1 / 3).tolist() == [1e-20]
+
+
+@pytest.mark.parametrize("name", ["smooth", "thirds"])
+def test_kinks_grow_with_the_polygon(name: str) -> None:
+    small, large = load(name, "square", 0), cases.load(name, Polygon(8 * square().vertices, "large"), 0)
+    assert len(small.kinks()) == len(large.kinks())
+    for one, other in zip(small.kinks(), large.kinks(), strict=True):
+        np.testing.assert_allclose(other.level(8 * inside(square(), 20)), 8 * one.level(inside(square(), 20)))
 
 
 @pytest.mark.parametrize(

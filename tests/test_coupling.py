@@ -109,9 +109,10 @@ def test_nearly_coinciding_points_change_the_coupling_by_their_distance() -> Non
         assert np.abs(moved - exact).max() <= 1.01 * abs(distance) + 1e-15
 
 
-def test_another_polygon_is_refused() -> None:
+@pytest.mark.parametrize("other", [lshape(), Polygon(2 * square().vertices)])
+def test_another_polygon_is_refused(other: Polygon) -> None:
     with pytest.raises(InputError, match="another polygon"):
-        coupling(meshes.structured(square(), 1 / 2), partitions.uniform(lshape(), 1 / 2))
+        coupling(meshes.structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))
 
 
 def test_boundary_mass_integrates_squares_of_linear_functions() -> None:

@@ -13,6 +13,7 @@ import yaml
 from unilateral import case as cases
 from unilateral import mesh as meshes
 from unilateral import partition as partitions
+from unilateral.atoms import Along
 from unilateral.case import Case
 from unilateral.certificate import certify
 from unilateral.errors import InputError
@@ -121,6 +122,21 @@ def test_a_transition_needs_no_logarithm(alpha: str, refused: bool) -> None:
         return
     with pytest.raises(InputError, match=r"\(1 \+ alpha\) omega/pi no integer"):
         polar("transition", alpha)
+
+
+def test_a_linear_transition_is_bounded() -> None:
+    """r cos(theta - omega), though it vanishes on one side only."""
+    assert polar("transition", "0").lipschitz
+    assert polar("transition", "0").flux_bounded
+
+
+def test_an_atom_at_a_vertex_of_sides_of_two_lengths() -> None:
+    """r^2 cos 2 theta at 90 degrees: -r^2 on the side before, of length 2, without flux."""
+    r = np.array([0.1, 0.25])
+    along = Along(1 - r / 2, np.ones(2), -r / 2)
+    value, flux = corner(lshape(), 0, "free").trace_and_flux(5, along)
+    np.testing.assert_allclose(value, -(r**2), rtol=1e-14)
+    np.testing.assert_allclose(flux, 0, atol=1e-15)
 
 
 def test_the_points_at_which_polar_atoms_are_not_smooth() -> None:

@@ -106,6 +106,8 @@ def test_vertices_known_up_to_round_off_are_snapped():
         ([0, 1, 1, 2, 3, 4], "point 2 .* is not greater"),
         ([0, 1, 2, 1.5, 3, 4], "point 3 .* is not greater"),
         ([-0.5, 0, 1, 2, 3, 4], "point 0 .* outside"),
+        ([-1e-11, 0, 1, 2, 3, 4], "point 0 .* outside"),
+        ([0, 1, 2, 3, 4, 4 + 1e-11], "point 5 .* outside"),
         ([0, 1, 2, 3, 4, 4.5], "point 5 .* outside"),
         ([0, 1, np.nan, 2, 3, 4], "point 2 is nan"),
         ([0, 1, 2, 3, np.inf], "point 4 is inf"),
@@ -122,6 +124,12 @@ def test_the_class_checks_by_itself():
     """No snapping there: the vertices have to be exact."""
     with pytest.raises(InputError, match="vertex 1"):
         Partition(square(), np.array([0, 1 + 1e-13, 2, 3, 4]))
+
+
+def test_points_cannot_be_moved_afterwards():
+    """They were checked when the partition was made."""
+    with pytest.raises(ValueError, match="read-only"):
+        uniform(square(), 1 / 2).points[1] = 0.25
 
 
 @pytest.mark.parametrize("H", [0.0, -1.0, np.nan, np.inf])

@@ -16,6 +16,7 @@ from skfem.models.poisson import laplace, mass
 from unilateral import grading, reference
 from unilateral import partition as partitions
 from unilateral.dual_norm import dual_norm
+from unilateral.errors import InputError
 from unilateral.grading import boundary_nodes
 from unilateral.mesh import structured
 from unilateral.polygon import Polygon, lshape, square
@@ -74,6 +75,11 @@ def test_cells_have_8_edges_unless_said_otherwise():
     """The number at which bounds of P0 functions were measured to be half a per cent apart."""
     cells = partitions.uniform(square(), 1.0)
     assert_array_equal(np.histogram(reference_spaces(cells).mesh.s[:-1], cells.points)[0], 8)
+
+
+def test_a_polygon_on_which_rounding_loses_constants_has_no_spaces():
+    with pytest.raises(InputError, match="too small for double precision"):
+        reference_spaces(partitions.uniform(Polygon(1e-6 * square().vertices), 1e-6), (), 1)
 
 
 def test_two_singular_points_in_a_cell_are_both_graded_to():
