@@ -124,6 +124,17 @@ def test_a_transition_needs_no_logarithm(alpha: str, refused: bool) -> None:
         polar("transition", alpha)
 
 
+@pytest.mark.parametrize(("off", "refused"), [(1e-14, False), (1e-9, True)])
+def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off: float, refused: bool) -> None:
+    """pi/2 - off: for a larger one an atom's flux would be about as large on a side where it has to be 0."""
+    nearly = Polygon(np.array([[0, 0], [1, 0], [1, 1], [off, 1]]), "nearly")
+    if refused:
+        with pytest.raises(InputError, match="vertex 0 of 'nearly' is no fraction of pi"):
+            corner(nearly, 0, "free")
+    else:
+        assert corner(nearly, 0, "free").beta == 2
+
+
 def test_a_linear_transition_is_bounded() -> None:
     """r cos(theta - omega), though it vanishes on one side only."""
     assert polar("transition", "0").lipschitz
