@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from conftest import condensed, load
 
-from unilateral.norms import h1_distance, on_cells, on_mesh
+from unilateral.errors import InputError
+from unilateral.norms import _check_size, h1_distance, on_cells, on_mesh
 from unilateral.partition import uniform
 from unilateral.polygon import square
 
@@ -58,3 +59,13 @@ def test_a_multiplier_is_zero_relative_to_its_case(norm: float, size: float, zer
     """To 1e-12, a thousand times the rounding of cancelling fluxes."""
     found = on_cells(load("no_contact"), uniform(square(), 1 / 2))
     assert replace(found, lambda_norm=norm, size=size).lambda_is_zero == zero
+
+
+@pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])
+def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size: float, refused: bool) -> None:
+    """Squares of doubles are normal numbers from 1e-154 to 1e154; errors of 0 are 0."""
+    if refused:
+        with pytest.raises(InputError, match="squares of its errors leave double precision"):
+            _check_size(load("no_contact"), size)
+    else:
+        _check_size(load("no_contact"), size)
