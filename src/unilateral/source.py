@@ -43,7 +43,7 @@ IN_VAIN = 16.0
 """Times what rounding leaves: a piece with that E^2 is not quartered."""
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
-MOST_PIECES = 400_000
+MOST_PIECES = 200_000
 """To be looked at on a mesh, or four times its triangles."""
 BLOCK = 1 << 13
 
