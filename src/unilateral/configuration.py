@@ -47,7 +47,7 @@ def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     study: Fields = {}
     sources: dict[str, str] = {}
     for file in files:
-        given = declarations.read(Path(file), file)
+        given = declarations.read(Path(file), file, floats=True)
         if not isinstance(given, dict):
             raise InputError(f"{file} has no fields; it has to hold a mapping")
         for name in given:

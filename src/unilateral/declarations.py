@@ -45,8 +45,8 @@ def file_of(name: str) -> Path | None:
     return None
 
 
-def read(file: Path | Traversable, name: str) -> Any:
-    """What a YAML file holds.
+def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
+    """What a YAML file holds; decimal fractions as text, or as `floats`.
 
     Raises InputError if it is none or beyond the limits, if a field is given twice, of which YAML would keep
     the last one, and for anchors, aliases and tags.
@@ -56,7 +56,7 @@ def read(file: Path | Traversable, name: str) -> Any:
             content = stream.read(MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
             raise InputError(f"{name} has more than {MAX_BYTES} bytes; a case or a problem needs less")
-        return yaml.load(content.decode("utf-8"), _Loader)
+        return yaml.load(content.decode("utf-8"), _WithFloats if floats else _Loader)
     except OSError as error:
         raise InputError(f"{name} cannot be read: {error.strerror}") from None
     except _RefusedError as error:
@@ -136,9 +136,17 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+class _WithFloats(_Loader):
+    """Decimal fractions, with or without an exponent, are numbers."""
+
+
+_WithFloats.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
     ("null", "~|null|", ["~", "n", ""]),
     ("bool", "true|false", ["t", "f"]),
     ("int", "[-+]?(0|[1-9][0-9]{0,17})", list("-+0123456789")),
 ):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"({_pattern})\Z"), _first)
+    for _loader in (_Loader, _WithFloats):
+        _loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"({_pattern})\Z"), _first)
+_FLOAT = re.compile(r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))([eE][-+]?[0-9]+)?\Z")
+_WithFloats.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
