@@ -23,6 +23,7 @@ from unilateral.accuracy import (
     natural_kind,
     next_H,
     prolonged,
+    standing,
     two_edges_per_cell,
     unknowable,
 )
@@ -419,3 +420,21 @@ def test_no_multiplier_at_all_is_exact(tmp_path):
     assert len(found) == 1
     assert found[0].certified
     assert found[0].solved.total("hm12") == 0
+
+
+def falsified(level, factor):
+    """The level with bounds that many times too small."""
+    bound = replace(
+        level.solved.bound, u=level.solved.bound.u * factor, lambda_=level.solved.bound.lambda_ * factor
+    )
+    return replace(level, solved=replace(level.solved, bound=bound))
+
+
+@pytest.mark.parametrize("name", ["natural", "full_contact"])
+def test_bounds_that_finer_ones_contradict_are_withdrawn(name):
+    """A bound 1000 times too small on any but the finest level; control: as they are, all stand."""
+    done = list(levels(load(name), Goal(0.02)))
+    assert standing(done) == done
+    for k in range(len(done) - 1):
+        spoilt = [*done[:k], falsified(done[k], 1e-3), *done[k + 1 :]]
+        assert standing(spoilt) == done[:k] + done[k + 1 :]

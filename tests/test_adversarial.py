@@ -14,7 +14,7 @@ import pytest
 import sympy
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral import problem_file
+from unilateral import problem_file, source
 from unilateral.accuracy import Goal, levels
 from unilateral.atoms import X, Y
 from unilateral.errors import InputError
@@ -145,7 +145,7 @@ def kinks(rng) -> Adversary:
 
 
 def sides(rng) -> Adversary:
-    """u depends on x only, so the flux is 0 below and above, where g touches u in narrow places or oscillates."""
+    """u depends on x only, so the flux is 0 below and above, where g touches u in points or oscillates."""
     c, k = exact(rng.uniform(0.35, 0.65)), int(rng.integers(3, 400))
     u, a, w = 4 * (X - c) ** 2 / 2, exact(rng.uniform(0.1, 0.9)), exact(10.0 ** rng.uniform(-4, -1))
     gap = [
@@ -192,6 +192,12 @@ def outcome(of: Adversary, file) -> list[tuple[float, float, bool]]:
     ]
 
 
+@pytest.fixture(autouse=True)
+def _few_pieces(monkeypatch):
+    """So that what takes too many is known less well, and sooner."""
+    monkeypatch.setattr(source, "MOST_PIECES", 20_000)
+
+
 @pytest.mark.parametrize(("family", "seed"), [(name, seed) for name in NUMBER for seed in RANGE[name]])
 def test_every_level_is_above_the_true_error(tmp_path, family, seed):
     """1e-6: what the quadrature of the true error may be off, relatively."""
@@ -199,3 +205,21 @@ def test_every_level_is_above_the_true_error(tmp_path, family, seed):
     for bound, error, certified in outcome(of, tmp_path / "adversary.yaml"):
         assert error <= bound * (1 + 1e-6)
         assert not certified or np.isfinite(bound)
+
+
+def test_the_suite_would_notice_a_bound_that_is_too_small(tmp_path, monkeypatch):
+    """Control: with f as it is at the triangles' middles alone, the first problem's peaks are not seen."""
+    monkeypatch.setattr(source.Source, "distance", 0.0)
+    monkeypatch.setattr(source, "ENOUGH", np.inf)
+    of = peaks(np.random.default_rng([0, *b"peaks"]))
+    found = outcome(of, tmp_path / "adversary.yaml")
+    assert any(error > bound for bound, error, _ in found)
+
+
+def test_most_problems_are_certified_on_finer_meshes(tmp_path):
+    """Of three families; to refuse everything would be easy."""
+    for family in ("kinks", "sides", "large"):
+        of = FAMILIES[family](np.random.default_rng([0, *family.encode()]))
+        file = tmp_path / "adversary.yaml"
+        file.write_text(of.declaration())
+        assert list(levels(problem_file.load(str(file)), Goal(0.05, max_unknowns=10_000)))[-1].certified

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -27,6 +28,7 @@ from unilateral.errors import InputError
 from unilateral.feasible import constraint
 from unilateral.hypercircle import hypercircle
 from unilateral.norms import on_cells
+from unilateral.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
 from unilateral.polygon import Polygon, lshape, square
 from unilateral.quadrature import boundary_rule
 from unilateral.taylor import number
@@ -446,3 +448,79 @@ def test_bad_input():
         total_bound(problem, mesh, cells, u_h, lambda_H - 1.5)
     with pytest.raises(InputError, match="not 0 on side 2, which is free"):
         total_bound(problem, mesh, cells, u_h, lambda_H, free=(2,))
+
+
+def test_what_the_flux_leaves_of_lambda_is_its_norm():
+    """||lambda_H - q.n||_e^2 by sums over 20000 points of every edge; slopes are limited on some of them.
+
+    q.n >= 0 is linear; where it is not lambda_H's linear part, only the mean is kept, with the larger
+    constant.
+    """
+    mesh, cells = meshes.structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
+    lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
+    found = bounds._on_edges(mesh, cells, lambda_H)
+    x, limited = (np.arange(20_000) + 0.5) / 20_000, []
+    for e, length in enumerate(np.diff(mesh.s)):
+        value = lambda_H[np.searchsorted(cells.points, mesh.s[e] + length * x) - 1]
+        q_n = found.ends[e, 0] * (1 - x) + found.ends[e, 1] * x
+        assert found.rest[e] == pytest.approx(length * np.mean((value - q_n) ** 2), rel=2e-3)
+        assert np.mean(q_n) == pytest.approx(np.mean(value), rel=1e-3)
+        slope = 6 * np.mean((2 * x - 1) * value)
+        limited.append(abs(np.diff(found.ends[e])[0] - slope) > 1e-2 * abs(slope))
+    assert np.all(found.ends >= 0)
+    np.testing.assert_array_equal(found.constant == MEAN_FREE_ON_SQUARE, limited)
+    assert 0 < sum(limited) < len(limited)
+
+
+def test_the_constants_on_squares_cannot_be_smaller():
+    """On a half-plane: exp(-k pi y / h) cos(k pi x / h) has the energy k pi/h of its trace's square.
+
+    k = 1 is orthogonal to constants on every edge of length h, k = 2 to linear functions: 1 / (k pi) at
+    least.
+    """
+    for k, constant in ((1, MEAN_FREE_ON_SQUARE), (2, ON_SQUARE)):
+        assert 1 / (k * np.pi) <= constant <= 1.01 / (k * np.pi)
+    x = np.linspace(0, 1, 1001)
+    assert (
+        abs(np.trapezoid(np.cos(2 * np.pi * x) * x, x)) < 1e-12 < abs(np.trapezoid(np.cos(np.pi * x) * x, x))
+    )
+
+
+def test_the_slack_counts_twice(monkeypatch):
+    """By the identity eta^2 has 2 <q.n, v - g> in it: a slack of 1/2 adds 1 to it."""
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.Constraint.missing, []
+    lambda_H = on_cells(problem, cells).lambda_means
+    for more in (0.0, 0.5):
+        monkeypatch.setattr(
+            feasible.Constraint, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s)
+        )
+        found.append(bound_on(problem, mesh, cells, lambda_H)[0])
+    assert found[1].eta ** 2 - found[0].eta ** 2 == pytest.approx(1, rel=1e-8)
+
+
+def test_rounding_goes_outward_in_sums():
+    """d . (load - A v) where all of it cancels, against rational numbers; control: without the allowance."""
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
+    spaces, rng = spaces_of(problem, mesh), np.random.default_rng(1)
+    below = 0
+    for _ in range(5):
+        d, v = rng.standard_normal((2, spaces.p2.N))
+        load = spaces.A @ v
+        A, exact = spaces.A.tocoo(), Fraction(0)
+        for i, j, a in zip(*A.coords, A.data, strict=True):
+            exact -= Fraction(d[i]) * Fraction(a) * Fraction(v[j])
+        exact += sum(Fraction(a) * Fraction(b) for a, b in zip(d, load, strict=True))
+        assert spaces.product(d, load, v) >= exact
+        below += float(d @ (load - spaces.A @ v)) < exact
+    assert below > 0
+
+
+def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
+    """v = 1e6 + x, f_h = v and q = grad v: exactly 0, but for what derivatives of v lose."""
+    mesh = meshes.structured(square(), 1 / 16)
+    v = 1e6 + mesh.points[:, 0]
+    spaces = hypercircle(mesh, v[mesh.triangles])
+    q = spaces.rt.project(lambda x: np.stack([np.ones_like(x[0]), 0 * x[0]]))
+    root = np.sqrt(spaces.defect(spaces.of_p1(v), q))
+    assert 1e-4 * spaces.rounding(spaces.of_p1(v)) < root <= spaces.rounding(spaces.of_p1(v))
