@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper test lock clean help git FORCE
+.PHONY: study quick paper test fuzz lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -35,6 +35,9 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md >&2; exit 1; \
 	fi
 	@echo "figures, README.md and paper.md are as committed."
+
+fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (half an hour)
+	UNILATERAL_FUZZ=60 pytest tests/test_adversarial.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }

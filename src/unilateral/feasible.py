@@ -38,6 +38,8 @@ PARTS = 8
 """Of an edge: intervals on which the sign of p - v is asked for."""
 DEAR = 16.0
 """What the square of ||w||_1 counts against that of a raised midpoint. Only the sharpness depends on it."""
+SPARE = 1.05
+"""Times what a midpoint has to be raised at least: v > p between the points of the rule, too."""
 JUMP = 1e-13
 """Of |g|: by what it has to jump at a vertex."""
 
@@ -124,12 +126,10 @@ class Constraint:
         return Missing(math.sqrt(float(shared @ short.squares)), slack, added)
 
     def _bubbles(self, v: Array) -> Array:
-        """(nb,) by how much midpoints have to be raised for v >= p at the points of the rule."""
-        by = np.zeros(len(self.unknowns))
-        np.maximum.at(
-            by, self.edge, np.max((self.p - self._trace(v)[0]) / (4 * self.x * (1 - self.x)), axis=1)
-        )
-        return by
+        """(nb,) by how much midpoints have to be raised for v > p, seen at the points of the rule."""
+        by, bubble = np.zeros(len(self.unknowns)), 4 * self.x * (1 - self.x)
+        np.maximum.at(by, self.edge, np.max((self.p - self._trace(v)[0]) / bubble, axis=1))
+        return SPARE * by
 
     def _short(self, v: Array, touching: Mask, triangle: Index, flux: Array) -> _Short:
         value, slope = self._trace(v)
