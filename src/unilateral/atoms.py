@@ -30,11 +30,13 @@ class Kink:
     """A curve {level = 0} across which u is only finitely smooth.
 
     |grad level| = 1. `radius` > 0: the circle about `centre`; 0: the line through `centre` along `tangent`.
+    A step there is 1 where `sign` times the level is positive.
     """
 
     centre: tuple[float, float]
     radius: float = 0.0
     tangent: tuple[float, float] = (1.0, 0.0)
+    sign: int = 1
 
     def level(self, points: Array) -> Array:
         """(k,) signed distances of the points (k, 2) from the curve."""

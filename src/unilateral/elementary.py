@@ -13,7 +13,7 @@ import sympy
 from unilateral import interval
 from unilateral.expression import pos
 from unilateral.interval import Array, Interval
-from unilateral.taylor import EPS, Model, by_part, composed, constant, number, series, settled
+from unilateral.taylor import EPS, OF_FUNCTIONS, Model, by_part, composed, constant, number, series, settled
 
 Function = Callable[[Model], Model]
 Range = Callable[[Interval], Interval]
@@ -95,7 +95,11 @@ def _power_series(a: Model, exponent: float, range_: Interval) -> Model:
         farthest = np.maximum(np.abs(low), np.abs(high))
         ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
         last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends) if next_ else 0.0, np.inf)
-        return composed(a, coefficients, (1 + 16 * EPS) * last, range_)
+        # a fractional exponent is rounded, which counts log a times
+        error = (OF_FUNCTIONS + 4 * EPS * (n + abs(exponent)) * (1 + np.abs(np.log(np.abs(at))))) * np.abs(
+            coefficients
+        )
+        return composed(a, coefficients, (1 + 1e-12) * last, range_, error)
 
 
 def power(a: Model, n: int) -> Model:

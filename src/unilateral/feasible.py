@@ -128,7 +128,8 @@ class Constraint:
     def _bubbles(self, v: Array) -> Array:
         """(nb,) by how much midpoints have to be raised for v > p, seen at the points of the rule."""
         by, bubble = np.zeros(len(self.unknowns)), 4 * self.x * (1 - self.x)
-        np.maximum.at(by, self.edge, np.max((self.p - self._trace(v)[0]) / bubble, axis=1))
+        ratio = np.where(bubble > 0, (self.p - self._trace(v)[0]) / np.where(bubble > 0, bubble, 1.0), 0.0)
+        np.maximum.at(by, self.edge, np.max(ratio, axis=1))
         return SPARE * by
 
     def _short(self, v: Array, touching: Mask, triangle: Index, flux: Array) -> _Short:
@@ -145,7 +146,7 @@ class Constraint:
         above = np.where(any_sign[:, None], 0.0, above) + self.doubt[:, None]
         q_n = flux[self.edge, :1] * (1 - self.x) + flux[self.edge, 1:] * self.x
         slack = self._sum(np.where(q_n > 0, above, 0.0) * q_n)
-        needed = (any_sign | (high + self.doubt > 0)) & ~(_bounds(value)[0] >= self.upper)
+        needed = any_sign | ((high + self.doubt > 0) & ~(_bounds(value)[0] >= self.upper))
         doubt = np.zeros(len(self.unknowns))
         np.maximum.at(doubt, self.edge, np.where(needed, self.doubt, 0.0))
         return _Short(squares, slack, doubt)

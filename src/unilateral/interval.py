@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 Interval = tuple[Array, Array]
 ULPS = 8
 LARGE = 1e308
+EXPONENT = 2.0**-51
+"""What rounds a fractional exponent, relatively, and the logarithm."""
 NEAR_EXTREMUM = 1e-12
 """Of an argument of sin or cos and 1: how far from an extremum it still counts as one."""
 
@@ -60,6 +62,9 @@ def power(base: Interval, n: int) -> Interval:
 def of_positive_part(base: Interval, k: float) -> Interval:
     """base_+^k for k >= 0."""
     low, high = outward(*(positive_power(end, k) for end in base))
+    if k != int(k):  # its rounding counts log of the base times
+        spare = [EXPONENT * k * np.abs(np.log(np.where(end > 0, end, 1.0))) for end in base]
+        low, high = low * (1 - spare[0]), high * (1 + spare[1])
     return np.maximum(low, 0.0), np.where(base[1] > 0, high, 0.0)
 
 

@@ -12,8 +12,7 @@ import numpy as np
 import sympy
 from numpy.typing import NDArray
 
-from unilateral.atoms import Kink, X, Y
-from unilateral.expression import compile_numpy
+from unilateral.atoms import Kink
 from unilateral.mesh import Mesh
 from unilateral.taylor import EPS
 
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 SMALL = 1 / 8
 """Of a circle's radius: the diameter up to which pieces are cut along chords."""
-FLAT = 1e-30
+FLAT = 1e-20
 """Of a triangle's area: what a piece has to have; that of less is rounding."""
 Jumps = Mapping[sympy.Expr, Kink]
 
@@ -49,10 +48,9 @@ def sides(vertices: Array, jumps: Jumps) -> tuple[dict[sympy.Expr, Array], dict[
     """
     steps, wrong, centre = {}, {}, vertices.mean(axis=1)
     for step, kink in jumps.items():
-        with np.errstate(all="ignore"):
-            value = (compile_numpy([step.args[0]], (X, Y))(*centre.T)[0] > 0).astype(float)
-        near, small = np.abs(kink.level(centre)) <= _diameter(vertices), _is_small(vertices, kink)
-        steps[step] = np.where(near & ~small, np.nan, value)
+        level, reach = kink.level(centre), _diameter(vertices) + 64 * EPS * _size(vertices, kink)
+        near, small = np.abs(level) <= reach, _is_small(vertices, kink)
+        steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
         wrong[step] = np.where(near & small, _wrong_area(vertices, kink), np.nan)
     return steps, wrong
 
@@ -67,8 +65,12 @@ def _diameter(vertices: Array) -> Array:
 
 def rounding(vertices: Array, kink: Kink) -> Array:
     """(k,) how far rounding may falsify these areas."""
-    size = np.abs(vertices).max(axis=(1, 2)) + np.abs(kink.centre).max() + kink.radius
-    return 64 * EPS * size**2
+    return 64 * EPS * _size(vertices, kink) ** 2
+
+
+def _size(vertices: Array, kink: Kink) -> Array:
+    """(k,) that of the numbers from which levels are computed."""
+    return np.asarray(np.abs(vertices).max(axis=(1, 2)) + np.abs(kink.centre).max() + kink.radius)
 
 
 def _wrong_area(vertices: Array, kink: Kink) -> Array:
@@ -91,6 +93,12 @@ def area_in_disc(vertices: Array, radius: float) -> Array:
     enter, leave = (start + fraction * d for fraction in t)
     sectors = _angle(start, enter) + _angle(leave, end)
     return np.abs(0.5 * (radius**2 * sectors + _cross(enter, leave)).sum(axis=1))
+
+
+def shares(corners: Array) -> Array:
+    """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.asarray(np.abs(np.sum(a * np.cross(b, c), axis=1)))
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -116,5 +124,5 @@ def _along(corners: Array, owner: Index, level: Array, crossed: NDArray[np.bool_
     pieces = [np.stack(piece, axis=1) for piece in ((a, p, q), (p, b, c), (p, c, q))]
     corners = np.concatenate([corners[~crossed], *pieces])
     owner = np.concatenate([owner[~crossed], *[owner[crossed]] * 3])
-    proper = np.abs(np.linalg.det(corners)) > FLAT
+    proper = shares(corners) > FLAT
     return corners[proper], owner[proper]

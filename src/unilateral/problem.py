@@ -90,24 +90,35 @@ def curve(a: sympy.Expr) -> list[Kink]:
     if not a.is_polynomial(X, Y):
         raise ValueError(wanted)
     of = _scaled(sympy.Poly(a, X, Y))
-    square, c = of.coeff_monomial(X**2), float(of.coeff_monomial(1))
-    slope = np.array([float(of.coeff_monomial(z)) for z in (X, Y)])
+    square, c = of.coeff_monomial(X**2), of.coeff_monomial(1)
+    slope = [of.coeff_monomial(z) for z in (X, Y)]
     others = of - sympy.Poly(square * (X**2 + Y**2), X, Y)
     if others.total_degree() > 1:
         raise ValueError(wanted)
     if square == 0:
-        size = float(np.hypot(*slope))
-        if c == 0 and size == 0:
-            raise ValueError("is 0 everywhere; leave it out")
-        if size <= FAR * abs(c):
-            return []
-        centre = -c * slope / size**2
-        return [Kink(tuple(centre.tolist()), 0.0, (-slope[1] / size, slope[0] / size))]
+        return _line(slope, c)
     if abs(square) < FAR:
         raise ValueError("is 0 on a circle that is too large; write it as a line")
-    centre = -slope / (2 * float(square))
-    radius = float(centre @ centre) - c / float(square)
-    return [Kink(tuple(centre.tolist()), math.sqrt(radius))] if radius > 0 else []
+    centre = [-each / (2 * square) for each in slope]
+    radius = _rounded(sum(each**2 for each in centre) - c / square)
+    place = (_rounded(centre[0]), _rounded(centre[1]))
+    return [Kink(place, math.sqrt(radius), sign=1 if square > 0 else -1)] if radius > 0 else []
+
+
+def _line(slope: list[sympy.Expr], c: sympy.Expr) -> list[Kink]:
+    size = math.hypot(*map(_rounded, slope))
+    if c == 0 and size == 0:
+        raise ValueError("is 0 everywhere; leave it out")
+    if size <= FAR * abs(_rounded(c)):
+        return []
+    square = sum(each**2 for each in slope)
+    x, y = (_rounded(-c * each / square) for each in slope)
+    return [Kink((x, y), 0.0, (-_rounded(slope[1]) / size, _rounded(slope[0]) / size))]
+
+
+def _rounded(number: sympy.Expr) -> float:
+    """The number nearest to an exact one, whatever cancels in it."""
+    return float(sympy.N(number, 30))
 
 
 def _scaled(of: sympy.Poly) -> sympy.Poly:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
 from unilateral.elementary import Steps
-from unilateral.jumps import Jumps, cut, rounding, sides
+from unilateral.jumps import Jumps, cut, rounding, shares, sides
 from unilateral.mesh import Mesh
 from unilateral.mesh_io import longest_edges
 from unilateral.splitting import quarter
@@ -41,6 +41,8 @@ ENOUGH = 0.003
 """Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
 IN_VAIN = 16.0
 """Times what rounding leaves: a piece with that E^2 is not quartered."""
+RESOLVED = 4.0
+"""Times what the sum of E^2 is wanted to be: up to which it counts as that."""
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
 MOST_PIECES = 200_000
@@ -120,44 +122,47 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
     done: list[Pieces] = []
     while True:
         pieces, owner = _polynomials(mesh, corners, parent, data)
-        left -= len(parent)
+        left -= len(owner)
         rest = pieces.squares + pieces.integral**2 / _areas(mesh, pieces)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
-        wanted = _too_wide(mesh, [*done, pieces], squares)
-        wide = wanted.copy()
+        unknown, enough = _sums(mesh, [*done, pieces])
+        wide = squares > (
+            0.5 * enough / sum(len(each.squares) for each in (*done, pieces)) if unknown > enough else np.inf
+        )
         wide[wide] = squares[wide] > IN_VAIN * _at_points(mesh, corners[wide], parent[wide], data)
         if 4 * np.count_nonzero(wide) > left:
             wide &= np.argsort(np.argsort(-squares)) < left // 4
         done.append(pieces.of(~wide[owner]))
         if not wide.any():
-            return _projected(mesh, done, resolved=not wanted.any())
+            return _projected(mesh, done, resolved=unknown <= RESOLVED * enough)
         corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
 
 
-def _too_wide(mesh: Mesh, everything: Sequence[Pieces], squares: Array) -> Mask:
-    """Which of the last pieces, with E^2 (k,), are to be quartered for what is wanted of all."""
-    norm_squared, integral = np.sum([_sums(mesh, pieces) for pieces in everything], axis=0)
+def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float]:
+    """The sum of E^2 on all pieces, and what it is wanted to be at most.
+
+    That depends on ||f|| and ||f - mean f||, of which p shows no more than what exceeds E.
+    """
+    unknown = norm_squared = integral = 0.0
+    for pieces in everything:
+        area = _areas(mesh, pieces)
+        unknown += float(pieces.squares.sum())
+        norm_squared += float(area @ _quadratic(pieces.c))
+        integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
     spread = max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)
-    enough = max((ENOUGH * mesh.h) ** 2 * spread, FLOOR**2 * norm_squared)
-    if sum(pieces.squares.sum() for pieces in everything) <= enough:
-        return np.zeros(len(squares), dtype=bool)
-    return np.asarray(squares > 0.5 * enough / sum(len(pieces.squares) for pieces in everything))
+    seen = (max(math.sqrt(square) - math.sqrt(unknown), 0.0) for square in (spread, norm_squared))
+    of_spread, of_norm = seen
+    return unknown, max(ENOUGH * mesh.h * of_spread, FLOOR * of_norm) ** 2
 
 
 def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
     """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known = []
+    known, size = [], _size(mesh)
     for start in range(0, len(parent), BLOCK):
         vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
-        known.append(_known(_model(vertices, data, sides(vertices, data.jumps)[0])))
+        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps)[0])))
     return _areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
-
-
-def _sums(mesh: Mesh, pieces: Pieces) -> tuple[float, float]:
-    """||p||^2 and the integral of p."""
-    area = _areas(mesh, pieces)
-    return float(area @ _quadratic(pieces.c)), float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
 
 
 def _polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
@@ -179,16 +184,17 @@ def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
     steps, wrong = sides(vertices, data.jumps)
-    f, area = _model(vertices, data, steps), _areas_of(mesh, corners, parent)
+    size = _size(mesh)
+    f, area = _model(vertices, size, data, steps), _areas_of(mesh, corners, parent)
     found = Pieces(corners, parent, f.c, area * _known(f) ** 2, *np.zeros((2, len(parent))))
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
         here = {each: value[at] for each, value in steps.items()}
-        by = _model(vertices[at], data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
+        by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
         _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step]), area[at])
     several = np.sum([*near.values()], axis=0) > 1
     if several.any():
-        _jumps(found, several, vertices[several], data, steps, wrong)
+        _jumps(found, several, vertices[several], size, data, steps, wrong)
     return found
 
 
@@ -205,10 +211,12 @@ def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: 
     found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
 
 
-def _jumps(found: Pieces, at: Mask, vertices: Array, data: Data, steps: Steps, wrong: Steps) -> None:
+def _jumps(
+    found: Pieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
+) -> None:
     """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
     both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
-    lower, upper = _model(vertices, data, both).range
+    lower, upper = _model(vertices, size, data, both).range
     doubts = [rounding(vertices, kink) for kink in data.jumps.values()]
     areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
     second = np.sort(areas, axis=0)[-2]
@@ -217,8 +225,14 @@ def _jumps(found: Pieces, at: Mask, vertices: Array, data: Data, steps: Steps, w
     found.integral[at] += most * len(areas) * second
 
 
-def _model(vertices: Array, data: Data, steps: Steps) -> Model:
-    return data.source_model(_coordinate(vertices[..., 0]), _coordinate(vertices[..., 1]), steps)
+def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
+    """f on pieces of a mesh whose coordinates are at most `size`."""
+    x, y = (_coordinate(vertices[..., i], 16 * EPS * size) for i in range(2))
+    return data.source_model(x, y, steps)
+
+
+def _size(mesh: Mesh) -> float:
+    return float(np.abs(mesh.points).max())
 
 
 def _known(f: Model) -> Array:
@@ -226,16 +240,15 @@ def _known(f: Model) -> Array:
     return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
 
 
-def _coordinate(of_vertices: Array) -> Model:
-    """x or y on pieces, from its values (k, 3) at the vertices."""
+def _coordinate(of_vertices: Array, rounding: float) -> Model:
+    """x or y on pieces, from its values (k, 3) at the vertices, which are rounded by that much."""
     a, b, c = of_vertices.T
-    ends = of_vertices.min(axis=1), of_vertices.max(axis=1)
-    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends)
+    ends = of_vertices.min(axis=1) - rounding, of_vertices.max(axis=1) + rounding
+    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, rounding)
 
 
 def _areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    return np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[parent]
+    return shares(corners) * mesh.areas[parent]
 
 
 def _areas(mesh: Mesh, pieces: Pieces) -> Array:

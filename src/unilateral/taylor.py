@@ -91,12 +91,12 @@ class Model:
         )
 
 
-def affine(of: Basis, centre: Array, arms: Array, ends: Interval) -> Model:
-    """centre (k,) + sum over i of arms (d, k) sigma_i, of that range; rounding of both is covered."""
+def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: float = 0.0) -> Model:
+    """centre (k,) + sum over i of arms (d, k) sigma_i, of that range, up to their rounding and that much."""
     c = np.zeros((len(of.degree), len(centre)))
     c[0] = centre
     c[of.first[1] : of.first[2]] = arms[::-1]  # of degree 1: (0, 1), (1, 0)
-    return settled(of, c, 4 * EPS * np.abs(c).sum(axis=0) + TINY, interval.outward(*ends))
+    return settled(of, c, 4 * EPS * np.abs(c).sum(axis=0) + rounding + TINY, interval.outward(*ends))
 
 
 def constant(of: Basis, values: Interval) -> Model:
