@@ -208,3 +208,44 @@ def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
     near = 2 / 64**2 / (4 * kink.radius) if kink.radius else 1e-14
     assert np.all((level.min(axis=1) > -near) | (level.max(axis=1) < near))
+
+
+def test_a_step_has_the_value_of_its_side_whatever_cancels():
+    """The argument is x - 1/3, written so that rounding hides it: int f = 2/3, exactly."""
+    a = "(x + 3000000)**3 - (x + 2999999)**3 - 3*(x + 2999999)**2 - 3*(x + 2999999) - 1 + x - 1/3"
+    found = enclosed(meshes.structured(square(), 1 / 4), Source(f"pos({a}, 0)"))
+    assert found.moments.sum() == pytest.approx(2 / 3, abs=1e-9)
+    assert found.unknown < 1e-9
+
+
+@pytest.mark.parametrize("offset", [0, 10**5, 10**7])
+def test_a_circle_far_away_has_its_radius_or_a_doubt(offset):
+    """int f = pi r^2 with r = 1/150, up to the doubt."""
+    at = sympy.Rational(offset) + sympy.Rational(49, 101)
+    of = Source(f"pos(1/22500 - (x - ({at}))**2 - (y - ({at}))**2, 0)")
+    (kink,) = of.jumps.values()
+    assert kink.radius == pytest.approx(1 / 150, rel=1e-15)
+    corner = offset + np.array([[0.47, 0.47], [0.5, 0.47], [0.5, 0.5], [0.47, 0.5]])
+    mesh = meshes.unstructured(Polygon(corner, "far"), 0.01)
+    found = enclosed(mesh, of)
+    doubt = float(found.rest @ np.sqrt(mesh.areas))
+    assert abs(found.moments.sum() - np.pi / 22500) <= doubt + 1e-16
+    assert doubt < 1e-12 * max(offset, 1)
+
+
+def test_jumps_that_touch_leave_no_flat_piece():
+    """A circle and its tangent, and 24 lines through one point: areas of 0 had made f_h NaN."""
+    lines = " + ".join(f"pos({k}*(x - 1/3) - {24 - k}*(y - 1/3), 0)" for k in range(1, 24))
+    for text in ("pos(1/16 - (x - 1/2)**2 - (y - 1/2)**2, 0) + pos(x - 1/4, 0)", lines):
+        for h in (1 / 3, 1 / 7):
+            found = enclosed(meshes.structured(square(), h), Source(text))
+            assert np.all(np.isfinite(found.f_h))
+            assert found.moments.sum() == pytest.approx(found.f_h.mean(axis=1) @ found.mesh.areas, rel=1e-12)
+
+
+def test_what_is_wanted_is_not_judged_by_what_is_unknown():
+    """f has values up to 5 in a hundredth of the square; no piece is good enough because others are bad."""
+    of = Source("((100*x-31)**4 + (100*y-47)**4)*exp(-(100*x-31)**2-(100*y-47)**2)")
+    found = enclosed(meshes.structured(square(), 1 / 2), of)
+    assert found.resolved
+    assert found.unknown <= 0.05 * np.linalg.norm(found.oscillation)

@@ -187,3 +187,13 @@ def test_models_are_joined_in_the_boxes_order():
     found = joined([(whole.on(odd), odd), (whole.on(even), even)])
     np.testing.assert_array_equal(found.c, whole.c)
     assert number(whole, 1 / 3).rad.shape == (5,)
+
+
+@pytest.mark.parametrize("x", [1e-200, 1e-100, 1e-3, 1e100])
+def test_fractional_exponents_are_rounded(x):
+    """float(1/3) is not 1/3, which counts log x times: |f - p| was 3.4 times the remainder."""
+    model = evaluate(pos(X, sympy.Rational(1, 3)), box(4, (x, 0.0), np.zeros((2, 2))))
+    with mpmath.workdps(40):
+        f = mpmath.mpf(x) ** (mpmath.mpf(1) / 3)
+        assert abs(f - mpmath.mpf(float(model.c[0, 0]))) <= mpmath.mpf(float(model.rad[0]))
+        assert mpmath.mpf(float(model.range[0][0])) <= f <= mpmath.mpf(float(model.range[1][0]))

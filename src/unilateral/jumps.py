@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 SMALL = 1 / 8
 """Of a circle's radius: the diameter up to which pieces are cut along chords."""
-FLAT = 1e-20
-"""Of a triangle's area: what a piece has to have; that of less is rounding."""
+FLAT = 1e-14
+"""Of a piece's area: what a part has to have. Less is rounding, and is covered by that of the other parts."""
 Jumps = Mapping[sympy.Expr, Kink]
 
 
@@ -65,7 +65,8 @@ def _diameter(vertices: Array) -> Array:
 
 def rounding(vertices: Array, kink: Kink) -> Array:
     """(k,) how far rounding may falsify these areas."""
-    return 64 * EPS * _size(vertices, kink) ** 2
+    diameter = _diameter(vertices)
+    return 64 * EPS * (_size(vertices, kink) * diameter + (kink.radius + diameter) ** 2)
 
 
 def _size(vertices: Array, kink: Kink) -> Array:
@@ -97,8 +98,8 @@ def area_in_disc(vertices: Array, radius: float) -> Array:
 
 def shares(corners: Array) -> Array:
     """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    return np.asarray(np.abs(np.sum(a * np.cross(b, c), axis=1)))
+    (x0, y0), (x1, y1) = ((corners[:, i] - corners[:, 0])[:, 1:].T for i in (1, 2))
+    return np.asarray(np.abs(x0 * y1 - x1 * y0))
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -122,7 +123,7 @@ def _along(corners: Array, owner: Index, level: Array, crossed: NDArray[np.bool_
     s = np.take_along_axis(s, order, axis=1)
     p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
     pieces = [np.stack(piece, axis=1) for piece in ((a, p, q), (p, b, c), (p, c, q))]
-    corners = np.concatenate([corners[~crossed], *pieces])
-    owner = np.concatenate([owner[~crossed], *[owner[crossed]] * 3])
-    proper = shares(corners) > FLAT
-    return corners[proper], owner[proper]
+    parts = np.concatenate(pieces)
+    proper = shares(parts) > FLAT * np.tile(shares(corners[crossed]), 3)
+    of_parts = np.tile(owner[crossed], 3)[proper]
+    return np.concatenate([corners[~crossed], parts[proper]]), np.concatenate([owner[~crossed], of_parts])

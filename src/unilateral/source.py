@@ -125,10 +125,8 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
         left -= len(owner)
         rest = pieces.squares + pieces.integral**2 / _areas(mesh, pieces)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
-        unknown, enough = _sums(mesh, [*done, pieces])
-        wide = squares > (
-            0.5 * enough / sum(len(each.squares) for each in (*done, pieces)) if unknown > enough else np.inf
-        )
+        unknown, enough, count = _sums(mesh, [*done, pieces])
+        wide = squares > (0.5 * enough / count if unknown > enough else np.inf)
         wide[wide] = squares[wide] > IN_VAIN * _at_points(mesh, corners[wide], parent[wide], data)
         if 4 * np.count_nonzero(wide) > left:
             wide &= np.argsort(np.argsort(-squares)) < left // 4
@@ -138,21 +136,20 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
         corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
 
 
-def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float]:
-    """The sum of E^2 on all pieces, and what it is wanted to be at most.
+def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
+    """The sum of E^2 on all pieces, what it is wanted to be at most, and their number.
 
-    That depends on ||f|| and ||f - mean f||, of which p shows no more than what exceeds E.
+    Wanted is a share of ||f - mean f||, of which p shows no more than what exceeds E.
     """
     unknown = norm_squared = integral = 0.0
     for pieces in everything:
         area = _areas(mesh, pieces)
-        unknown += float(pieces.squares.sum())
+        unknown += float((pieces.squares + pieces.integral**2 / area).sum())
         norm_squared += float(area @ _quadratic(pieces.c))
         integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
-    spread = max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)
-    seen = (max(math.sqrt(square) - math.sqrt(unknown), 0.0) for square in (spread, norm_squared))
-    of_spread, of_norm = seen
-    return unknown, max(ENOUGH * mesh.h * of_spread, FLOOR * of_norm) ** 2
+    spread = math.sqrt(max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)) - math.sqrt(unknown)
+    enough = max(ENOUGH * mesh.h * spread, FLOOR * (math.sqrt(norm_squared) - math.sqrt(unknown)), 0.0)
+    return unknown, enough**2, sum(len(pieces.squares) for pieces in everything)
 
 
 def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
@@ -227,7 +224,7 @@ def _jumps(
 
 def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
     """f on pieces of a mesh whose coordinates are at most `size`."""
-    x, y = (_coordinate(vertices[..., i], 16 * EPS * size) for i in range(2))
+    x, y = (_coordinate(vertices[..., i], 4 * EPS * size) for i in range(2))
     return data.source_model(x, y, steps)
 
 
