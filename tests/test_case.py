@@ -78,10 +78,10 @@ def test_the_obstacle_and_its_slope(name: str, polygon: str) -> None:
     side, t = np.repeat(np.arange(case.polygon.n_sides), 40), np.tile((np.arange(40) + 0.4) / 40, 6)
     t = t[: len(side)]
     s = t * case.polygon.lengths[side]
-    u, _, gap = case.boundary(side, s)
-    g, slope = case.obstacle(side, s)
-    np.testing.assert_array_equal(g, u - gap)
-    difference = (case.obstacle(side, s + step)[0] - case.obstacle(side, s - step)[0]) / (2 * step)
+    along, found = case.polygon.starts[side] + s, case.enclosed_obstacle
+    slope = found.at(found.on(along), along)[1]
+    (u, _, gap), (before, _, gap_before) = (case.boundary(side, s + d) for d in (step, -step))
+    difference = (u - gap - before + gap_before) / (2 * step)
     np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6)
     assert np.ptp(slope) > 0.1
 

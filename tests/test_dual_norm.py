@@ -40,7 +40,7 @@ polygons: any
 u: [{{ atom: harmonic, side: 0, at: 1/3, alpha: {alpha}, cutoff: 1/4 }}]
 gap: {{ elsewhere: 1 }}
 hypotheses: {{ j: true, jj: true, jjj: true }}
-asymptotic: {{ reason: none, h1: &level {{ from: 1/8 }}, hm12: *level, l2: *level }}
+asymptotic: {{ reason: none, h1: {{ from: 1/8 }}, hm12: {{ from: 1/8 }}, l2: {{ from: 1/8 }} }}
 """
 P2 = skfem.ElementTriP2()
 ROUNDING = 1e-9  # of energies that are differences of larger ones
