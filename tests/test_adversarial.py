@@ -38,7 +38,10 @@ class Feature(NamedTuple):
 
 
 class Adversary(NamedTuple):
-    """A solution u with g = u - gap on the unit square moved by `shift`; `features` of u and g."""
+    """A solution u with g = u - gap on the unit square moved by `shift`; `features` of u and g.
+
+    `spoil` is a formula that is 0, added to f.
+    """
 
     u: sympy.Expr
     gap: sympy.Expr
@@ -170,7 +173,7 @@ def sides(rng) -> Adversary:
         (X - a) ** 2 * 1000,
     ][rng.integers(4)]
     on_sides = gap * X * (1 - X) * 4
-    return Adversary(u, on_sides, (), free=())
+    return Adversary(u, on_sides, ())
 
 
 def large(rng) -> Adversary:
@@ -191,7 +194,7 @@ def neumann(rng) -> Adversary:
 
 FAMILIES = {of.__name__: of for of in (peaks, waves, kinks, sides, large, neumann)}
 NUMBER = {"peaks": 14, "waves": 8, "kinks": 14, "sides": 10, "large": 6, "neumann": 6}
-RANGE = {name: range(FUZZ and n, n + FUZZ) if FUZZ else range(n) for name, n in NUMBER.items()}
+RANGE = {name: range(n, n + FUZZ) if FUZZ else range(n) for name, n in NUMBER.items()}
 
 
 def outcome(of: Adversary, file) -> list[tuple[float, float, float, float]]:
