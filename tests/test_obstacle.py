@@ -123,3 +123,11 @@ def test_free_sides_have_no_g():
     assert found.side.tolist() == [0, 1, 2, 3]
     assert found.range(2) == (-np.inf, -np.inf)
     assert found.at_vertex(0)[1] == 0
+
+
+def test_a_place_that_rounding_puts_beyond_a_kink_is_covered():
+    """The steep side is tiny and far along the boundary, where arc lengths are rounded by 1e-12 of it."""
+    text = (
+        "polygon: [[0, 0], [1e4, 0], [1e4, 1e-3], [9999.999, 1e-2], [0, 1e4]]\n"
+        "f: 0\ng: pos(1e6*(y - 0.0005), 1)*pos(0.01 - y, 1)\n"
+    )

@@ -3,7 +3,7 @@
 Other ratios, which might cost less, are not tried. Each level starts from the last lambda_H, and is iterated
 until the algebraic bound is a tenth of the error that is wanted. The first level whose guaranteed total bound
 is small enough is the last. The search also ends where finer meshes would not help, because too little is
-known of f or g.
+known of f or g, and where two levels' bounds contradict each other, which would be a fault of this program.
 """
 
 from __future__ import annotations
@@ -114,10 +114,8 @@ def levels(
 
 
 def standing(done: Sequence[Level]) -> list[Level]:
-    """The levels but those whose bounds a finer one contradicts, which are false and not to be used."""
-    return [
-        level for k, level in enumerate(done) if not any(contradict(level, finer) for finer in done[k + 1 :])
-    ]
+    """The levels whose bounds no other level's contradict; of two that do none is believed."""
+    return [a for a in done if not any(contradict(a, b) for b in done if b is not a)]
 
 
 def contradict(a: Level, b: Level) -> bool:
@@ -218,9 +216,10 @@ def _next_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
     last, in_time = done[-1], _in_time(done[-1], goal, seconds)
     if last.certified or in_time == math.inf or not last.solved.result.converged or unknowable(last):
         return None
-    H, believed = last.partition.H, standing(done)
-    totals = [level.solved.total(goal.norm) for level in believed]
-    wanted = next_H([level.partition.H for level in believed], totals, last.target)
+    if len(standing(done)) < len(done):
+        return None
+    H, totals = last.partition.H, [level.solved.total(goal.norm) for level in done]
+    wanted = next_H([level.partition.H for level in done], totals, last.target)
     affordable = H * max(*_shares(last, goal).values(), in_time)
     if LEAST_STEP * affordable > H:
         return None

@@ -202,4 +202,10 @@ def _joined(polygon: Polygon, pieces: _Pieces) -> Obstacle:
     points = np.append(polygon.starts[side] + start * polygon.lengths[side], polygon.perimeter)
     sizes, moved = np.abs(c), 8 * np.spacing(polygon.perimeter) / np.diff(points)
     rounding = 16 * EPS * sizes.sum(axis=0) + np.arange(ORDER + 1) @ sizes * moved
-    return Obstacle(polygon, points, side, c, rad + np.abs(gap) + rounding, lower, upper)
+    doubt = _of_neighbours(rad + np.abs(gap) + rounding)
+    return Obstacle(polygon, points, side, c, doubt, lower - rounding, _of_neighbours(upper) + rounding)
+
+
+def _of_neighbours(values: Array) -> Array:
+    """(k,) the largest of each piece and the two beside it, in which a place of it, rounded, may lie."""
+    return np.asarray(np.max([values, np.roll(values, 1), np.roll(values, -1)], axis=0))

@@ -77,8 +77,13 @@ def level_line(level: Level, goal: Goal) -> str:
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 
 
-def ending(best: Level, done: Sequence[Level], goal: Goal, ended: str) -> str:
-    """Whether the accuracy is certified, and if not what `ended` the search, by default the budget."""
+def ending(best: Level, done: Sequence[Level], goal: Goal, ended: str, known: bool = True) -> str:
+    """Whether the accuracy is certified, and if not what `ended` the search, by default the budget.
+
+    Nothing is `known` where all bounds are withdrawn.
+    """
+    if not known:
+        return f"  NOT certified, {ended}: no bound is left"
     error, size, unknown = (
         best.solved.total(goal.norm),
         best.solved.size(goal.norm),

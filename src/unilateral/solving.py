@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 from unilateral import case as cases
@@ -133,8 +134,12 @@ def _up_to_accuracy(
         ended = "the iteration did not converge (--max-steps, --rho, --algorithm)"
     believed = standing(done)
     if len(believed) < len(done):
-        tell(f"bounds withdrawn, for those of finer meshes contradict them: {len(done) - len(believed)}")
-    best = min(reversed(believed), key=lambda level: (not level.certified, level.solved.total(goal.norm)))
+        ended = "bounds contradict each other" tell(f"{len(done) - len(believed)} bounds withdrawn, for they
+        contradict each other; please report it")
+    best = min(
+        reversed(believed or [replace(done[-1], certified=False)]),
+        key=lambda level: (not level.certified, level.solved.total(goal.norm)),
+    )
     solved = best.solved
     found = _found(problem, solved.discrete.mesh, solved.discrete.both, solved.result)
     if isinstance(problem, Case):
@@ -143,12 +148,12 @@ def _up_to_accuracy(
     found |= {
         "iterations": sum(level.solved.result.iterations for level in done),
         "converged": best.certified,
-        "total_bound": solved.total(goal.norm),
+        "total_bound": solved.total(goal.norm) if believed else math.nan,
     }
     _add_cost(found, begin)
     if not options.json:
-        say(ending(best, done, goal, ended))
-    say(table(found, solved.result, solved.bound, options.json))
+        say(ending(best, done, goal, ended, known=bool(believed)))
+    say(table(found, solved.result, solved.bound if believed else None, options.json))
     return INTERRUPTED if ended == "interrupted" else 0 if best.certified else NOT_CONVERGED
 
 
