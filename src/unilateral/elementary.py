@@ -13,6 +13,7 @@ import sympy
 from unilateral import interval
 from unilateral.expression import pos
 from unilateral.interval import Array, Interval
+from unilateral.positive import rounded
 from unilateral.taylor import EPS, OF_FUNCTIONS, Model, by_part, composed, constant, number, series, settled
 
 Function = Callable[[Model], Model]
@@ -184,7 +185,7 @@ def _evaluated(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Mo
 
 def _operation(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Model:
     if e.is_number:
-        return number(like, float(e))
+        return number(like, float(rounded(e)))
     if e.is_Add:
         return reduce(Model.__add__, (_evaluated(term, known, like) for term in e.args))
     if e.is_Mul:

@@ -12,7 +12,7 @@ from unilateral.expression import compile_numpy
 from unilateral.interval import Array, Interval
 from unilateral.mesh_io import segment_distances
 from unilateral.polygon import Polygon
-from unilateral.taylor import Model, affine, basis
+from unilateral.taylor import EPS, Model, affine, basis
 
 ORDER = 3
 SHARP = 1e-3
@@ -73,7 +73,8 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np
     v = polygon.vertices
     parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MOST_DISTANCES)
     away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
-    near = np.concatenate(away) <= half * (1 + 1e-9)
+    rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
+    near = np.concatenate(away) <= half * (1 + 1e-9) + rounding
     inside = _inside(polygon, centres)
     return near | inside, inside
 

@@ -16,6 +16,7 @@ from unilateral.enclosure import range_in
 from unilateral.expression import pos
 from unilateral.obstacle import Obstacle, enclosed, places
 from unilateral.polygon import Polygon
+from unilateral.positive import rounded
 from unilateral.taylor import Model, joined
 
 Array = NDArray[np.float64]
@@ -90,6 +91,8 @@ def curve(a: sympy.Expr) -> list[Kink]:
     if not a.is_polynomial(X, Y):
         raise ValueError(wanted)
     of = _scaled(sympy.Poly(a, X, Y))
+    for coefficient in of.coeffs():
+        rounded(coefficient)
     square, c = of.coeff_monomial(X**2), of.coeff_monomial(1)
     slope = [of.coeff_monomial(z) for z in (X, Y)]
     others = of - sympy.Poly(square * (X**2 + Y**2), X, Y)
@@ -118,7 +121,7 @@ def _line(slope: list[sympy.Expr], c: sympy.Expr) -> list[Kink]:
 
 def _rounded(number: sympy.Expr) -> float:
     """The number nearest to an exact one, whatever cancels in it."""
-    return float(sympy.N(number, 30))
+    return float(rounded(number))
 
 
 def _scaled(of: sympy.Poly) -> sympy.Poly:

@@ -134,8 +134,9 @@ def _up_to_accuracy(
         ended = "the iteration did not converge (--max-steps, --rho, --algorithm)"
     believed = standing(done)
     if len(believed) < len(done):
-        ended = "bounds contradict each other" tell(f"{len(done) - len(believed)} bounds withdrawn, for they
-        contradict each other; please report it")
+        ended = "bounds contradict each other"
+        withdrawn = len(done) - len(believed)
+        tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
     best = min(
         reversed(believed or [replace(done[-1], certified=False)]),
         key=lambda level: (not level.certified, level.solved.total(goal.norm)),
