@@ -37,7 +37,7 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	@echo "figures, README.md and paper.md are as committed."
 
 fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (half an hour)
-	UNILATERAL_FUZZ=60 pytest tests/test_adversarial.py
+	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }

@@ -4,7 +4,7 @@ import sys
 
 from snakemake.utils import min_version, update_config
 
-from unilateral import configuration
+from unilateral.study import config as configuration
 from unilateral.errors import InputError
 
 min_version("9.0")

@@ -14,31 +14,29 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from unilateral import case as cases
-from unilateral import mesh as meshes
-from unilateral import partition as partitions
-from unilateral.case import Case
-from unilateral.condense import Condensed, condense
-from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
-from unilateral.polygon import named
+from unilateral.fem.condense import Condensed, condense
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import named
+from unilateral.norms.exact import OnCells, OnMesh, first_steklov, on_cells, on_mesh
+from unilateral.problems import case as cases
+from unilateral.problems.case import Case
 from unilateral.solve import Pair, Solution, Stop, guarded_beta, pair, solve
 
-NEED_RESULTS = (
-    "test_claims.py",
-    "test_documents.py",
-    "test_results.py",
-    "test_results_cost.py",
-    "test_results_extremes.py",
-    "test_results_sharpness.py",
-    "test_surveys.py",
-)
-RESULTS = Path(__file__).parents[1] / "results"
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "tests/data"
+RESULTS = ROOT / "results"
+NEED_RESULTS = ("test_claims.py", "test_documents.py", "test_surveys.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Without the study's results a run that would judge them ends at once, and says what to run."""
-    if any(item.path.name in NEED_RESULTS for item in items) and not any(RESULTS.glob("*/rates.nc")):
+    if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
+
+
+def _needs_results(name: str) -> bool:
+    return name.startswith("test_results") or name in NEED_RESULTS
 
 
 class Discrete(NamedTuple):

@@ -1,8 +1,7 @@
 """Verification of the mixed finite element method of Haslinger and Lovíšek (1980) for unilateral problems.
 
-The modules, in the order in which data flows: polygon, partition, mesh; expression, atoms, polar, case,
-certificate, problem; quadrature, forms, coupling, condense; uzawa, active_set, solve; norms, bounds,
-accuracy; rates, tables, plots, cli.
+The method: `geometry`, `formulas`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `solve`, `discrete` and
+`accuracy`. The `study` uses the method, never the other way. `cli` is the command line.
 """
 
 

@@ -16,16 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral import mesh as meshes
-from unilateral import partition as partitions
-from unilateral.bounds import SUMS
-from unilateral.case import Case
+from unilateral.bounds.total import SUMS
 from unilateral.discrete import AIM, FIRST, Bounded, discretise, improved
 from unilateral.errors import InputError
-from unilateral.mesh import Mesh
-from unilateral.partition import Partition
-from unilateral.polygon import NAMED, Polygon
-from unilateral.problem import Problem
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import NAMED, Polygon
+from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 from unilateral.solve import Stop, iterate
 
 Array = NDArray[np.float64]

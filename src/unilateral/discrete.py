@@ -10,17 +10,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral.bounds import SUMS, TotalBound, total_bound
-from unilateral.case import Case
-from unilateral.condense import Condensed, condense
-from unilateral.forms import load
-from unilateral.mesh import Mesh
-from unilateral.norms import first_steklov
-from unilateral.partition import Partition
-from unilateral.problem import Problem
+from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.total import SUMS, TotalBound, total_bound
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.p1 import load
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import first_steklov
+from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 from unilateral.solve import Pair, Stop, guarded_beta, iterate, joined, pair, response
-from unilateral.source import Source, enclosed
-from unilateral.uzawa import LEAST, DualResult, residual_bound
+from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
 Array = NDArray[np.float64]
 FIRST = 0.01

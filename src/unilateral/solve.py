@@ -14,14 +14,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from unilateral.acceleration import STEPS
-from unilateral.active_set import active_set
-from unilateral.condense import Condensed, DualOperator, dual_operator
-from unilateral.coupling import coupling
 from unilateral.errors import InputError
-from unilateral.norms import OnCells, OnMesh
-from unilateral.partition import Partition
-from unilateral.uzawa import DualResult, predicted_steps, residual_bound, uzawa
+from unilateral.fem.condense import Condensed, DualOperator, dual_operator
+from unilateral.fem.coupling import coupling
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import OnCells, OnMesh
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.steps import STEPS
+from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
 
 Array = NDArray[np.float64]
 ALGORITHMS = ("auto", *STEPS, "active_set")

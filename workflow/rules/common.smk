@@ -1,6 +1,7 @@
 import math
 import re
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -20,30 +21,35 @@ wildcard_constraints:
     level="[0-9]+",
 
 
-def library(*modules):
-    """The files of the library's modules, of all they import and read: a change reruns their users only."""
-    files = []
-    waiting = ["__init__", *modules]
+@cache
+def code(script):
+    """A script's imports from this project, theirs, and the data files they name: changes rerun its rule only."""
+    files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]
     while waiting:
-        path = Path("src/unilateral", waiting.pop())
-        for file in [path.with_suffix(".py"), *sorted(path.glob("*.py"))]:
-            if file.exists() and str(file) not in files:
-                source = file.read_text(encoding="utf-8")
-                files += [str(file), *data(source)]
-                waiting += imports(source)
-    return sorted(set(files))
-
-
-def data(source):
-    """The library's data files that a source file reads."""
-    names = re.findall(r'files\("unilateral"\) / "([\w.]+)"', source)
-    return [f"src/unilateral/{name}" for name in names]
+        file = waiting.pop()
+        if file not in files and file.is_file():
+            files.add(file)
+            source = file.read_text(encoding="utf-8")
+            files |= {file.with_name(name) for name in re.findall(r'"([\w.]+\.yaml)"', source)}
+            waiting += imports(source)
+    return sorted(str(file) for file in files if file.is_file())
 
 
 def imports(source):
-    """The library's modules that a source file imports, at its top or inside functions."""
-    found = re.findall(r"^\s*from unilateral(?:\.(\w+)\S*)? import (.+)$", source, re.MULTILINE)
-    return [name for inside, names in found for name in ([inside] if inside else re.findall(r"\w+", names))]
+    """Where the modules can be that a source file imports, at its top or inside functions."""
+    found = []
+    for module, names in re.findall(r"^\s*from ([\w.]+) import (\([^)]*\)|.+)$", source, re.MULTILINE):
+        inside, *parts = module.split(".")
+        if inside != "unilateral":
+            found.append(Path("workflow/scripts", f"{inside}.py"))
+            continue
+        folder = Path("src/unilateral", *parts)
+        packages = [Path("src/unilateral", *parts[:k]) for k in range(len(parts) + 1)]
+        inside = [folder / name for name in re.findall(r"\w+", names)]
+        found += [folder.with_suffix(".py")] if parts else []
+        found += [each.with_suffix(".py") for each in inside]
+        found += [package / "__init__.py" for package in [*packages, *inside]]
+    return found
 
 
 def scene_of(wildcards):
@@ -78,7 +84,7 @@ def normed_of(name):
 
 def claimed():
     """The tables that the ledger's claims read."""
-    with open("src/unilateral/ledger.yaml", encoding="utf-8") as file:
+    with open("src/unilateral/study/judge/ledger.yaml", encoding="utf-8") as file:
         claims = yaml.safe_load(file)["claims"]
     names = [
         name.format(scene=scene)

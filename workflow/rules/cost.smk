@@ -15,8 +15,7 @@ def job_of(wildcards):
 
 rule cost_runs:
     input:
-        library("cost", "variants", "mesh", "dual_norm", "tables", "expression", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("measure_cost"),
         lambda wildcards: [
             f"manufactured/{case}.yaml" for case in SCENES[job_of(wildcards)["scene"]]["cases"]
         ],
@@ -36,7 +35,7 @@ rule cost_runs:
 
 rule cost:
     input:
-        library("cost", "trade", "variants", "tables"),
+        code("collect_cost"),
         parts=expand("results/cost/runs/{job}.nc", job=range(len(COST["jobs"]))),
         timings=expand("results/cost/runs/{job}_timings.nc", job=range(len(COST["jobs"]))),
     output:
@@ -54,7 +53,7 @@ rule cost:
 
 rule cost_table:
     input:
-        library("work_data", "variants", "tables", "expression"),
+        code("table_cost"),
         crossed="results/cost/algorithm.nc",
         cases="results/cost/case.nc",
         algebra="results/cost/algebra.nc",
@@ -70,7 +69,7 @@ rule cost_table:
 
 rule cost_figure:
     input:
-        library("plots"),
+        code("draw_cost"),
         table="figures/work_precision.csv",
     output:
         update("figures/work_precision.svg"),
@@ -84,7 +83,7 @@ rule cost_figure:
 
 rule cost_seconds_table:
     input:
-        library("work_data", "variants", "tables", "expression"),
+        code("table_cost"),
         crossed="results/cost/algorithm.nc",
         cases="results/cost/case.nc",
         algebra="results/cost/algebra.nc",
@@ -101,7 +100,7 @@ rule cost_seconds_table:
 
 rule cost_seconds_figure:
     input:
-        library("plots"),
+        code("draw_cost"),
         table="results/cost/work_seconds.csv",
     output:
         "results/cost/work_seconds.svg",

@@ -3,7 +3,7 @@
 
 rule readme:
     input:
-        library("documents", "advice", "tables", "rates"),
+        code("fill_readme"),
         crossed="results/cost/algorithm.nc",
         cases="results/cost/case.nc",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
@@ -24,7 +24,7 @@ rule readme:
 
 rule filled_paper:
     input:
-        library("documents", "extremes", "extremes_data", "verdicts", "cost_text", "tables", "expression"),
+        code("fill_paper"),
         **{name: f"results/cost/{name}.nc" for name in ("algorithm", "case", "scene", "algebra", "precision")},
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),

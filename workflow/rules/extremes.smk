@@ -8,7 +8,7 @@ wildcard_constraints:
 
 rule extremes_part:
     input:
-        library("extremes", "expression", "tables"),
+        code("try_extremes"),
     output:
         "results/extremes/parts/{part}.nc",
     params:
@@ -22,7 +22,7 @@ rule extremes_part:
 
 rule extremes:
     input:
-        library("extremes", "tables"),
+        code("collect_extremes"),
         parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["jobs"]),
     output:
         "results/extremes/extremes.nc",
@@ -34,7 +34,7 @@ rule extremes:
 
 rule extremes_table:
     input:
-        library("extremes_data", "tables"),
+        code("table_extremes"),
         extremes="results/extremes/extremes.nc",
     output:
         update("figures/extremes.csv"),
@@ -46,7 +46,7 @@ rule extremes_table:
 
 rule extremes_figure:
     input:
-        library("plots"),
+        code("draw_extremes"),
         table="figures/extremes.csv",
     output:
         update("figures/extremes.svg"),
@@ -58,7 +58,7 @@ rule extremes_figure:
 
 rule deep:
     input:
-        library("extremes", "expression", "tables"),
+        code("measure_deep"),
     output:
         "results/deep/deep.nc",
     params:

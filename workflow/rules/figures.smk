@@ -22,7 +22,7 @@ wildcard_constraints:
 
 rule rates_table:
     input:
-        library("figure_data", "tables"),
+        code("table_rates"),
         errors="results/{scene}/errors.nc",
         rates="results/{scene}/rates.nc",
     output:
@@ -35,7 +35,7 @@ rule rates_table:
 
 rule grid_table:
     input:
-        library("figure_data", "tables"),
+        code("table_grid"),
         errors="results/{scene}/errors.nc",
     output:
         update("figures/grid_{scene}.csv"),
@@ -49,7 +49,7 @@ rule grid_table:
 
 rule rates_figure:
     input:
-        library("plots"),
+        code("draw_rates"),
         table="figures/rates_{scene}.csv",
     output:
         update("figures/rates_{scene}.svg"),
@@ -61,7 +61,7 @@ rule rates_figure:
 
 rule grid_figure:
     input:
-        library("plots"),
+        code("draw_grid"),
         table="figures/grid_{scene}.csv",
     output:
         update("figures/grid_{scene}.svg"),
@@ -73,8 +73,7 @@ rule grid_figure:
 
 rule portrait_tables:
     input:
-        library("figure_data", "tables", "mesh", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("table_portrait"),
         lambda wildcards: f"manufactured/{PORTRAITS[wildcards.portrait]['case']}.yaml",
     output:
         mesh=update("figures/{portrait}_mesh.csv"),
@@ -89,7 +88,7 @@ rule portrait_tables:
 
 rule portrait_figure:
     input:
-        library("plots"),
+        code("draw_portrait"),
         mesh="figures/{portrait}_mesh.csv",
         boundary="figures/{portrait}_boundary.csv",
     output:
@@ -102,7 +101,7 @@ rule portrait_figure:
 
 rule infsup_table:
     input:
-        library("infsup_data", "tables"),
+        code("table_infsup"),
         surveys=expand("results/{survey}/infsup.nc", survey=SURVEYS),
     output:
         update("figures/infsup.csv"),
@@ -116,7 +115,7 @@ rule infsup_table:
 
 rule multiplier_table:
     input:
-        library("infsup_data", "tables", "expression"),
+        code("table_multiplier"),
         survey=f"results/{config['multiplier']['survey']}/infsup.nc",
     output:
         update("figures/multiplier.csv"),
@@ -130,8 +129,7 @@ rule multiplier_table:
 
 rule dual_table:
     input:
-        library("infsup_data", "dual_norm", "tables", "expression", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("table_dual"),
         errors="results/{scene}/errors.nc",
         norm="results/{scene}/dual_norm.nc",
     output:
@@ -148,7 +146,7 @@ rule dual_table:
 
 rule infsup_figure:
     input:
-        library("plots"),
+        code("draw_infsup"),
         table="figures/infsup.csv",
     output:
         update("figures/infsup.svg"),
@@ -160,7 +158,7 @@ rule infsup_figure:
 
 rule multiplier_figure:
     input:
-        library("plots"),
+        code("draw_multiplier"),
         table="figures/multiplier.csv",
     output:
         update("figures/multiplier.svg"),
@@ -172,7 +170,7 @@ rule multiplier_figure:
 
 rule dual_figure:
     input:
-        library("plots"),
+        code("draw_dual"),
         table="figures/dual_{scene}.csv",
     output:
         update("figures/dual_{scene}.svg"),
@@ -184,7 +182,7 @@ rule dual_figure:
 
 rule verdict_table:
     input:
-        library("verdicts", "tables"),
+        code("table_verdict"),
         claims="results/claims.json",
     output:
         update("figures/verdict.csv"),
@@ -196,7 +194,7 @@ rule verdict_table:
 
 rule verdict_figure:
     input:
-        library("plots"),
+        code("draw_verdict"),
         table="figures/verdict.csv",
     output:
         update("figures/verdict.svg"),
@@ -208,8 +206,7 @@ rule verdict_figure:
 
 rule consistency_table:
     input:
-        library("consistency", "tables", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("table_consistency"),
         [
             f"manufactured/{case}.yaml"
             for cases in ([CONSISTENCY["cells"]["case"]], *CONSISTENCY["totals"].values())
@@ -232,7 +229,7 @@ rule consistency_table:
 
 rule consistency_figure:
     input:
-        library("plots"),
+        code("draw_consistency"),
         table="figures/consistency.csv",
     output:
         update("figures/consistency.svg"),
@@ -244,7 +241,7 @@ rule consistency_figure:
 
 rule sharpness_table:
     input:
-        library("surfaces", "tables"),
+        code("table_sharpness"),
         rates="results/sharpness/rates.nc",
     output:
         update("figures/sharpness.csv"),
@@ -256,7 +253,7 @@ rule sharpness_table:
 
 rule sharpness_figure:
     input:
-        library("plots"),
+        code("draw_sharpness"),
         table="figures/sharpness.csv",
     output:
         update("figures/sharpness.svg"),

@@ -2,7 +2,7 @@
 
 from sentences import speak_plainly
 
-from unilateral import plots
+from unilateral.study import figures as plots
 
 if __name__ == "__main__":
     speak_plainly()

@@ -3,8 +3,10 @@
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import cost_text, documents, extremes, extremes_data, tables, verdicts
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.study import tables
+from unilateral.study.runs import extremes
+from unilateral.study.text import cost_text, documents, extremes_text, verdicts
 
 
 def main(given, study, paper):
@@ -52,10 +54,10 @@ def of_cost(given, study):
 def of_extremes(broken, study):
     deep = study["deep"]
     return {
-        "extremes-setting": extremes_data.setting(study["extremes"]),
-        "extremes-memory": extremes_data.memory(deep["memory"], extremes.finest(deep["memory"]), deep["h"]),
-        "extremes-outcomes": extremes_data.sentences(broken),
-        "extremes-limits": extremes_data.limits_table(broken),
+        "extremes-setting": extremes_text.setting(study["extremes"]),
+        "extremes-memory": extremes_text.memory(deep["memory"], extremes.finest(deep["memory"]), deep["h"]),
+        "extremes-outcomes": extremes_text.sentences(broken),
+        "extremes-limits": extremes_text.limits_table(broken),
     }
 
 

@@ -3,8 +3,9 @@
 import pandas as pd
 from sentences import speak_plainly
 
-from unilateral import advice, documents, tables
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.study import tables
+from unilateral.study.text import advice, documents
 
 
 def main(paths, scenes, ratio, pairs, uniform_ratios, rule, crossed, cases, cost, readme):

@@ -2,8 +2,10 @@
 
 from sentences import speak_plainly
 
-from unilateral import case, floors, tables
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.problems import case
+from unilateral.study import tables
+from unilateral.study.judge import floors
 
 
 def main(errors, name, path):

@@ -3,7 +3,7 @@
 from scenes import coarsest_mesh
 from sentences import speak_plainly
 
-from unilateral import mesh
+from unilateral.geometry import mesh
 
 
 def main(scene, path):

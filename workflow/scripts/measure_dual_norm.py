@@ -3,9 +3,9 @@
 from scenes import cases, partitions
 from sentences import speak_plainly
 
-from unilateral import tables
-from unilateral.dual_norm import dual_norm
-from unilateral.partition import common_refinement
+from unilateral.geometry.partition import common_refinement
+from unilateral.norms.dual import dual_norm
+from unilateral.study import tables
 
 
 def main(scene, normed, name, path):

@@ -6,14 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from unilateral import case, mesh, partition, polygon
-from unilateral.case import Case
-from unilateral.certificate import certify
 from unilateral.errors import InputError, StorageError
-from unilateral.expression import real
-from unilateral.mesh import Mesh
-from unilateral.partition import Partition
-from unilateral.polygon import Polygon
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh, partition, polygon
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems import case
+from unilateral.problems.case import Case
+from unilateral.problems.certificate import certify
 
 
 def domain(scene: Mapping[str, Any]) -> Polygon:

@@ -3,10 +3,11 @@
 from scenes import cases, limits, partitions, stored_mesh
 from sentences import speak_plainly
 
-from unilateral import mesh, tables
-from unilateral.dual_norm import Gram
+from unilateral.geometry import mesh
+from unilateral.norms.dual import Gram
 from unilateral.solve import Stop
-from unilateral.sweep import sweep
+from unilateral.study import tables
+from unilateral.study.runs.scene import sweep
 
 
 def main(coarse, norm, scene, name, level, stop, results, timings):

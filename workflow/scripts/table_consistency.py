@@ -3,8 +3,8 @@
 from scenes import cases, partitions
 from sentences import speak_plainly
 
-from unilateral import tables
-from unilateral.consistency import consistency_frame
+from unilateral.study import tables
+from unilateral.study.runs.consistency import consistency_frame
 
 
 def main(errors, drawn, scenes, path):

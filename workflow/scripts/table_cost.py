@@ -2,8 +2,10 @@
 
 from sentences import speak_plainly
 
-from unilateral import tables, variants, work_data
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.study import tables
+from unilateral.study.figures import work_data
+from unilateral.study.runs.cost import variants
 
 
 def main(crossed, cases, algebra, timings, study, path):

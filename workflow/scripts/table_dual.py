@@ -3,9 +3,10 @@
 from scenes import partitions
 from sentences import speak_plainly
 
-from unilateral import infsup_data, tables
-from unilateral.dual_norm import Gram
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.norms.dual import Gram
+from unilateral.study import tables
+from unilateral.study.figures import infsup_data
 
 
 def main(errors, norm, scene, normed, ratio, path):

@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import extremes_data, tables
+from unilateral.study import tables
+from unilateral.study.figures import extremes_data
 
 
 def main(extremes, path):

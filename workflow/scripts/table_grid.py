@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import figure_data, tables
+from unilateral.study import tables
+from unilateral.study.figures import figure_data
 
 
 def main(errors, cases, path):

@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import infsup_data, tables
+from unilateral.study import tables
+from unilateral.study.figures import infsup_data
 
 
 def main(paths, surveys, path):

@@ -2,8 +2,9 @@
 
 from sentences import speak_plainly
 
-from unilateral import infsup_data, tables
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.study import tables
+from unilateral.study.figures import infsup_data
 
 
 def main(survey, ratios, path):

@@ -3,7 +3,8 @@
 from scenes import cases, coarsest_mesh, partitions
 from sentences import speak_plainly
 
-from unilateral import figure_data, tables
+from unilateral.study import tables
+from unilateral.study.figures import figure_data
 
 
 def main(portrait, mesh_path, boundary_path):

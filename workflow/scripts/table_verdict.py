@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import tables, verdicts
+from unilateral.study import tables
+from unilateral.study.text import verdicts
 
 
 def main(claims, path):

@@ -3,8 +3,11 @@
 from scenes import cases, domain
 from sentences import speak_plainly
 
-from unilateral import experiments, mesh, partition, tables, trials
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh, partition
+from unilateral.study import tables
+from unilateral.study.runs import algorithm as experiments
+from unilateral.study.runs import algorithm_cost as trials
 
 
 def main(study, steps, certificates, singular, uniqueness, unique, elimination, split):

@@ -1,0 +1,48 @@
+"""P1 matrices and loads: the paper's (u, v)_1 and (f, v)_0 on V_h."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from unilateral.geometry.mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+def gradients(mesh: Mesh) -> tuple[Array, Array]:
+    """Gradients (m, 3, 2) of the barycentric functions of each triangle, and the areas (m,)."""
+    corners = mesh.points[mesh.triangles]
+    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    first, second = opposite[:, 1], opposite[:, 2]
+    twice_area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    turned = np.stack([-opposite[..., 1], opposite[..., 0]], axis=-1)
+    return turned / twice_area[:, None, None], 0.5 * twice_area
+
+
+def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
+    """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
+    slopes, areas = gradients(mesh)
+    stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
+    return _assemble(mesh, stiffness), _assemble(mesh, mass)
+
+
+def load(mesh: Mesh, moments: Array) -> Array:
+    """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
+    values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
+    return values.astype(float)
+
+
+def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
+    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
+    slopes, _ = gradients(mesh)
+    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
+
+
+def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:
+    rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
+    columns = np.tile(mesh.triangles, (1, 3)).ravel()
+    n = len(mesh.points)
+    return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(n, n)).tocsr()

@@ -1,0 +1,70 @@
+"""All claims at a glance: how far each is on its side, and what the study says of it."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from unilateral.errors import InputError
+from unilateral.study.figures.style import COLOURS, SMALL, WIDTH, FilePath, axes_at, figure_in, read
+
+ROW, ABOVE, BELOW = 0.42, 1.6, 1.7
+"""Centimetres: of a row, of the legend, of the axis and the note."""
+COLUMNS = ("label", "kind", "margin")
+KINDS = {
+    "holds": ("o", COLOURS[0]),
+    "holds, and is sharp": ("s", COLOURS[2]),
+    "needs a condition that is left out": ("^", COLOURS[1]),
+    "is an error of the source": ("X", "black"),
+    "supported beyond the paper": ("D", COLOURS[3]),
+    "not contradicted": ("v", COLOURS[6]),
+    "fails": ("*", "red"),
+}
+
+
+def verdict(csv_path: FilePath, svg_path: FilePath) -> None:
+    """A row per claim, its margin on a logarithmic axis, its mark what was found.
+
+    Columns: label (the claim), kind (of the verdict), margin (relative, within the axis). Raises InputError
+    for a table without them.
+    """
+    table = read(csv_path, COLUMNS)
+    unknown = set(table["kind"]) - set(KINDS)
+    if unknown:
+        raise InputError(f"{csv_path}, column 'kind': '{min(unknown)}' is none of {', '.join(KINDS)}")
+    half = (len(table) + 1) // 2
+    panel = ROW * half
+    height = panel + ABOVE + BELOW
+    limits = table["margin"].min(), table["margin"].max()
+    with figure_in(svg_path, height) as figure:
+        for left, rows in ((1.6, table[:half]), (10.1, table[half:])):
+            _panel(axes_at(figure, left, BELOW, 6.6, panel), rows, half, limits)
+        _legend(figure, height, [kind for kind in KINDS if kind in set(table["kind"])])
+        note = f"Margins below {limits[0]:g} and above {limits[1]:g} are drawn there; "
+        note += "counts that have to be 0 have none."
+        figure.text(0.1 / WIDTH, 0.2 / height, note, fontsize=SMALL)
+
+
+def _panel(axes: Axes, rows: pd.DataFrame, places: int, limits: tuple[float, float]) -> None:
+    """The rows from the top of so many places."""
+    heights = [places - 1 - k for k in range(len(rows))]
+    for y, row in zip(heights, rows.itertuples(), strict=True):
+        marker, colour = KINDS[row.kind]
+        axes.plot(row.margin, y, marker, color=colour, ms=5.5, mec="white", mew=0.5)
+    axes.set_yticks(heights, rows["label"])
+    axes.set_ylim(-0.7, places - 0.3)
+    axes.set_xscale("log")
+    axes.set_xlim(limits[0] / 1.6, limits[1] * 1.6)
+    axes.grid(which="major", color="0.9", lw=0.5)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("margin, relative to what is required")
+
+
+def _legend(figure: Figure, height: float, kinds: list[str]) -> None:
+    handles = [
+        Line2D([], [], ls="", marker=KINDS[kind][0], color=KINDS[kind][1], mec="white", label=kind)
+        for kind in kinds
+    ]
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.1 / WIDTH, 1), ncols=3)

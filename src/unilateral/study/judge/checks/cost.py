@@ -1,0 +1,86 @@
+"""Checks of what accuracy costs: the growth of the steps, the stop that is enough, the price of a step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.study.judge import cost as trade
+from unilateral.study.judge.checks.found import Found, Tables, worst
+
+
+def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: float) -> Found:
+    """From a size to the next, the growth of an algorithm's steps to the last level over another one's."""
+    steps = tables["cost/algorithm"]["steps"].isel(stop=-1)
+    share = steps.sel(algorithm=algorithm, H=steps["H"] <= coarsest) / steps.sel(algorithm=than)
+    rows: dict[str, float] = {}
+    for ratio in share["H_over_h"].values:
+        of = share.sel(H_over_h=ratio).dropna("H")
+        factors = of.values[1:] / of.values[:-1]
+        rows |= {
+            f"H/h = {ratio:g}, H = {H:g}": float(f) for H, f in zip(of["H"].values[1:], factors, strict=True)
+        }
+    return worst(rows, f"growth of the steps of {algorithm} over that of {than}", most, False)
+
+
+def few(tables: Tables, algorithm: str, most: float) -> Found:
+    """The most steps of any run."""
+    steps = tables["cost/algorithm"]["steps"].sel(algorithm=algorithm)
+    rows = {f"H/h = {ratio:g}": float(steps.sel(H_over_h=ratio).max()) for ratio in steps["H_over_h"].values}
+    return worst(rows, "steps to the last level", most, False)
+
+
+def safe_step(tables: Tables, most: float) -> Found:
+    """Steps but one with rho = 1.9 sigma_1 over those with the optimal one, at all levels; inf if not met."""
+    steps = tables["cost/algorithm"]["steps"]
+    rows = {}
+    for ratio in steps["H_over_h"].values:
+        safe, optimal = (steps.sel(H_over_h=ratio, algorithm=name) for name in ("safe", "optimal"))
+        ran = np.isfinite(optimal) & (optimal > 0)
+        rows[f"H/h = {ratio:g}"] = float(((safe.fillna(np.inf) - 1) / optimal).where(ran).max())
+    quantity = "steps but one with rho = 1.9 sigma_1 over those with 2/(lambda_min + lambda_max)"
+    return worst(rows, quantity, most, False)
+
+
+def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most: float) -> Found:
+    """By how much, relatively, the error at a level is above the discrete solution's, the most of any H/h."""
+    cases = tables["cost/case"]
+    fine = cases.sel(H=cases["H"] <= coarsest)
+    excess = trade.excess(fine, norm).sel(stop=stop)
+    of = excess.fillna(np.inf).where(np.isfinite(fine["setup_operations"])).max(["H", "H_over_h"])
+    rows = {str(name): float(of.sel(case=name)) - 1 for name in of["case"].values}
+    return worst(rows, f"error at the level {stop:g} over that of the discrete solution, less 1", most, False)
+
+
+def stop_is_not_enough(
+    tables: Tables, case: str, H_over_h: float, stop: float, coarsest: float, least: float
+) -> Found:
+    """In H^{-1/2} the growth, for half of H, of the error at a level over the discrete solution's."""
+    table = tables["cost/case"].sel(case=case, H_over_h=H_over_h)
+    fine = table.sel(H=table["H"] <= coarsest)
+    share = (fine["hm12_error_lower"].sel(stop=stop) / fine["hm12_discrete_lower"]).values
+    rows = {
+        f"{case}, H = {H:g}": float(growth)
+        for H, growth in zip(fine["H"].values[1:], share[1:] / share[:-1], strict=True)
+    }
+    quantity = f"growth of the error at the level {stop:g} over the discrete solution's, for half of H"
+    return worst(rows, quantity, least, True)
+
+
+def economy(tables: Tables, least: float) -> Found:
+    """Operations of a step with A over those with S: their growth over that of log n, mesh by mesh.
+
+    0 unless both take the same steps.
+    """
+    algebra = tables["cost/algebra"]
+    share = algebra["step_operations"].sel(algebra="A") / algebra["step_operations"].sel(algebra="S")
+    over_log = share.values / np.log(algebra["unknowns"].sel(algebra="S").values)
+    rows = {
+        f"h = {h:g}": float(growth)
+        for h, growth in zip(algebra["h"].sel(algebra="S")[1:], over_log[1:] / over_log[:-1], strict=True)
+    }
+    quantity = "growth of the operations with A over those with S, over that of log n, for half of h"
+    found = worst(rows, quantity, least, True)
+    with_A, with_S = (algebra["steps"].sel(algebra=name) for name in ("A", "S"))
+    both = np.isfinite(with_A)
+    same = bool(both.any()) and bool((with_A == with_S).where(both, True).all())
+    return found if same else found._replace(observed=0.0)

@@ -1,0 +1,139 @@
+"""Checks of section 3 and of the dual norm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import eigh
+
+from unilateral.norms.dual import Gram
+from unilateral.study.judge.checks.found import ZERO, Found, Tables, along_ratio, forms, worst
+
+
+def values(
+    tables: Tables,
+    table: str,
+    variable: str,
+    required: float,
+    at_least: bool,
+    scenes: Sequence[str] = ("",),
+    select: Mapping[str, object] | None = None,
+    quantity: str = "",
+) -> Found:
+    """The worst value of a variable in some tables; NaN, what is not known, is not judged."""
+    found = {}
+    for scene in scenes:
+        of = tables[table.format(scene=scene)]
+        place = {d: v for d, v in (select or {}).items() if d in of[variable].dims}
+        chosen = of[variable].sel(place).values
+        known = chosen[~np.isnan(chosen)]
+        found[scene or table] = float((np.min if at_least else np.max)(known)) if known.size else np.nan
+    return worst(found, quantity or variable, required, at_least)
+
+
+def smallest(
+    tables: Tables, table: str, scenes: Sequence[str], variables: Sequence[str], least: float, quantity: str
+) -> Found:
+    """The smallest value of several variables, where they are known."""
+    found = {
+        f"{scene}, {name}": float(tables[table.format(scene=scene)][name].min())
+        for scene in scenes
+        for name in variables
+    }
+    return worst(found, quantity, least, True)
+
+
+def at_ratio(
+    tables: Tables, table: str, scenes: Sequence[str], variable: str, H_over_h: float, least: float
+) -> Found:
+    """The smallest value over the levels at one H/h."""
+    found = {}
+    for scene in scenes:
+        found[scene] = float(np.min(along_ratio(tables[table.format(scene=scene)], variable, H_over_h)))
+    return worst(found, f"the smallest {variable} at H = {H_over_h:g}h", least, True)
+
+
+def vanishes(tables: Tables, scenes: Sequence[str]) -> Found:
+    """lambda_min(S) / lambda_max(S) where H <= h, on structured meshes: beta = 0."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"]
+        share = (table["lambda_min"] / table["lambda_max"]).values
+        too_fine = (table["h_over_H"].values >= 1 - 1e-12) & np.isfinite(share)
+        found[scene] = float(share[too_fine].max()) if too_fine.any() else np.nan
+    return worst(found, "the largest lambda_min(S)/lambda_max(S) at H <= h", ZERO, False)
+
+
+def closed_form(tables: Tables, scene: str) -> Found:
+    """||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds."""
+    gram = Gram.of_table(tables[f"{scene}/dual_norm"])
+    one = np.ones(gram.n_cells)
+    exact = np.sqrt(8 + 4 / np.tanh(0.5))
+    lower, upper = (np.sqrt(one @ form @ one) for form in gram.p0)
+    lines = [f"  {lower:.10g} <= {exact:.10g} <= {upper:.10g}"]
+    outside = max(lower / exact - 1, 1 - upper / exact, upper / lower - 1)
+    return Found("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
+
+
+def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Found:
+    """The constant C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by the largest eigenvalue."""
+    found = {}
+    for scene in scenes:
+        for cells, gram in forms(tables, scene):
+            top = len(cells.lengths) - 1
+            mass = np.diag(cells.H * cells.lengths)
+            largest = eigh(mass, gram.p0.lower, eigvals_only=True, subset_by_index=[top, top])[0]
+            found[f"{scene}, H = {cells.H:g}"] = float(np.sqrt(largest))
+    return worst(found, "the largest C", most, False)
+
+
+def local_rule(
+    tables: Tables, scenes: Sequence[str], cell_over_edge: float, smallest_angle: float, least: float
+) -> Found:
+    """The smallest beta where edges are short against their cells and triangles are not flat."""
+    found = {}
+    for scene in scenes:
+        of = tables[f"{scene}/infsup"]
+        fine = (of["cell_over_edge"] >= cell_over_edge * (1 - 1e-9)) & (
+            of["smallest_angle"] >= smallest_angle
+        )
+        if fine.any():
+            found[scene] = float(of["beta_lower"].where(fine).min())
+    return worst(found, "the smallest beta", least, True)
+
+
+def near(tables: Tables, table: str, variable: str, value: float, most: float, quantity: str) -> Found:
+    """How far a variable is from a value, relative to it."""
+    found = tables[table][variable].values
+    return worst({variable: float(np.max(np.abs(found / value - 1)))}, quantity, most, False)
+
+
+def saddle(tables: Tables, table: str) -> Found:
+    """The least of L(v, lambda_H) - L(u_h, lambda_H) and of L(u_h, lambda_H) - L(u_h, mu), relative."""
+    of = tables[table]
+    rows = {
+        f"{case}, {name}": float(of[name].sel(case=case))
+        for case in of["case"].values
+        for name in ("saddle_in_v", "saddle_in_mu")
+    }
+    return worst(rows, "the least growth away from the saddle", -ZERO, True)
+
+
+def two_multipliers(tables: Tables, table: str, apart: float) -> Found:
+    """How badly the second multiplier solves the problem of the first; inf unless both are apart."""
+    of = tables[table]
+    rows = {name: float(of[name]) for name in ("violation", "same_u")}
+    found = worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False)
+    return found if float(of["multiplier_distance"]) >= apart else found._replace(observed=np.inf)
+
+
+def gap(tables: Tables, scenes: Sequence[str], most: float) -> Found:
+    """The largest upper/lower - 1 of the errors in the dual norm that are not 0; inf where bounds cross."""
+    found = {}
+    for scene in scenes:
+        of = tables[f"{scene}/errors"]
+        lower, upper = (of[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
+        apart = (upper / lower - 1).where(upper > ZERO * of["u_norm"])
+        found[scene] = float(apart.max()) if float(apart.min()) >= 0 else np.inf
+    return worst(found, "the largest gap", most, False)
