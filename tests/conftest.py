@@ -14,14 +14,15 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+from unilateral.discrete import Pair, Solution, guarded_beta, pair, solve
 from unilateral.fem.condense import Condensed, condense
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
-from unilateral.norms.exact import OnCells, OnMesh, first_steklov, on_cells, on_mesh
+from unilateral.norms.exact import CellMeans, RitzProjection, cell_means, ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
-from unilateral.solve import Pair, Solution, Stop, guarded_beta, pair, solve
+from unilateral.solvers.iterate import Stop
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
@@ -42,8 +43,8 @@ def _needs_results(name: str) -> bool:
 class Discrete(NamedTuple):
     """A case on a mesh and a partition."""
 
-    problem: OnMesh
-    cells: OnCells
+    problem: RitzProjection
+    cells: CellMeans
     both: Pair
     beta: float
 
@@ -60,7 +61,7 @@ def load(name: str, polygon: str = "square", side: int = 0) -> Case:
 def condensed(polygon: str, n: int) -> tuple[Condensed, float]:
     """A structured mesh with h = 1/n, factorised, and its first Steklov eigenvalue."""
     on = condense(meshes.structured(named(polygon), 1 / n))
-    return on, first_steklov(on)
+    return on, on.sigma_1
 
 
 @cache
@@ -74,7 +75,7 @@ def discrete(name: str, n: int, m: int, polygon: str = "square", degree: int | N
     case, (on, sigma_1) = load(name, polygon), condensed(polygon, n)
     both = coupled(polygon, n, m)
     beta = guarded_beta(both, sigma_1)
-    return Discrete(on_mesh(case, on, degree), on_cells(case, both.partition), both, beta)
+    return Discrete(ritz_projection(case, on, degree), cell_means(case, both.partition), both, beta)
 
 
 @pytest.fixture

@@ -22,8 +22,9 @@ import yaml
 from numpy.typing import NDArray
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import condense, dual_operator
-from unilateral.fem.coupling import coupling
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling
+from unilateral.fem.spaces import dual_operator
 from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh, with_boundary
 from unilateral.geometry.partition import Partition, from_points

@@ -15,7 +15,7 @@ from conftest import ROOT, load
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import named
-from unilateral.norms.exact import on_cells
+from unilateral.norms.exact import cell_means
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
@@ -60,7 +60,7 @@ PARTITIONS = {
 @pytest.mark.parametrize("cells", PARTITIONS)
 def test_off_the_transitions_cells_the_term_is_0(name: str, cells: str) -> None:
     """And on them it is not: 1e-13 lies below the smallest, that of smooth and vertex, like H^7."""
-    found = on_cells(load(name), PARTITIONS[cells])
+    found = cell_means(load(name), PARTITIONS[cells])
     assert abs(found.consistency_elsewhere) <= ZERO
     assert np.all(np.abs(found.consistency_terms[~found.has_transition]) <= ZERO)
     inside = found.has_transition.any()
@@ -78,7 +78,7 @@ def overlapping(tmp_path: Path) -> Case:
 
 def test_a_term_off_the_declared_transitions_is_seen(overlapping: Case) -> None:
     """Control: lambda (u - g) > 0 on (1/3, 5/12), whose first cell holds no kink of the gap."""
-    found = on_cells(overlapping, uniform(SQUARE, 1 / 16))
+    found = cell_means(overlapping, uniform(SQUARE, 1 / 16))
     assert np.flatnonzero(found.has_transition).tolist() == [6, 9]
     assert found.consistency_terms[5] > 1e-5
     assert found.consistency_elsewhere == pytest.approx(found.consistency_terms[5], rel=1e-9)
@@ -119,12 +119,12 @@ def test_totals_are_those_predicted_at_the_first_transition(name: str, m: int) -
     predicted, _ = leading(transition, cells)
     size = 4 / m
     room = 4 * size**2 + 16 * size ** (4 - transition.alpha)
-    assert on_cells(case, cells).consistency == pytest.approx(predicted, rel=room)
+    assert cell_means(case, cells).consistency == pytest.approx(predicted, rel=room)
 
 
 def test_other_exponents_would_be_seen() -> None:
     """Control."""
-    cells, found = uniform(SQUARE, 1 / 256), on_cells(load("thirds"), uniform(SQUARE, 1 / 256)).consistency
+    cells, found = uniform(SQUARE, 1 / 256), cell_means(load("thirds"), uniform(SQUARE, 1 / 256)).consistency
     for alpha, gamma in ((1.5, 0.5), (0.45, 1.5), (0.5, 1.45)):
         assert leading(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(found, rel=0.05)
 
@@ -166,7 +166,7 @@ def test_the_table_behind_the_figure() -> None:
     frame = consistency_frame(case, cells, [([case], errors())])
     kinds = {kind: rows for kind, rows in frame.groupby("kind")}
     assert set(kinds) == {"cell", "total", "elsewhere", "predicted"}
-    found, of_cells = on_cells(case, cells), kinds["cell"]
+    found, of_cells = cell_means(case, cells), kinds["cell"]
     assert len(of_cells) == 16
     np.testing.assert_array_equal(of_cells["term"], found.consistency_terms[:16])
     np.testing.assert_allclose(of_cells["lambda_mean"] * of_cells["gap_mean"] / 16, of_cells["term"])

@@ -18,14 +18,15 @@ import yaml
 from conftest import ROOT, Discrete, condensed, load
 from scipy.sparse.linalg import splu
 
+from unilateral.discrete import Pair, guarded_beta, pair
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Gram, dual_norm
-from unilateral.norms.exact import on_cells, on_mesh
-from unilateral.solve import Pair, Stop, guarded_beta, pair
+from unilateral.norms.exact import cell_means, ritz_projection
 from unilateral.solvers import steps as acceleration
 from unilateral.solvers.active_set import active_set
+from unilateral.solvers.iterate import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
 from unilateral.study import figures as plots
 from unilateral.study.judge import cost as trade
@@ -70,8 +71,8 @@ def both(n: int, ratio: float) -> Pair:
 def problem(case: str, n: int, ratio: float) -> Discrete:
     on, sigma_1 = condensed("square", n)
     of = both(n, ratio)
-    cells = on_cells(load(case), of.partition)
-    return Discrete(on_mesh(load(case), on), cells, of, guarded_beta(of, sigma_1))
+    cells = cell_means(load(case), of.partition)
+    return Discrete(ritz_projection(load(case), on), cells, of, guarded_beta(of, sigma_1))
 
 
 def offset_of(of: Discrete) -> np.ndarray:

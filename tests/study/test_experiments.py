@@ -12,7 +12,7 @@ from unilateral.fem.condense import dissected
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.norms.exact import on_cells, on_mesh
+from unilateral.norms.exact import cell_means, ritz_projection
 from unilateral.study.runs import algorithm as experiments
 from unilateral.study.runs import algorithm_cost as trials
 
@@ -31,8 +31,8 @@ def tried():
 def spectrum():
     """Eigenvalues of S, ascending, and the share of each eigenvector in lambda_H of full contact."""
     both, case = coupled("square", 16, 8), load("full_contact")
-    problem = on_mesh(case, condensed("square", 16)[0])
-    offset = both.B @ problem.trace / both.partition.lengths - on_cells(case, both.partition).g_means
+    problem = ritz_projection(case, condensed("square", 16)[0])
+    offset = both.B @ problem.trace / both.partition.lengths - cell_means(case, both.partition).g_means
     values, vectors = np.linalg.eigh(both.operator.S)
     y = np.linalg.solve(both.operator.S, -np.sqrt(both.partition.lengths) * offset)
     return values, vectors.T @ y / np.linalg.norm(y)

@@ -17,18 +17,20 @@ import xarray as xr
 import yaml
 from conftest import ROOT
 
+from unilateral.discrete import pair, solve
 from unilateral.errors import InputError
-from unilateral.fem.condense import CONSTANTS, DualOperator, condense
+from unilateral.fem.condense import CONSTANTS, condense
 from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.spaces import DualOperator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.norms.exact import on_cells, on_mesh
+from unilateral.norms.exact import cell_means, ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
-from unilateral.solve import Stop, iterate, pair, solve
 from unilateral.solvers import uzawa
 from unilateral.solvers.active_set import active_set
+from unilateral.solvers.iterate import Stop, iterate
 from unilateral.study.judge.checks import extremes as checks
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import KINDS, Budget, cells, contact, precision, shapes, steps, trial
@@ -599,8 +601,8 @@ def test_cases_of_any_size_are_certified_and_solved_alike(name: str, factor: str
     assert certificate.contact == certify(cases.load(name, square())).contact
     errors = []
     for each in (case, cases.load(name, square())):
-        cells = on_cells(each, of.both.partition)
-        errors.append(solve(on_mesh(each, of.condensed), cells, of.both, 0.5, Stop()))
+        cells = cell_means(each, of.both.partition)
+        errors.append(solve(ritz_projection(each, of.condensed), cells, of.both, 0.5, Stop()))
         assert cells.lambda_is_zero == (name == "no_contact")
     scaled, plain = errors
     assert scaled.result.iterations == plain.result.iterations
@@ -622,7 +624,7 @@ def test_cases_whose_errors_have_no_square_are_refused(factor: str, tmp_path: Pa
     """Their errors were printed as 0, or the tolerance was infinite."""
     case = scaled_case("full_contact", factor, tmp_path)
     with pytest.raises(InputError, match="squares of its errors leave double precision; scale the data"):
-        on_mesh(case, problem().condensed)
+        ritz_projection(case, problem().condensed)
 
 
 def test_a_polygon_far_away_is_refused_before_its_nodes_move() -> None:

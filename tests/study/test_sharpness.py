@@ -12,17 +12,18 @@ import sympy
 import xarray as xr
 from conftest import condensed, coupled
 
+from unilateral.discrete import solve
 from unilateral.errors import InputError
 from unilateral.formulas.formula import pos
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import on_cells, on_mesh
+from unilateral.norms.exact import cell_means, ritz_projection
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.polar import harmonic
-from unilateral.solve import Stop, solve
+from unilateral.solvers.iterate import Stop
 from unilateral.study.judge import surfaces
 from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, transition
 from unilateral.study.tables import VARIABLES
@@ -96,7 +97,7 @@ def without_cutoff(a: float, c: float, theta: float) -> float:
     at = R(3, 8) + place / 16
     gaps = (pos(at - T, gamma), *[sympy.S.Zero] * 3)
     case = Case("no cutoff", {}, SQUARE, (harmonic(SQUARE, 0, at, alpha),), gaps)
-    return on_cells(case, partitions.uniform(SQUARE, 1 / 16)).consistency
+    return cell_means(case, partitions.uniform(SQUARE, 1 / 16)).consistency
 
 
 def formula(a: float, c: float, theta: float) -> float:
@@ -132,8 +133,8 @@ def measured() -> xr.Dataset:
 def test_a_measurement_is_the_solve_of_its_member(a: int, c: int, k: int) -> None:
     """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
     both, case = coupled("square", 8, 4), transition(SQUARE, AT[k], ALPHAS[a], GAMMAS[c])
-    cells = on_cells(case, both.partition)
-    problem = on_mesh(case, condensed("square", 8)[0])
+    cells = cell_means(case, both.partition)
+    problem = ritz_projection(case, condensed("square", 8)[0])
     found = measured().isel(alpha=a, gamma=c, position=k)
     solution = solve(problem, cells, both, float(found["beta_lower"]))
     expected = {

@@ -30,9 +30,9 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, lshape, square
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import on_mesh
+from unilateral.norms.exact import ritz_projection
 from unilateral.problems import problem_file
-from unilateral.solve import Stop, iterate
+from unilateral.solvers.iterate import Stop, iterate
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 SMOOTH_AND_CONVEX = ("pentagon", "rectangle_free_sides", "square_all_sides", "triangle")
@@ -122,7 +122,7 @@ def test_an_accuracy_is_reached_and_certified(norm):
     assert all(a.unknowns < b.unknowns for a, b in pairwise(done))
     assert solved.algebraic(norm) <= SHARE * goal.accuracy * solved.size(norm)
     assert solved.total(norm) <= goal.accuracy * solved.size(norm)
-    exact = on_mesh(load("natural"), solved.discrete.condensed)
+    exact = ritz_projection(load("natural"), solved.discrete.condensed)
     difference = exact.flux_load - solved.discrete.both.B.T @ solved.result.lambda_H
     error = exact.h1_error(difference)[0] if norm == "h1" else exact.discrete_dual(difference)
     size = exact.u_norm if norm == "h1" else exact.discrete_dual(exact.flux_load)

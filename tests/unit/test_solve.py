@@ -13,12 +13,13 @@ import yaml
 from conftest import DATA, Discrete, condensed, coupled, discrete
 from scipy.sparse.linalg import spsolve
 
+from unilateral.discrete import Solution
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.polygon import square
-from unilateral.norms.exact import first_steklov, h1_distance, on_cells, on_mesh
+from unilateral.norms.exact import cell_means, h1_distance, ritz_projection
 from unilateral.problems import case as cases
-from unilateral.solve import Solution, Stop
+from unilateral.solvers.iterate import Stop
 from unilateral.solvers.uzawa import uzawa
 
 NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]
@@ -168,8 +169,8 @@ def test_a_wrong_power_is_not_what_getfem_has(tmp_path: Path) -> None:
     file.write_text(yaml.safe_dump(declaration | {"u": [atom, declaration["u"][1]]}))
     case, right = cases.load(file, square()), discrete("natural", 32, 16)
     wrong = Discrete(
-        on_mesh(case, right.problem.condensed),
-        on_cells(case, right.both.partition),
+        ritz_projection(case, right.problem.condensed),
+        cell_means(case, right.both.partition),
         right.both,
         right.beta,
     )

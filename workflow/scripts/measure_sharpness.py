@@ -4,7 +4,7 @@ from sentences import speak_plainly
 
 from unilateral.formulas.formula import number
 from unilateral.geometry import mesh, partition, polygon
-from unilateral.solve import Stop
+from unilateral.solvers.iterate import Stop
 from unilateral.study import tables
 from unilateral.study.runs import sharpness
 

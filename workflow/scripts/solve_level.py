@@ -5,7 +5,7 @@ from sentences import speak_plainly
 
 from unilateral.geometry import mesh
 from unilateral.norms.dual import Gram
-from unilateral.solve import Stop
+from unilateral.solvers.iterate import Stop
 from unilateral.study import tables
 from unilateral.study.runs.scene import sweep
 

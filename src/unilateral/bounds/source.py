@@ -18,18 +18,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral.bounds.jumps import Jumps, cut, rounding, shares, sides
+from unilateral.bounds.jumps import cut, rounding, shares, sides
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_io import longest_edges
+from unilateral.problems.data import Data
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -48,17 +49,6 @@ FLOOR = 1e-13
 MOST_PIECES = 200_000
 """To be looked at on a mesh, or four times its triangles."""
 BLOCK = 1 << 13
-
-
-class Data(Protocol):
-    """f of (1.1) by models, and where it jumps."""
-
-    @property
-    def jumps(self) -> Jumps:
-        """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
-
-    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """f on the boxes of x and y, on which the steps have those values, NaN for both."""
 
 
 class Pieces(NamedTuple):

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from unilateral import __version__
+from unilateral.accuracy.budget import MAX_UNKNOWNS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
-from unilateral.solve import ALGORITHMS, Stop
+from unilateral.solvers.iterate import ALGORITHMS, Stop
 
 CLAIM_FAILS = 1
-MAX_UNKNOWNS = 100_000
 EXIT_CODES = (
     "exit codes: 0 done, 1 a claim fails, 2 bad input, 3 not converged or out of budget, "
     "4 the system or this program failed, 130 interrupted"
@@ -104,7 +104,9 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         help="of a problem: no multipliers on sides that provably carry no contact",
     )
     domain.add_argument(
-        "--mesh", choices=("structured", "unstructured"), help="default structured where there is one"
+        "--mesh",
+        metavar="KIND|FILE",
+        help="structured, unstructured (default: structured where there is one), or a file with triangles",
     )
     method = solve.add_argument_group("iteration")
     method.add_argument(
@@ -170,9 +172,11 @@ def _check_alternatives(options: argparse.Namespace) -> None:
     """Raises InputError unless the options are those of given sizes, or those of an accuracy."""
     given = {name for name, value in vars(options).items() if value is not None}
     if options.accuracy is None:
-        missing = [name for name in ("h", "H") if name not in given]
+        needed = ("h", "H") if options.mesh in (None, "structured", "unstructured") else ("H",)
+        missing = [name for name in needed if name not in given]
         if missing:
-            raise InputError(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
+            named = " and ".join(f"--{name}" for name in needed)
+            raise InputError(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
         wrong, why = {"norm", "max_unknowns", "max_seconds"} & given, "is only for --accuracy"
     else:
         if options.accuracy >= 1:

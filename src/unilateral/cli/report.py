@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from typing import Any
 
-from unilateral.accuracy import Goal, Level, limits, unknowable
+from unilateral.accuracy.budget import limits
+from unilateral.accuracy.level import Goal, Level, unknowable
+from unilateral.accuracy.search import Search
 from unilateral.bounds.total import TotalBound
 from unilateral.solvers.uzawa import DualResult
 
@@ -72,30 +73,28 @@ def level_head(name: str, goal: Goal, first: Level) -> str:
 
 def level_line(level: Level, goal: Goal) -> str:
     solved = level.solved
-    numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.both.cells)]
+    numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.spaces.cells)]
     numbers += [solved.result.iterations, solved.algebraic(goal.norm), solved.total(goal.norm), level.target]
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 
 
-def ending(best: Level, done: Sequence[Level], goal: Goal, ended: str) -> str:
-    """Whether the accuracy is certified, and if not what `ended` the search, by default the budget."""
-    error, size, unknown = (
-        best.solved.total(goal.norm),
-        best.solved.size(goal.norm),
-        best.solved.bound.unknown,
-    )
+def ending(search: Search) -> str:
+    """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
+    goal, best = search.goal, search.best.solved
+    error, size = best.total(goal.norm), best.size(goal.norm)
     reached = f"{ERROR[goal.norm]} <= {error:.4e}"
     if size > 0:
         reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
-    if best.certified:
+    if search.best.certified:
         return f"  certified: {reached}"
-    if unknowable(done[-1]) and not ended:
+    if best.bound and unknowable(search.done[-1]) and not search.ended:
+        unknown = best.bound.unknown
         return (
             f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
             f"{unknown:.4e} is what is not known of them; {error - unknown:.4e}, the rest, is an estimate"
         )
-    why = ended or f"out of budget ({', '.join(limits(done, goal))})"
-    nothing = goal.norm == "hm12" and best.solved.lambda_norm == 0
+    why = search.ended or f"out of budget ({', '.join(limits(search.done, goal))})"
+    nothing = goal.norm == "hm12" and best.lambda_norm == 0
     return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
 
 

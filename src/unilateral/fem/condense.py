@@ -1,5 +1,4 @@
-"""Partial elimination of the interior unknowns (the paper, section 5): A c = g becomes A_3 c'' = g'',
-and the dual operator D = B A_3^{-1} B^T on the cells of T_H.
+"""Partial elimination of the interior unknowns (the paper, section 5): A c = g becomes A_3 c'' = g''.
 
 The interior is ordered by nested dissection and the boundary comes last, so that one sparse LU
 factorisation carries the Schur complement A_3 in the last block of its factors.
@@ -14,13 +13,12 @@ import numpy as np
 import pymetis
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, eigvalsh, solve_triangular
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
 from unilateral.errors import InputError
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -28,8 +26,6 @@ Ints = NDArray[np.intp]
 NONE = np.empty(0, dtype=np.intp)
 CONSTANTS = 1e-8
 """How accurately constants must be solved for; what is guaranteed is so up to this rounding of A_3."""
-SINGULAR = 1e-12
-"""lambda_min / lambda_max of S below which beta counts as 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,55 +53,21 @@ class Condensed:
         """A_3^{-1} rhs for rhs (nb,) or (nb, k)."""
         return cho_solve((self.cholesky, False), rhs)
 
+    @cached_property
+    def sigma_1(self) -> float:
+        """The smallest sigma with (v, w)_1 = sigma <v, w> for all w in V_h, above Steklov's by O(h^2)."""
+        mass, size = boundary_mass(self.mesh), len(self.mesh.boundary)
+
+        def similar(v: Array) -> Array:
+            R = self.cholesky
+            return solve_triangular(R, mass @ solve_triangular(R, v), trans="T")
+
+        operator = LinearOperator((size, size), matvec=similar, dtype=float)
+        return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
+
     def condensed_load(self, load: Array) -> Array:
         """The paper's g'' (nb,) of a load (n,) on all nodes."""
         return self.A_3 @ self.solve(load)[self.mesh.boundary]
-
-
-@dataclass(frozen=True, eq=False)
-class DualOperator:
-    """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and |Omega|.
-
-    mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||_1; column i of
-    `half` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}.
-    """
-
-    half: Array
-    H_i: Array
-    area: float
-
-    @cached_property
-    def D(self) -> Array:
-        """(m, m), symmetric and semidefinite."""
-        return self.half.T @ self.half
-
-    @cached_property
-    def S(self) -> Array:
-        """(m, m) D on the unknowns H_i^{1/2} mu_i, whose Euclidean norm is ||mu||_0."""
-        root = np.sqrt(self.H_i)
-        return self.D / root[:, None] / root
-
-    @cached_property
-    def spectrum(self) -> Array:
-        """(m,) eigenvalues of S, ascending."""
-        return eigvalsh(self.S)
-
-    @property
-    def lambda_min(self) -> float:
-        return float(self.spectrum[0])
-
-    @property
-    def lambda_max(self) -> float:
-        return float(self.spectrum[-1])
-
-    @property
-    def singular(self) -> bool:
-        """Whether S, and with it beta, is zero on some mu, to rounding."""
-        return self.lambda_min <= SINGULAR * self.lambda_max
-
-    def gap(self, mu: Array, offset: Array) -> Array:
-        """F (m,): the cell means of u(mu) - g, the offset being F(0); one application of D."""
-        return self.D @ mu / self.H_i + offset
 
 
 def condense(mesh: Mesh) -> Condensed:
@@ -150,12 +112,6 @@ def check_constants(mesh: Mesh, found: Array) -> None:
             f"{np.diff(mesh.s).min():.3g} is too small for double precision, or too thin; scale it to a "
             "diameter of about 1, or take longer edges"
         )
-
-
-def dual_operator(condensed: Condensed, partition: Partition, B: sp.csr_array) -> DualOperator:
-    """The dual operator for B (m, nb) of `coupling`."""
-    half = solve_triangular(condensed.cholesky, B.T.toarray(), trans="T", check_finite=False)
-    return DualOperator(half, partition.lengths, condensed.mesh.polygon.area)
 
 
 def elimination_order(A: sp.csr_array, boundary: Ints = NONE) -> Ints:

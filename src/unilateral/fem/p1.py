@@ -1,4 +1,4 @@
-"""P1 matrices and loads: the paper's (u, v)_1 and (f, v)_0 on V_h."""
+"""P1 matrices and loads, the paper's (u, v)_1 and (f, v)_0 on V_h, and the pairing <mu_H, v_h>."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
 
 Array = NDArray[np.float64]
 
@@ -39,6 +41,37 @@ def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
     """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
     slopes, _ = gradients(mesh)
     return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
+
+
+def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
+    """B (cells, boundary nodes): B[i, j] is the integral of the boundary node j's hat over cell i.
+
+    So <mu_H, v_h> = mu . B v on the boundary values v of v_h, and B v / H_i are v_h's cell means.
+    Raises InputError if the partition belongs to another polygon than the mesh.
+    """
+    if not np.array_equal(mesh.polygon.vertices, partition.polygon.vertices):
+        raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
+    points = np.union1d(partition.points, mesh.s)
+    left, right = points[:-1], points[1:]
+    cell = np.clip(np.searchsorted(partition.points, left, side="right") - 1, 0, partition.n_cells - 1)
+    nb = len(mesh.boundary)
+    edge = np.clip(np.searchsorted(mesh.s, left, side="right") - 1, 0, nb - 1)
+    length = right - left
+    position = (0.5 * (left + right) - mesh.s[edge]) / np.diff(mesh.s)[edge]
+    values = np.concatenate([length * (1 - position), length * position])
+    columns = np.concatenate([edge, (edge + 1) % nb])
+    return sp.coo_array((values, (np.tile(cell, 2), columns)), shape=(partition.n_cells, nb)).tocsr()
+
+
+def boundary_mass(mesh: Mesh) -> sp.csr_array:
+    """(nb, nb) mass matrix of the boundary hats: the L2 product of traces on the boundary."""
+    nb = len(mesh.boundary)
+    start = np.arange(nb)
+    end = (start + 1) % nb
+    sixth = np.diff(mesh.s) / 6
+    values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
+    rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
+    return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,8 +15,10 @@ from scipy.spatial import cKDTree
 from unilateral.errors import InputError
 from unilateral.geometry import mesh_io
 from unilateral.geometry.mesh_io import Integers
-from unilateral.geometry.polygon import Array, Polygon, lshape, square
+from unilateral.geometry.polygon import NAMED, Array, Polygon, lshape, square
 
+STRAIGHT = 1e-9
+"""The sine of the angle up to which a boundary runs on."""
 ROUNDED = 1e-6
 """How much of the longest boundary edge the rounding of coordinates may be; larger, it shows in A_3."""
 
@@ -94,6 +97,12 @@ def structured(polygon: Polygon, h: float) -> Mesh:
     )
 
 
+def natural_kind(polygon: Polygon) -> str:
+    """The kind of mesh that a polygon gets if nobody asks for another one."""
+    named = any(np.array_equal(polygon.vertices, make().vertices) for make in NAMED.values())
+    return "structured" if named else "unstructured"
+
+
 def tensor(ticks: Array) -> Mesh:
     """The rectangles of `square` between the ticks (n + 1,), 0 to 1, in x and y, each cut as a square is."""
     n = len(ticks) - 1
@@ -144,22 +153,32 @@ def refine(mesh: Mesh) -> Mesh:
     return _with_boundary(mesh.polygon, points, triangles, "refined mesh")
 
 
-def write(mesh: Mesh, path: str | os.PathLike[str]) -> None:
+def write(
+    mesh: Mesh,
+    path: str | os.PathLike[str],
+    on_edges: Mapping[str, np.ndarray] | None = None,
+    at_nodes: Mapping[str, np.ndarray] | None = None,
+) -> None:
     """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
+
+    Further data of boundary edges (nb,) and of nodes (n,) can be added.
 
     The file's ending says the format, one of meshio's that can hold both; .vtu keeps every bit.
     Raises InputError if the file cannot be written.
     """
     lines = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
-    mesh_io.save(Path(path), mesh.points, mesh.triangles, lines, mesh.side)
+    data = {"side": mesh.side, **(on_edges or {})}
+    mesh_io.save(Path(path), mesh.points, mesh.triangles, lines, data, at_nodes)
 
 
-def read(path: str | os.PathLike[str], polygon: Polygon) -> Mesh:
+def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     """The mesh in a file of any of meshio's formats, checked as by `from_arrays`.
 
-    Raises InputError, too, if lines with the cell data "side" are not the boundary edges of those sides.
+    Without a polygon it is the one that the triangles' boundary is. Raises InputError, too, if lines with the
+    cell data "side" are not the boundary edges of those sides.
     """
     points, triangles, lines, side = mesh_io.load(Path(path))
+    polygon = polygon or outline(points, triangles, str(path))
     mesh = from_arrays(polygon, points, triangles, str(path))
     ends = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1) @ [mesh.n_nodes, 1]
     given = np.sort(lines, axis=1) @ [mesh.n_nodes, 1]
@@ -173,6 +192,26 @@ def read(path: str | os.PathLike[str], polygon: Polygon) -> Mesh:
             f"on side {side[k]:g} of polygon '{polygon.name}', as the cell data 'side' says"
         )
     return mesh
+
+
+def outline(points: Array, triangles: Integers, where: str) -> Polygon:
+    """The polygon that the triangles' boundary is, from the first of its corners in their order on.
+
+    Raises InputError for a boundary that is not one closed line.
+    """
+    mesh_io.check_arrays(points, triangles, where)
+    edges = mesh_io.boundary_edges(points, triangles, where)
+    after = np.full(len(points), -1)
+    after[edges[:, 0]] = edges[:, 1]
+    line = [int(edges[:, 0].min())]
+    while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
+        line.append(int(after[line[-1]]))
+    if len(line) < len(edges):
+        raise InputError(f"{where}: the triangles' boundary must be one closed line, for there are no holes")
+    corners = points[line]
+    d, e = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    turns = np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]) > STRAIGHT * np.hypot(*d.T) * np.hypot(*e.T)
+    return Polygon(corners[turns], Path(where).stem)
 
 
 def _grid(ticks: Array, kept: np.ndarray) -> tuple[Array, Integers]:

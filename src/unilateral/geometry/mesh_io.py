@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -165,14 +165,25 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
     return np.hypot(*np.moveaxis(offset - t[..., None] * along, 2, 0))
 
 
-def save(path: Path, points: Array, triangles: Integers, lines: Integers, side: Integers) -> None:
-    """Writes triangles and lines (nb, 2) with the cell data "side", in the format its ending says."""
+def save(
+    path: Path,
+    points: Array,
+    triangles: Integers,
+    lines: Integers,
+    on_lines: Mapping[str, np.ndarray],
+    at_points: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Writes triangles, lines (nb, 2) with cell data (nb,) and points with data (n,), as its ending says.
+
+    The cell data of triangles are -1 or NaN.
+    """
     import meshio
 
     mesh = meshio.Mesh(
         np.column_stack([points, np.zeros(len(points))]),
         [("triangle", triangles), ("line", lines)],
-        cell_data={"side": [np.full(len(triangles), -1), side]},
+        point_data=dict(at_points or {}),
+        cell_data={name: [np.full(len(triangles), _none(data)), data] for name, data in on_lines.items()},
     )
     with replacing(path) as temporary:
         try:
@@ -182,6 +193,10 @@ def save(path: Path, points: Array, triangles: Integers, lines: Integers, side: 
             raise
         except Exception as error:
             raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
+
+
+def _none(data: np.ndarray) -> float:
+    return -1 if np.issubdtype(data.dtype, np.integer) else np.nan
 
 
 def load(path: Path) -> tuple[Array, Integers, Integers, Array]:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import on_cells
+from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import oscillation_bound
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 from unilateral.problems.case import Case
@@ -145,7 +145,7 @@ class DualNorm:
 
     def gram(self, cases: Sequence[Case] = ()) -> Gram:
         """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
-        means = [on_cells(case, self.partition).lambda_means for case in cases]
+        means = [cell_means(case, self.partition).lambda_means for case in cases]
         pairs = zip(cases, means, strict=True)
         of_cases = [self._differences(case, mean[None], self.partition) for case, mean in pairs]
         parts = [self._indicators(), *of_cases]

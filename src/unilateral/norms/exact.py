@@ -14,18 +14,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
-from unilateral.fem.coupling import boundary_mass
 from unilateral.fem.p1 import gradients, h1_load, load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.fem.spaces import MixedSpaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
@@ -36,8 +34,8 @@ SMALLEST, LARGEST = 1e-152, 1e152
 
 
 @dataclass(frozen=True, eq=False)
-class OnMesh:
-    """A case on a condensed mesh.
+class RitzProjection:
+    """A case seen from V_h: its loads, its Ritz projection z_h and how far u is from that.
 
     `load` (n,) is (f, phi_i); `flux_load` (nb,) is <lambda, phi_j>; `trace` (nb,) is A^{-1} f on the
     boundary; `ritz_error` is ||u - z_h||_1 and `ritz_defect` (nb,) is A^{-1} (u - z_h, phi_i)_1 on the
@@ -65,8 +63,8 @@ class OnMesh:
         return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0
 
 
-def on_mesh(case: Case, condensed: Condensed, degree: int | None = None) -> OnMesh:
-    """Loads, Ritz projection and its error, with quadrature of that degree in Omega, see `triangle_rules`.
+def ritz_projection(case: Case, condensed: Condensed, degree: int | None = None) -> RitzProjection:
+    """The projection and its error, with quadrature of that degree in Omega, see `triangle_rules`.
 
     Raises InputError for a u so large or small that squares of errors leave the range of floating point.
     """
@@ -82,7 +80,7 @@ def on_mesh(case: Case, condensed: Condensed, degree: int | None = None) -> OnMe
     A_difference = A @ difference
     ritz_square = square - 2 * residual @ difference + difference @ A_difference
     defect = condensed.solve(residual - A_difference)
-    return OnMesh(
+    return RitzProjection(
         case,
         condensed,
         load=f,
@@ -141,8 +139,8 @@ def flux_load(case: Case, mesh: Mesh) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class OnCells:
-    """A case on a partition: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
+class CellMeans:
+    """A case seen from T_H: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
 
     These are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares it;
     `size` is the largest |u| + |u - g| on the boundary.
@@ -183,7 +181,7 @@ class OnCells:
         return self.lambda_norm <= 1e-12 * self.size
 
 
-def on_cells(case: Case, partition: Partition) -> OnCells:
+def cell_means(case: Case, partition: Partition) -> CellMeans:
     """Means and norms by quadrature split at the case's singular points, to round-off."""
     rule, m = boundary_rule(case.polygon, partition.points, case.singular()), partition.n_cells
     u, flux, gap = case.boundary(rule.side, rule.s, rule.near)
@@ -192,7 +190,7 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
     )
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if case.flux_in_L2 else math.nan
-    return OnCells(
+    return CellMeans(
         partition,
         lambda_means,
         gap_means,
@@ -204,13 +202,49 @@ def on_cells(case: Case, partition: Partition) -> OnCells:
     )
 
 
-def first_steklov(condensed: Condensed) -> float:
-    """The smallest sigma with (v, w)_1 = sigma <v, w> for all w in V_h: sigma_1 from above, by O(h^2)."""
-    mass, size = boundary_mass(condensed.mesh), len(condensed.mesh.boundary)
-    R = condensed.cholesky
-    operator = LinearOperator((size, size), matvec=lambda v: _similar(R, mass, v), dtype=float)
-    return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
+class ExactErrors(NamedTuple):
+    """||u - u_h||_1, ||lambda - lambda_H||_{-1/2,h} and ||lambda - lambda_H||_0; NaN where not judged.
+
+    `quadrature_share` is the share of h1^2 that an exact quadrature would not have.
+    """
+
+    h1: float
+    hm12_discrete: float
+    l2: float
+    quadrature_share: float
 
 
-def _similar(R: Array, mass: sp.csr_array, v: Array) -> Array:
-    return solve_triangular(R, mass @ solve_triangular(R, v), trans="T")
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """The exact solution seen from both spaces: what a discrete one is measured by."""
+
+    ritz: RitzProjection
+    means: CellMeans
+
+    def tolerance(self, spaces: MixedSpaces) -> float:
+        """The smallest part of the discretisation error in ||.||_1 that is known before iterating, and not 0.
+
+        These are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
+        """
+        if spaces.operator.singular or self.means.lambda_is_zero:
+            return self.ritz.ritz_error
+        of_lambda = math.sqrt(spaces.operator.lambda_min) * self.means.projection_error
+        return min(x for x in (self.ritz.ritz_error, of_lambda) if x > 0)
+
+    def boundary_load(self, spaces: MixedSpaces, mu: Array) -> Array:
+        """<lambda - mu, phi_j> (nb,) for mu (m,)."""
+        return self.ritz.flux_load - spaces.B.T @ mu
+
+    def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
+        """Those of (u(mu), mu) for mu (m,); where beta is 0 those of lambda are not judged."""
+        difference = self.boundary_load(spaces, mu)
+        h1, share = self.ritz.h1_error(difference)
+        if spaces.operator.singular:
+            return ExactErrors(h1, math.nan, math.nan, share)
+        l2 = self.means.l2_error(spaces.extended(mu))
+        return ExactErrors(h1, self.ritz.discrete_dual(difference), l2, share)
+
+
+def exact(case: Case, spaces: MixedSpaces) -> Exact:
+    """The case's solution seen from the spaces."""
+    return Exact(ritz_projection(case, spaces.condensed), cell_means(case, spaces.partition))

@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from unilateral.fem.condense import DualOperator
+from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Bounds

@@ -44,7 +44,8 @@ Atom = Smooth | Tensor | Polar | Cantor
 class Case:
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
-    `gaps` holds one expression in t (the arc length in side lengths) per side.
+    `gaps` holds one expression in t (the arc length in side lengths) per side. On `free_sides` lambda is 0,
+    and they are solved on without multipliers; `certificate.with_free_sides` checks that.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Case:
     polygon: Polygon
     atoms: tuple[Atom, ...]
     gaps: tuple[sympy.Expr, ...]
+    free_sides: tuple[int, ...] = ()
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.

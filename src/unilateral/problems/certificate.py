@@ -8,7 +8,8 @@ for it cannot be read off a formula.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,3 +146,19 @@ def _as_declared(case: Case, found: Certificate) -> None:
         if declared[name] != value:
             found_out = f"({name}) {'holds' if value else 'does not hold'}, declared otherwise"
             raise InputError(f"case '{case.name}', field hypotheses.{name}: {found_out}")
+
+
+def with_free_sides(case: Case, free: Sequence[int]) -> Case:
+    """The case with those sides free, which changes nothing of its solution: lambda is 0 there.
+
+    Raises InputError for sides that there are not, that have contact, or that are all.
+    """
+    contact, n = {side for side, _, _ in certify(case).contact}, case.polygon.n_sides
+    for side in free:
+        if not 0 <= side < n:
+            raise InputError(f"free sides: '{case.polygon.name}' has the sides 0 to {n - 1}, not {side}")
+        if side in contact:
+            raise InputError(f"free sides: case '{case.name}' has contact on side {side}")
+    if len(set(free)) == n:
+        raise InputError("free sides: one side at least must not be free")
+    return replace(case, free_sides=tuple(sorted(set(free))))

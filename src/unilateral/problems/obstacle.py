@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from unilateral.formulas.taylor import EPS, Model, affine, basis, number
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.data import Data
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -31,16 +32,6 @@ SHORTEST = 2.0**-44
 """Of a side."""
 _SIGNS = np.where(np.arange(ORDER + 1) % 2, -1.0, 1.0)
 """Of the powers at -1."""
-
-
-class Data(Protocol):
-    """g of (1.2) by models."""
-
-    @property
-    def polygon(self) -> Polygon: ...
-
-    def obstacle_model(self, side: Index, t: Model) -> Model:
-        """g on intervals of the sides (k,), t the arc length in side lengths."""
 
 
 class _Pieces(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -70,6 +70,10 @@ class Problem:
     def range_of_f(self) -> tuple[float, float]:
         """Guaranteed bounds of f in Omega, infinite where none are found."""
         return range_in(self.polygon, self.f)
+
+    def without_idle_sides(self) -> Problem:
+        """The same problem without conditions on the sides that provably carry no contact."""
+        return replace(self, free_sides=tuple(sorted({*self.free_sides, *self.idle_sides()})))
 
     def idle_sides(self) -> tuple[int, ...]:
         """The sides, not free, that provably carry no contact: sup g < ess inf f = c there.

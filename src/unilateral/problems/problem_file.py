@@ -47,8 +47,13 @@ def load(name: str) -> Problem:
     Raises InputError, with the field, for what the schema does not allow, for a polygon that is not simple
     and anticlockwise, and for f and g that are not finite, not smooth enough, or do not fit together.
     """
+    return made(declarations.read(Path(name), name), name)
+
+
+def made(declaration: Any, name: str) -> Problem:
+    """The problem of such fields, wherever they come from; errors begin with `name`."""
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
-    declaration = declarations.validate(declarations.read(Path(name), name), schema, name)
+    declaration = declarations.validate(declaration, schema, name)
     if len(declaration["polygon"]) > MAX_VERTICES:
         raise InputError(f"{name}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
     exact = [

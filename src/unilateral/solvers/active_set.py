@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 from scipy.optimize import nnls
 
-from unilateral.fem.condense import DualOperator
+from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import (
     DualResult,
     check_offset,

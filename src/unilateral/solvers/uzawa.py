@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import DualOperator
+from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.steps import STEPS, Step
 
 Array = NDArray[np.float64]

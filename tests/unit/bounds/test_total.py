@@ -21,7 +21,7 @@ from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.total import TotalBound
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
-from unilateral.fem.coupling import coupling
+from unilateral.fem.p1 import coupling
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.taylor import number
@@ -29,7 +29,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, lshape, square
 from unilateral.norms.dual import DualNorm, dual_norm
-from unilateral.norms.exact import on_cells
+from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
 from unilateral.problems import obstacle
 from unilateral.problems.atoms import X, Y
@@ -303,7 +303,7 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     mesh, cells = meshes.unstructured(polygon, 0.11), partitions.shifted(polygon, 0.27, shift)
     flux = problem.boundary(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
     assert np.all(flux > 0)
-    lambda_H = on_cells(problem, cells).lambda_means
+    lambda_H = cell_means(problem, cells).lambda_means
     bound, u_h = bound_on(problem, mesh, cells, lambda_H)
     assert 0 < bound.extension < bound.eta
     error = h1_error(problem, mesh, u_h)
@@ -316,7 +316,7 @@ def test_cells_shorter_than_edges():
     """lambda_H jumps four times inside every edge: without what oscillates the bound would be too small."""
     problem = Manufactured(square(), "0.5*(x - 0.45)**2 + 0.5*(y - 0.55)**2")
     mesh, cells = meshes.structured(square(), 1 / 4), partitions.uniform(square(), 1 / 16)
-    lambda_H = on_cells(problem, cells).lambda_means * np.tile([0.2, 1.8, 1.8, 0.2], cells.n_cells // 4)
+    lambda_H = cell_means(problem, cells).lambda_means * np.tile([0.2, 1.8, 1.8, 0.2], cells.n_cells // 4)
     bound, _ = bound_on(problem, mesh, cells, lambda_H)
     lower = float(dual_norm(cells, [problem]).of_error(problem, lambda_H[None]).lower[0])
     assert bound.eta + bound.data < lower <= bound.lambda_
@@ -333,7 +333,7 @@ def test_free_sides_have_no_obstacle():
     """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
     problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
     mesh, cells = meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
-    lambda_H = on_cells(problem, cells).lambda_means
+    lambda_H = cell_means(problem, cells).lambda_means
     lambda_H[cells.side % 2 == 1] = 0
     bound, u_h = bound_on(problem, mesh, cells, lambda_H, free=(1, 3))
     error = h1_error(problem, mesh, u_h)
@@ -355,7 +355,7 @@ def test_a_mesh_of_one_triangle():
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
     mesh, cells = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]]), partitions.uniform(polygon, 2)
-    bound, u_h = bound_on(problem, mesh, cells, on_cells(problem, cells).lambda_means)
+    bound, u_h = bound_on(problem, mesh, cells, cell_means(problem, cells).lambda_means)
     assert bound.u >= h1_error(problem, mesh, u_h)
 
 
@@ -492,7 +492,7 @@ def test_the_slack_counts_twice(monkeypatch):
     """By the identity eta^2 has 2 <q.n, v - g> in it: a slack of 1/2 adds 1 to it."""
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
     cells, own, found = partitions.uniform(square(), 1 / 2), feasible.Constraint.missing, []
-    lambda_H = on_cells(problem, cells).lambda_means
+    lambda_H = cell_means(problem, cells).lambda_means
     for more in (0.0, 0.5):
         monkeypatch.setattr(
             feasible.Constraint, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s)

@@ -13,17 +13,15 @@ from scipy.sparse.csgraph import connected_components
 from unilateral.errors import InputError
 from unilateral.fem.condense import (
     Condensed,
-    DualOperator,
     check_constants,
     condense,
     dissected,
-    dual_operator,
     elimination_order,
     factorise,
     last_block,
 )
-from unilateral.fem.coupling import coupling
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, lshape, square

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from unilateral.errors import InputError
-from unilateral.fem.coupling import boundary_mass, coupling
+from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, lshape, square

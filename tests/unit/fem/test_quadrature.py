@@ -13,6 +13,7 @@ import yaml
 from conftest import discrete, load
 from scipy.integrate import quad
 
+from unilateral.discrete import solve
 from unilateral.fem import quadrature
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.fem.splitting import Split
@@ -20,10 +21,9 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import lshape, square
-from unilateral.norms.exact import on_mesh
+from unilateral.norms.exact import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
-from unilateral.solve import solve
 
 NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]
 MESHES: dict[str, Callable[[], Mesh]] = {
@@ -229,7 +229,7 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch: pytest.MonkeyPatch) -> Non
     """One point per triangle and no splitting."""
     good = discrete("smooth", 16, 8)
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
-    poor = on_mesh(good.problem.case, good.problem.condensed, degree=1)
+    poor = ritz_projection(good.problem.case, good.problem.condensed, degree=1)
     h1_error = solve(poor, good.cells, good.both, good.beta).h1_error
     assert abs(h1_error / good.solve().h1_error - 1) > 1e-3
 

@@ -22,7 +22,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon, lshape, square
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import on_cells
+from unilateral.norms.exact import cell_means
 from unilateral.problems import case as cases
 
 ONE_ON_THE_SQUARE = sqrt(8 + 4 / tanh(0.5))  # (v, w)_1 = <1, w>: v = sum of cosh(x_i - 1/2) / sinh(1/2)
@@ -187,7 +187,7 @@ def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_
     (tmp_path / "atom.yaml").write_text(CASE.format(alpha=alpha))
     case = cases.load(tmp_path / "atom.yaml", square())
     cells = partitions.uniform(square(), 1 / m)
-    found = dual_norm(cells, [case]).of_error(case, on_cells(case, cells).lambda_means[None])
+    found = dual_norm(cells, [case]).of_error(case, cell_means(case, cells).lambda_means[None])
     assert brackets(found, *of_projection_error(m, float(Fraction(alpha))), gap=0.05)
 
 
@@ -222,7 +222,7 @@ def test_angles_of_all_sizes_against_finer_spaces(name):
 def test_singular_points_and_a_vertex_against_finer_spaces(name, at, alpha):
     """As above, with the limit for errors, 5 %."""
     case, cells = Flux(POLYGONS[name], at, alpha), partitions.uniform(POLYGONS[name], 1 / 3)
-    means = on_cells(case, cells).lambda_means[None]
+    means = cell_means(case, cells).lambda_means[None]
     coarse, fine = (dual_norm(cells, [case], edges).of_error(case, means) for edges in (8, 24))
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
     assert brackets(fine, coarse.lower, coarse.upper, gap=0.05 / 3)
@@ -252,7 +252,7 @@ def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
     """What oscillates has no bound in L2; nor have L2 norms a value. Control: alpha = -2/5 has all."""
     cells = partitions.uniform(square(), 1 / 4)
     for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
-        norm, on = dual_norm(cells, [case]), on_cells(case, cells)
+        norm, on = dual_norm(cells, [case]), cell_means(case, cells)
         for found in (
             norm.of_error(case, on.lambda_means[None]),
             norm.gram([case]).error(0, np.zeros((1, 16))),
@@ -281,7 +281,7 @@ def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name):
     found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
     assert_allclose(found, norm.of_p0(mu), rtol=1e-9)
     for c, case in enumerate(of):
-        means = on_cells(case, norm.partition).lambda_means
+        means = cell_means(case, norm.partition).lambda_means
         for scale in (1.0, 1e-3, 0.0):
             found = gram.error(c, means - (means + scale * mu))
             assert_allclose(found, norm.of_error(case, means + scale * mu), rtol=1e-9)
@@ -297,7 +297,7 @@ def test_the_forms_on_a_coarser_partition_are_those_of_its_functions(name):
     found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
     assert_allclose(found, norm.of_p0(mu, coarse), rtol=1e-9)
     for c, case in enumerate(of):
-        means = on_cells(case, coarse).lambda_means
+        means = cell_means(case, coarse).lambda_means
         assert_allclose(gram.means[c], means, atol=1e-12)
         assert_allclose(gram.error(c, -mu), norm.of_error(case, means + mu, coarse), rtol=1e-8)
 
@@ -324,7 +324,7 @@ def test_the_best_approximation_against_a_minimisation():
     """By BFGS on direct evaluations; 1e-6: the norm is stationary there."""
     norm, of, gram = with_gram("square", 1)
     for c, case in enumerate(of):
-        means = on_cells(case, norm.partition).lambda_means
+        means = cell_means(case, norm.partition).lambda_means
         best = minimize(lambda x, case=case: norm.of_error(case, x[None]).lower[0] ** 2, means, tol=1e-9)
         assert gram.best_approximation(c) == pytest.approx(sqrt(best.fun), rel=1e-6)
         assert gram.best_approximation(c) < norm.of_error(case, means[None]).lower[0]

@@ -12,13 +12,13 @@ from conftest import condensed, load
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
-from unilateral.norms.exact import _check_size, h1_distance, on_cells, on_mesh
+from unilateral.norms.exact import _check_size, cell_means, h1_distance, ritz_projection
 
 
 def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:
     """u = cos(pi x) cos(2 pi y)/2: ||u||_1^2 = (1 + 5 pi^2)/16; none in V_h is closer than z_h."""
     case, on = load("no_contact"), condensed("square", 8)[0]
-    problem = on_mesh(case, on, 12)
+    problem = ritz_projection(case, on, 12)
     assert problem.u_norm == pytest.approx(math.sqrt((1 + 5 * math.pi**2) / 16), rel=1e-9)
     x, y = on.mesh.points.T
     interpolant = np.cos(math.pi * x) * np.cos(2 * math.pi * y) / 2
@@ -29,7 +29,7 @@ def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:
 
 def test_norms_of_a_multiplier_in_closed_form() -> None:
     """6^6 ((s - 1/3)(2/3 - s))^3 on two sides: by Euler's beta function; its parts are orthogonal."""
-    found = on_cells(load("smooth"), uniform(square(), 1 / 8))
+    found = cell_means(load("smooth"), uniform(square(), 1 / 8))
     lengths = found.partition.lengths
     square_of_norm = 2 * 6**12 / 3**13 * math.factorial(6) ** 2 / math.factorial(13)
     assert found.lambda_norm == pytest.approx(math.sqrt(square_of_norm), rel=1e-12)
@@ -42,14 +42,14 @@ def test_norms_of_a_multiplier_in_closed_form() -> None:
 @pytest.mark.parametrize(("name", "in_L2"), [("rough", False), ("singular", True)])
 def test_a_multiplier_outside_L2_has_no_norm_there(name: str, in_L2: bool) -> None:
     """s^alpha is in L2 for alpha > -1/2; these have -0.95 and -1/4."""
-    found = on_cells(load(name), uniform(square(), 1 / 4))
+    found = cell_means(load(name), uniform(square(), 1 / 4))
     assert math.isfinite(found.lambda_norm) == in_L2
     assert math.isfinite(found.projection_error) == in_L2
 
 
 def test_the_size_of_a_case_is_that_of_u_and_of_the_gap() -> None:
     """|cos(pi x) cos(2 pi y)|/2 + 1, at points of quadrature near the vertices."""
-    assert on_cells(load("no_contact"), uniform(square(), 1 / 8)).size == pytest.approx(1.5, abs=1e-3)
+    assert cell_means(load("no_contact"), uniform(square(), 1 / 8)).size == pytest.approx(1.5, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_the_size_of_a_case_is_that_of_u_and_of_the_gap() -> None:
 )
 def test_a_multiplier_is_zero_relative_to_its_case(norm: float, size: float, zero: bool) -> None:
     """To 1e-12, a thousand times the rounding of cancelling fluxes."""
-    found = on_cells(load("no_contact"), uniform(square(), 1 / 2))
+    found = cell_means(load("no_contact"), uniform(square(), 1 / 2))
     assert replace(found, lambda_norm=norm, size=size).lambda_is_zero == zero
 
 

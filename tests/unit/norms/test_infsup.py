@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 from test_dual_norm import p2_gram
 
-from unilateral.fem.condense import condense, dual_operator
-from unilateral.fem.coupling import coupling
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.spaces import dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, lshape, named, square
@@ -41,7 +41,7 @@ def on(polygon, n, m):
     """D and the Gram matrices for structured h = 1/n and H = 1/m."""
     cells = uniform(polygon, m)
     on_mesh = condensed(polygon, n)[0]
-    return dual_operator(on_mesh, cells, coupling(on_mesh.mesh, cells)), gram(cells)
+    return dual_operator(ritz_projection, cells, coupling(on_mesh.mesh, cells)), gram(cells)
 
 
 @cache

@@ -14,7 +14,7 @@ from unilateral.geometry.mesh import structured, unstructured
 from unilateral.geometry.polygon import square
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
-from unilateral.solve import Stop, iterate
+from unilateral.solvers.iterate import Stop, iterate
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 SQUARE = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\n"

@@ -11,8 +11,9 @@ import pytest
 import scipy.sparse as sp
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed, DualOperator, condense, dual_operator
-from unilateral.fem.coupling import coupling
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.p1 import coupling
+from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import lshape, square

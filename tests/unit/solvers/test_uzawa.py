@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed, DualOperator, condense, dual_operator
-from unilateral.fem.coupling import coupling
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import lshape, square

@@ -9,14 +9,12 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
-from unilateral.fem.condense import condense
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import first_steklov, on_cells, on_mesh
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.solve import guarded_beta, pair, solve
 from unilateral.study.judge.rates import NORMS
 from unilateral.study.tables import error_in
 
@@ -91,10 +89,7 @@ def grid_frame(errors: xr.Dataset, cases: Sequence[str]) -> pd.DataFrame:
 
 def portrait_frames(case: Case, mesh: Mesh, partition: Partition) -> tuple[pd.DataFrame, pd.DataFrame]:
     """u_h on the triangles; and along the boundary u_h - g, lambda_H, and what they approximate."""
-    condensed = condense(mesh)
-    both = pair(condensed, partition)
-    beta = guarded_beta(both, first_steklov(condensed))
-    solution = solve(on_mesh(case, condensed), on_cells(case, partition), both, beta)
+    solution = solve(discretise(case, mesh, partition))
     corners = mesh.triangles.ravel()
     field = pd.DataFrame(
         {

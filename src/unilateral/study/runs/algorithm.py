@@ -8,13 +8,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.fem.condense import Condensed, DualOperator, condense
+from unilateral.discrete import with_load
+from unilateral.fem.condense import condense
 from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import OnMesh, on_cells, on_mesh
+from unilateral.norms.exact import RitzProjection, cell_means, ritz_projection
 from unilateral.problems.case import Case
-from unilateral.solve import Pair, pair, response
 from unilateral.solvers.active_set import active_set
 
 Array = NDArray[np.float64]
@@ -48,28 +49,28 @@ def algorithm(
     lambda_H + 1, and for the Lagrangian of section 5.
     """
     condensed = condense(mesh)
-    both = pair(condensed, partition)
+    spaces = mixed_spaces(condensed, partition)
     rng = np.random.default_rng(0)
     distance = np.empty((len(cases), len(VARIANTS), len(shares)))
     of_case = {name: np.empty(len(cases)) for name in OF_CASE}
     for c, case in enumerate(cases):
-        problem, cells = on_mesh(case, condensed), on_cells(case, partition)
-        offset = both.B @ problem.trace / partition.lengths - cells.g_means
-        lambda_H = active_set(both.operator, offset, np.inf).lambda_H
+        problem, cells = ritz_projection(case, condensed), cell_means(case, partition)
+        offset = with_load(spaces, problem.load, problem.trace, cells.g_means).offset
+        lambda_H = active_set(spaces.operator, offset, np.inf).lambda_H
         for v, variant in enumerate(VARIANTS):
             for k, share in enumerate(shares):
-                rho = share * 2 / both.operator.lambda_max
-                found = iterate(both.operator, offset, rho, steps, variant)
+                rho = share * 2 / spaces.operator.lambda_max
+                found = iterate(spaces.operator, offset, rho, steps, variant)
                 distance[c, v, k] = min(_relative(found, lambda_H, partition), BOUNDED)
         for suffix, mu in (("", lambda_H), ("_elsewhere", lambda_H + 1)):
-            saddle = _saddle(condensed, both, problem.load, cells.g_means, mu, rng)
+            saddle = _saddle(spaces, problem.load, cells.g_means, mu, rng)
             for name, value in zip(("saddle_in_v", "saddle_in_mu", "inequality"), saddle, strict=True):
                 of_case[name + suffix][c] = value
         for name, share in (("multiplier_factor", 0.5), ("multiplier_factor_elsewhere", 1.0)):
-            scaled = DualOperator(both.operator.half * np.sqrt(share), partition.lengths, mesh.polygon.area)
+            scaled = DualOperator(spaces.operator.half * np.sqrt(share), partition.lengths, mesh.polygon.area)
             other = active_set(scaled, offset, np.inf).lambda_H
             of_case[name][c] = np.sqrt(partition.lengths @ other**2 / (partition.lengths @ lambda_H**2))
-        of_case["off_cells"][c] = _off_cells(problem, both, lambda_H)
+        of_case["off_cells"][c] = _off_cells(problem, spaces, lambda_H)
     table = {name: ("case", values) for name, values in of_case.items()}
     return xr.Dataset(
         {"distance": (("case", "variant", "rho_share"), distance), **table},
@@ -94,23 +95,23 @@ def _relative(found: Array, lambda_H: Array, partition: Partition) -> float:
 
 
 def _saddle(
-    condensed: Condensed, both: Pair, load: Array, g_means: Array, lambda_H: Array, rng: np.random.Generator
+    spaces: MixedSpaces, load: Array, g_means: Array, lambda_H: Array, rng: np.random.Generator
 ) -> tuple[float, float, float]:
     """The smallest L(v, lambda_H) - L(u_h, lambda_H), L(u_h, lambda_H) - L(u_h, mu) and excess of (4.4).
 
     For random v and mu >= 0, u_h that of lambda_H; L(v, mu) = ||v||_1^2 / 2 - (f, v) - <mu, v - g>; relative
     to |L(u_h, lambda_H)|. The excess is A(U_h, V - U_h) - F(V - U_h) with V = (v, mu).
     """
-    H_i, boundary = both.partition.lengths, condensed.mesh.boundary
-    u_h = response(condensed, both, load, lambda_H)
-    weak = condensed.A @ u_h - load
-    weak[boundary] -= both.B.T @ lambda_H
+    H_i, boundary, A = spaces.partition.lengths, spaces.mesh.boundary, spaces.condensed.A
+    u_h = spaces.response(load, lambda_H)
+    weak = A @ u_h - load
+    weak[boundary] -= spaces.B.T @ lambda_H
 
     def L(v: Array, mu: Array) -> float:
-        return float(0.5 * v @ (condensed.A @ v) - load @ v - mu @ (both.B @ v[boundary] - H_i * g_means))
+        return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
 
     at, size = L(u_h, lambda_H), np.abs(u_h).max()
-    gap = both.B @ u_h[boundary] - H_i * g_means
+    gap = spaces.B @ u_h[boundary] - H_i * g_means
     in_v, in_mu, excess = [], [], []
     for _ in range(DIRECTIONS):
         w, mu = NEAR * size * rng.standard_normal(len(u_h)), lambda_H.max() * rng.random(len(lambda_H))
@@ -120,11 +121,10 @@ def _saddle(
     return min(in_v) / abs(at), min(in_mu) / abs(at), min(excess) / abs(at)
 
 
-def _off_cells(problem: OnMesh, both: Pair, lambda_H: Array) -> float:
+def _off_cells(problem: RitzProjection, spaces: MixedSpaces, lambda_H: Array) -> float:
     """The part of u_h - g, in L2, that is not constant on the cells; relative."""
-    condensed, partition = problem.condensed, both.partition
-    mesh, polygon = condensed.mesh, partition.polygon
-    trace = response(condensed, both, problem.load, lambda_H)[mesh.boundary]
+    mesh, partition, polygon = spaces.mesh, spaces.partition, spaces.mesh.polygon
+    trace = spaces.response(problem.load, lambda_H)[mesh.boundary]
     rule = boundary_rule(polygon, np.union1d(mesh.s, partition.points), problem.case.singular())
     u, _, gap = problem.case.boundary(rule.side, rule.s, rule.near)
     s = polygon.starts[rule.side] + rule.s

@@ -18,7 +18,7 @@ import xarray as xr
 
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition, uniform
-from unilateral.norms.exact import on_cells
+from unilateral.norms.exact import cell_means
 from unilateral.problems.case import Case
 from unilateral.problems.polar import Polar
 
@@ -70,7 +70,7 @@ def consistency_frame(
 
 
 def _cells(case: Case, partition: Partition) -> pd.DataFrame:
-    side, found = first_transition(case).side, on_cells(case, partition)
+    side, found = first_transition(case).side, cell_means(case, partition)
     here, start = partition.side == side, partition.polygon.starts[side]
     return pd.DataFrame(
         {

@@ -8,15 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from unilateral.discrete import Solution, solve, with_solution
 from unilateral.fem.condense import condense
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.memory import peak_mb
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact import first_steklov, on_cells, on_mesh
+from unilateral.norms.exact import Exact, ExactErrors, cell_means, ritz_projection
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.problems.case import Case
-from unilateral.solve import Pair, Solution, Stop, pair, solve
+from unilateral.solvers.iterate import Stop
 
 PER_RUN = (
     "h1_error",
@@ -53,9 +55,9 @@ def sweep(
     """
     begin = time.perf_counter()
     condensed = condense(mesh)
-    sigma_1 = first_steklov(condensed)
+    sigma_1 = condensed.sigma_1
     condense_seconds = time.perf_counter() - begin
-    problems = [on_mesh(case, condensed) for case in cases]
+    problems = [ritz_projection(case, condensed) for case in cases]
     table = _empty(mesh, cases, partitions)
     table["sigma_1"][:] = sigma_1
     for c, problem in enumerate(problems):
@@ -63,26 +65,28 @@ def sweep(
             table[name][c, 0] = getattr(problem, name)
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
-        cells = [on_cells(case, partition) for case in cases]
+        cells = [cell_means(case, partition) for case in cases]
         for name in PER_CELLS:
             table[name][:, k] = [getattr(each, name) for each in cells]
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
-        both = pair(condensed, partition)
-        form = _form(both, gram)
-        stability = infsup(both.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
-        values = (both.operator.lambda_min, both.operator.lambda_max, *stability)
+        spaces = mixed_spaces(condensed, partition)
+        form = _form(spaces, gram)
+        stability = infsup(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
+        values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
         for name, value in zip(PER_PAIR, values, strict=True):
             table[name][0, k] = value
         for c, problem in enumerate(problems):
             begin = time.perf_counter()
-            solution = solve(problem, cells[c], both, stability.beta_lower, stop)
+            exact = Exact(problem, cells[c])
+            solution = solve(with_solution(spaces, exact), stop, stability.beta_lower)
+            errors = exact.errors(spaces, solution.result.lambda_H)
             seconds[c, 0, k] = time.perf_counter() - begin
-            _record(table, c, k, solution)
+            _record(table, c, k, solution, errors)
             if form:
                 difference = cells[c].lambda_means - solution.lambda_H
                 lower, upper = form.error(c, difference[None])
-                table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), solution.hm12_discrete)
+                table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), errors.hm12_discrete)
                 table["hm12_error_upper"][c, 0, k] = upper[0]
                 table["hm12_best"][c, 0, k] = form.best_approximation(c)
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
@@ -97,13 +101,13 @@ def sweep(
     return table, timings
 
 
-def _form(both: Pair, gram: Gram | None) -> Gram | None:
-    """The dual norm on the pair's partition; where S is singular beta is 0, and none is needed."""
-    if both.operator.singular:
+def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
+    """The dual norm on the partition; where S is singular beta is 0, and none is needed."""
+    if spaces.operator.singular:
         return None
     if gram is None:
         raise ValueError("a pair with beta > 0 needs the dual norm's forms")
-    return gram.on(both.partition)
+    return gram.on(spaces.partition)
 
 
 def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -> xr.Dataset:
@@ -138,10 +142,14 @@ def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -
     )
 
 
-def _record(table: xr.Dataset, c: int, k: int, solution: Solution) -> None:
+def _record(table: xr.Dataset, c: int, k: int, solution: Solution, errors: ExactErrors) -> None:
     result = solution.result
-    values = {name: getattr(solution, name) for name in PER_RUN if hasattr(solution, name)}
-    values |= {
+    values = {
+        "h1_error": errors.h1,
+        "hm12_discrete": errors.hm12_discrete,
+        "l2_error": errors.l2,
+        "quadrature_share": errors.quadrature_share,
+        "balance": solution.balance,
         "iterations": result.iterations,
         "operator_applications": result.operator_applications,
         "algebraic_bound": result.bound,

@@ -14,19 +14,21 @@ import numpy as np
 import sympy
 import xarray as xr
 
+from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import pos
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import on_cells, on_mesh
+from unilateral.norms.exact import Exact, cell_means, ritz_projection
 from unilateral.norms.infsup import infsup
 from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
 from unilateral.problems.polar import harmonic
-from unilateral.solve import Stop, pair, solve
+from unilateral.solvers.iterate import Stop
 
 START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
 END = sympy.Rational(3, 2)
@@ -74,25 +76,27 @@ def measure(
     alphas, gammas = exponents
     polygon = mesh.polygon
     condensed = condense(mesh)
-    both = pair(condensed, partition)
+    spaces = mixed_spaces(condensed, partition)
     of_u = [[transition(polygon, x, alpha, gammas[0]) for x in at] for alpha in alphas]
     gram = dual_norm(partition, [case for row in of_u for case in row]).gram([c for row in of_u for c in row])
-    beta = infsup(both.operator, gram.p0).beta_lower
+    beta = infsup(spaces.operator, gram.p0).beta_lower
     found = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
     for a, alpha in enumerate(alphas):
         for k, x in enumerate(at):
-            problem = on_mesh(of_u[a][k], condensed)
+            problem = ritz_projection(of_u[a][k], condensed)
             for c, gamma in enumerate(gammas):
                 case = transition(polygon, x, alpha, gamma)
-                cells = on_cells(case, partition)
-                solution = solve(replace(problem, case=case), cells, both, beta, stop)
+                cells = cell_means(case, partition)
+                exact = Exact(replace(problem, case=case), cells)
+                solution = solve(with_solution(spaces, exact), stop, beta)
+                errors = exact.errors(spaces, solution.result.lambda_H)
                 difference = cells.lambda_means - solution.lambda_H
                 lower, upper = gram.error(a * len(at) + k, difference[None])
                 values = (
-                    solution.h1_error,
-                    max(float(lower[0]), solution.hm12_discrete),
+                    errors.h1,
+                    max(float(lower[0]), errors.hm12_discrete),
                     float(upper[0]),
-                    solution.l2_error,
+                    errors.l2,
                     cells.consistency,
                     solution.result.bound,
                     float(solution.result.converged),
@@ -101,5 +105,5 @@ def measure(
                     found[name][a, c, k] = value
     table = {name: (("alpha", "gamma", "position"), values) for name, values in found.items()}
     coords = {"alpha": [float(x) for x in alphas], "gamma": [float(x) for x in gammas]}
-    sizes = {"h": mesh.h, "H": partition.H, "beta_lower": beta, "lambda_min": both.operator.lambda_min}
+    sizes = {"h": mesh.h, "H": partition.H, "beta_lower": beta, "lambda_min": spaces.operator.lambda_min}
     return xr.Dataset(table, coords=coords).assign({name: ((), value) for name, value in sizes.items()})

@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.fem.condense import SINGULAR, condense, dual_operator
-from unilateral.fem.coupling import coupling
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import SINGULAR, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
@@ -42,7 +42,7 @@ def survey(
         side[p, : partition.n_cells] = partition.side
         for k, K in enumerate(edges_per_cell):
             mesh = mesh_of(partition, spec, K)
-            operator = dual_operator(condense(mesh), partition, coupling(mesh, partition))
+            operator = mixed_spaces(condense(mesh), partition).operator
             sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
             found = resolution(mesh, partition)._asdict() | infsup(operator, gram)._asdict()
             for name, value in (sizes | found).items():

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from unilateral.bounds.source import enclosed
 from unilateral.bounds.total import total_bound
 from unilateral.fem.condense import condense
-from unilateral.fem.coupling import coupling
-from unilateral.fem.p1 import load
+from unilateral.fem.p1 import coupling, load
 from unilateral.fem.quadrature import triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
-from unilateral.fem.condense import Condensed, DualOperator
-from unilateral.solve import Pair
+from unilateral.fem.condense import Condensed
+from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.solvers.uzawa import Apply, energy_norm
 from unilateral.study.runs.cost.operations import newton_solve
 from unilateral.study.runs.cost.variants import REFRESH
@@ -84,24 +84,24 @@ class History:
         self.solving += newton_solve(int(np.count_nonzero(y > R)))
 
 
-def by_A(condensed: Condensed, both: Pair) -> Apply:
+def by_A(condensed: Condensed, spaces: MixedSpaces) -> Apply:
     """y -> S y with a solve on all nodes: u of (5.1) without the partial elimination."""
-    root, boundary = np.sqrt(both.operator.H_i), condensed.mesh.boundary
+    root, boundary = np.sqrt(spaces.operator.H_i), condensed.mesh.boundary
     load = np.zeros(condensed.mesh.n_nodes)
 
     def apply(y: Array, out: Array) -> None:
-        load[boundary] = both.B.T @ (y / root)
-        np.divide(both.B @ condensed.solve(load)[boundary], root, out=out)
+        load[boundary] = spaces.B.T @ (y / root)
+        np.divide(spaces.B @ condensed.solve(load)[boundary], root, out=out)
 
     return apply
 
 
-def by_A_3(condensed: Condensed, both: Pair) -> Apply:
+def by_A_3(spaces: MixedSpaces) -> Apply:
     """y -> S y with a solve on the boundary nodes: A_3 c'' = g'' of section 5."""
-    root = np.sqrt(both.operator.H_i)
+    root = np.sqrt(spaces.operator.H_i)
 
     def apply(y: Array, out: Array) -> None:
-        np.divide(both.B @ condensed.solve_boundary(both.B.T @ (y / root)), root, out=out)
+        np.divide(spaces.B @ spaces.condensed.solve_boundary(spaces.B.T @ (y / root)), root, out=out)
 
     return apply
 

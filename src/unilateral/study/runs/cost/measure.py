@@ -20,7 +20,7 @@ from unilateral.memory import forget_peak, peak_mb
 from unilateral.norms.dual import Gram
 from unilateral.problems.case import Case
 from unilateral.study.runs.cost.history import Reached
-from unilateral.study.runs.cost.run import Discrete, OnThisMesh, method_of
+from unilateral.study.runs.cost.run import Measured, Shared, method_of
 from unilateral.study.runs.cost.variants import Variant
 
 Array = NDArray[np.float64]
@@ -72,43 +72,43 @@ def measure(
 
     `gram` holds the dual norm's forms for the cases, in their order. What is not reached is NaN.
     """
-    on_this = OnThisMesh(mesh, cases, gram)
+    shared = Shared(mesh, cases, gram)
     table, timed = [], []
     longest: dict[Variant, float] = {}
     for variant in variants:
         if not np.any(np.isclose(sizes, variant.H_over_h * mesh.h, rtol=1e-9)):
             continue
         forget_peak()
-        discrete = on_this.discrete(variant)
+        measured = shared.measured(variant)
         most = limits.max_steps if variant.algebra == "S" else limits.costly_steps
         steps = longest.get(variant._replace(precision="float64"), math.inf)
-        reached, per_step = discrete.run(variant, limits.stops, int(min(most, LONGER * steps)))
+        reached, per_step = measured.run(variant, limits.stops, int(min(most, LONGER * steps)))
         longest[variant] = reached[-1].steps if reached else math.inf
-        table.append(_row(variant, discrete, reached, len(limits.stops)))
-        timed.append(_times(on_this, variant, reached, per_step, len(limits.stops)))
+        table.append(_row(variant, measured, reached, len(limits.stops)))
+        timed.append(_times(shared, variant, reached, per_step, len(limits.stops)))
     return _dataset(table, limits.stops), _dataset(timed, limits.stops)
 
 
 def _times(
-    on_this: OnThisMesh, variant: Variant, reached: Sequence[Reached], per_step: float, stops: int
+    shared: Shared, variant: Variant, reached: Sequence[Reached], per_step: float, stops: int
 ) -> dict[str, Any]:
     """A row of the table of seconds; they depend on the machine."""
-    setup = on_this.dissecting if variant.algebra == "A" else on_this.condensing
-    setup += on_this.pairs[variant.H_over_h][1] if variant.algebra == "S" else 0.0
+    setup = shared.dissecting if variant.algebra == "A" else shared.condensing
+    setup += shared.coupled[variant.H_over_h][1] if variant.algebra == "S" else 0.0
     seconds = _filled([setup + each.seconds for each in reached], stops)
     values = {"setup_seconds": setup, "seconds_per_step": per_step, "seconds": seconds, "peak_mb": peak_mb()}
-    sizes = {"h": on_this.condensed.mesh.h, "H": on_this.pairs[variant.H_over_h][0].partition.H}
+    sizes = {"h": shared.condensed.mesh.h, "H": shared.coupled[variant.H_over_h][0].partition.H}
     return variant._asdict() | sizes | values
 
 
-def _row(variant: Variant, discrete: Discrete, reached: Sequence[Reached], stops: int) -> dict[str, Any]:
+def _row(variant: Variant, measured: Measured, reached: Sequence[Reached], stops: int) -> dict[str, Any]:
     """A row of the table of counts and errors."""
-    costs, both = discrete.costs(variant), discrete.both
-    mesh, m = discrete.problem.condensed.mesh, both.partition.n_cells
+    costs, spaces = measured.costs(variant), measured.spaces
+    mesh, m = spaces.mesh, spaces.partition.n_cells
     dense = method_of(variant) == "newton"
     values = [
         (
-            *discrete.errors(each.lambda_H),
+            *measured.errors(each.lambda_H),
             each.steps,
             each.applications,
             1 + dense * each.steps,
@@ -121,20 +121,20 @@ def _row(variant: Variant, discrete: Discrete, reached: Sequence[Reached], stops
     row: dict[str, Any] = {
         name: _filled(column, stops) for name, column in zip(PER_STOP, columns, strict=True)
     }
-    sizes = (mesh.h, both.partition.H, mesh.n_nodes, len(mesh.boundary), m)
-    operator = both.operator
+    sizes = (mesh.h, spaces.partition.H, mesh.n_nodes, len(mesh.boundary), m)
+    operator = spaces.operator
     per_run = (
         operator.lambda_min,
         operator.lambda_max,
-        discrete.sigma_1,
-        discrete.rho(variant.algorithm),
-        discrete.of_A[variant.algebra].nonzeros,
+        spaces.condensed.sigma_1,
+        measured.rho(variant.algorithm),
+        measured.of_A[variant.algebra].nonzeros,
         costs.setup,
         costs.residual + costs.advance,
     )
     row |= dict(zip(SIZES, sizes, strict=True)) | dict(zip(PER_RUN, per_run, strict=True))
-    row |= dict(zip(DISCRETE, discrete.discrete_errors, strict=True))
-    row |= dict(zip(NORMS_OF, discrete.norms, strict=True))
+    row |= dict(zip(DISCRETE, measured.discrete_errors, strict=True))
+    row |= dict(zip(NORMS_OF, measured.norms, strict=True))
     return variant._asdict() | row
 
 

@@ -12,14 +12,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from unilateral.discrete import Discrete, with_solution
 from unilateral.fem.condense import Condensed, condense, dissected
 from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact import OnCells, OnMesh, first_steklov, on_cells, on_mesh
+from unilateral.norms.exact import Exact, RitzProjection, cell_means, ritz_projection
 from unilateral.problems.case import Case
-from unilateral.solve import Pair, pair
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import Apply, uzawa
 from unilateral.study.runs.cost import operations
@@ -49,32 +50,29 @@ class Costs(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Discrete:
+class Measured:
     """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`.
 
     Where the interior is not eliminated `alone` serves; `of_A` are the factors of A by the matrix of a step.
     """
 
-    problem: OnMesh
-    cells: OnCells
-    both: Pair
+    exact: Exact
+    discrete: Discrete
     form: Gram
     c: int
     alone: Condensed
     of_A: Mapping[str, operations.Factors]
-    sigma_1: float
 
-    @cached_property
-    def offset(self) -> Array:
-        """(m,) F(0)."""
-        return self.both.B @ self.problem.trace / self.cells.partition.lengths - self.cells.g_means
+    @property
+    def spaces(self) -> MixedSpaces:
+        return self.discrete.spaces
 
     @cached_property
     def lambda_H(self) -> Array:
         """(m,) the discrete solution."""
-        tolerance = EXACT * self.problem.ritz_error
+        tolerance = EXACT * self.exact.ritz.ritz_error
         solve = partial(uzawa, max_steps=MOST_NEWTON, method="newton")
-        return solve(self.both.operator, self.offset, tolerance).lambda_H
+        return solve(self.spaces.operator, self.discrete.offset, tolerance).lambda_H
 
     @cached_property
     def discrete_errors(self) -> tuple[float, float, float, float]:
@@ -84,30 +82,29 @@ class Discrete:
     @cached_property
     def norms(self) -> tuple[float, float, float, float]:
         """||u||_1, the bounds of ||lambda||_{-1/2} and ||lambda||_0."""
-        return (self.problem.u_norm, *self.errors(np.zeros(self.cells.partition.n_cells))[1:])
+        return (self.exact.ritz.u_norm, *self.errors(np.zeros(self.spaces.partition.n_cells))[1:])
 
     def errors(self, mu: Array) -> tuple[float, float, float, float]:
         """||u - u(mu)||_1, the bounds of ||lambda - mu||_{-1/2} and ||lambda - mu||_0, for mu (m,)."""
-        difference = self.problem.flux_load - self.both.B.T @ mu
-        lower, upper = self.form.error(self.c, (self.cells.lambda_means - mu)[None])
-        least = max(float(lower[0]), self.problem.discrete_dual(difference))
-        return self.problem.h1_error(difference)[0], least, float(upper[0]), self.cells.l2_error(mu)
+        errors = self.exact.errors(self.spaces, mu)
+        lower, upper = self.form.error(self.c, (self.exact.means.lambda_means - mu)[None])
+        return errors.h1, max(float(lower[0]), errors.hm12_discrete), float(upper[0]), errors.l2
 
     def rho(self, algorithm: str) -> float:
         """1.9 sigma_1 of the mesh, which is safe; the best if all is in contact; or the method's own."""
-        operator = self.both.operator
+        operator = self.spaces.operator
         if algorithm == "safe":
-            return SAFE * self.sigma_1
+            return SAFE * self.spaces.condensed.sigma_1
         if algorithm == "optimal":
             return 2 / (operator.lambda_min + operator.lambda_max)
         return STEPS[algorithm].share / operator.lambda_max
 
     def apply(self, variant: Variant) -> Apply | None:
         """The way to S y."""
-        condensed, operator = self.problem.condensed, self.both.operator
+        spaces, operator = self.spaces, self.spaces.operator
         ways = {
-            ("A", "float64"): lambda: by_A(self.alone, self.both),
-            ("A_3", "float64"): lambda: by_A_3(condensed, self.both),
+            ("A", "float64"): lambda: by_A(self.alone, spaces),
+            ("A_3", "float64"): lambda: by_A_3(spaces),
             ("S", "float32"): lambda: by_S32(operator),
             ("S", "refined"): lambda: refined(operator),
         }
@@ -119,7 +116,7 @@ class Discrete:
 
         Where S is not formed rho and lambda_min(S) are taken as given.
         """
-        m, nb, nnz = self.cells.partition.n_cells, len(self.problem.trace), self.both.B.nnz
+        m, nb, nnz = self.spaces.partition.n_cells, len(self.spaces.mesh.boundary), self.spaces.B.nnz
         of_A = self.of_A[variant.algebra]
         once = of_A.factorise + 2 * of_A.solve
         setup, application = {
@@ -133,15 +130,17 @@ class Discrete:
 
     def run(self, variant: Variant, stops: Sequence[float], max_steps: int) -> tuple[list[Reached], float]:
         """What is reached at each of the falling levels, as long as they are met, and seconds a step."""
-        operator, method, rho = self.both.operator, method_of(variant), self.rho(variant.algorithm)
+        operator, method, rho = self.spaces.operator, method_of(variant), self.rho(variant.algorithm)
         tolerances = [stop * self.discrete_errors[0] for stop in stops]
         apply = self.apply(variant)
-        history = History(operator, self.offset, rho, tolerances)
+        history = History(operator, self.discrete.offset, rho, tolerances)
         observe = history.with_solves if method == "newton" else history
         begin = time.perf_counter()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            uzawa(operator, self.offset, tolerances[-1], rho, None, max_steps, method, apply, observe)
+            uzawa(
+                operator, self.discrete.offset, tolerances[-1], rho, None, max_steps, method, apply, observe
+            )
         seconds = time.perf_counter() - begin - history.aside
         return history.reached, seconds / (history.steps + 1)
 
@@ -151,14 +150,13 @@ def method_of(variant: Variant) -> str:
     return METHODS.get(variant.algorithm, variant.algorithm)
 
 
-class OnThisMesh:
+class Shared:
     """What the variants on a mesh share, made when it is asked for, and how long that took."""
 
     def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram) -> None:
         begin = time.perf_counter()
         self.condensed = condense(mesh)
         self.condensing = time.perf_counter() - begin
-        self.sigma_1 = first_steklov(self.condensed)
         begin = time.perf_counter()
         stiffness_and_mass(mesh)  # for its time
         self.alone = dissected(self.condensed)
@@ -166,29 +164,28 @@ class OnThisMesh:
         eliminated = operations.factors(self.condensed.lu)
         self.of_A = {"A": operations.factors(self.alone.lu), "A_3": eliminated, "S": eliminated}
         self.cases, self.gram = {case.name: (c, case) for c, case in enumerate(cases)}, gram
-        self.problems: dict[str, OnMesh] = {}
-        self.pairs: dict[float, tuple[Pair, float]] = {}
-        self.made: dict[tuple[str, float], Discrete] = {}
+        self.problems: dict[str, RitzProjection] = {}
+        self.coupled: dict[float, tuple[MixedSpaces, float]] = {}
+        self.made: dict[tuple[str, float], Measured] = {}
 
-    def discrete(self, variant: Variant) -> Discrete:
+    def measured(self, variant: Variant) -> Measured:
         """The case on the mesh and the partition."""
         name, ratio = variant.case, variant.H_over_h
         c, case = self.cases[name]
         if name not in self.problems:
-            self.problems[name] = on_mesh(case, self.condensed)
-        if ratio not in self.pairs:
-            self.pairs[ratio] = self._pair(ratio)
+            self.problems[name] = ritz_projection(case, self.condensed)
+        if ratio not in self.coupled:
+            self.coupled[ratio] = self._coupled(ratio)
         if (name, ratio) not in self.made:
-            both = self.pairs[ratio][0]
-            cells, form = on_cells(case, both.partition), self.gram.on(both.partition)
-            self.made[name, ratio] = Discrete(
-                self.problems[name], cells, both, form, c, self.alone, self.of_A, self.sigma_1
-            )
+            spaces = self.coupled[ratio][0]
+            exact = Exact(self.problems[name], cell_means(case, spaces.partition))
+            discrete, form = with_solution(spaces, exact), self.gram.on(spaces.partition)
+            self.made[name, ratio] = Measured(exact, discrete, form, c, self.alone, self.of_A)
         return self.made[name, ratio]
 
-    def _pair(self, ratio: float) -> tuple[Pair, float]:
+    def _coupled(self, ratio: float) -> tuple[MixedSpaces, float]:
         mesh = self.condensed.mesh
         begin = time.perf_counter()
-        both = pair(self.condensed, uniform(mesh.polygon, ratio * mesh.h))
-        both.operator.spectrum  # noqa: B018 - found once, and kept
-        return both, time.perf_counter() - begin
+        spaces = mixed_spaces(self.condensed, uniform(mesh.polygon, ratio * mesh.h))
+        spaces.operator.spectrum  # noqa: B018 - found once, and kept
+        return spaces, time.perf_counter() - begin

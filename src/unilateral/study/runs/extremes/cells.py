@@ -62,7 +62,7 @@ def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     def attempted(length: float) -> Row:
         of = _with_short_cell(mesh, H, length)
-        H_i = of.both.operator.H_i
+        H_i = of.spaces.operator.H_i
         start = (H_i == H_i.min()) / length
         return attempt(length, lambda _: of, budget, _condition, start)
 
@@ -79,13 +79,13 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Points of T_H inside the sides that far from mesh vertices: D changes by at most twice that over H."""
     mesh, aligned = meshes.structured(square(), h), uniform(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
-    there = posed(mesh, aligned, waves).both.operator.D
+    there = posed(mesh, aligned, waves).spaces.operator.D
 
     def problem(distance: float) -> Problem:
         return posed(mesh, Partition(square(), aligned.points + distance * inside), waves)
 
     def change(of: Problem, _: Array) -> float:
-        return float(np.abs(of.both.operator.D - there).max() / np.abs(there).max())
+        return float(np.abs(of.spaces.operator.D - there).max() / np.abs(there).max())
 
     rows = attempts(values, problem, budget, change)
     return Axis(within(predicted(rows, 2 * values / H), SLACK))
@@ -127,7 +127,7 @@ def _contact_at_h(h: float, gap: float) -> Problem:
 
 def _distance(problem: Problem, found: Array, mu: Array) -> float:
     """Of a multiplier from mu, in L2, relative."""
-    H_i = problem.both.operator.H_i
+    H_i = problem.spaces.operator.H_i
     return float(np.sqrt(H_i @ (found - mu) ** 2 / (H_i @ mu**2)))
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
-from unilateral.solve import pair
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.study.runs.extremes.outcome import Axis, Budget, Row, predicted, within
@@ -81,7 +81,7 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = 0, g = -1 but for a hat of that width over H, 4 high: no cell is held from a width of H/2 on."""
     mesh, partition = meshes.structured(square(), h), uniform(square(), H)
-    D = pair(condense(mesh), partition).operator.D
+    D = mixed_spaces(condense(mesh), partition).operator.D
     unit = square().area / square().perimeter
 
     def problem(width: float) -> Problem:
@@ -121,13 +121,13 @@ def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def _first_residual(problem: Problem) -> float:
     """Of plain Uzawa from 0: ||min(0, rho F(0))||_0."""
-    of = problem.both.operator
+    of = problem.spaces.operator
     rho = STEPS["uzawa"].share / of.lambda_max
-    return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.offset)))
+    return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.discrete.offset)))
 
 
 def _smallest_gap(problem: Problem, found: Array) -> float:
-    return float(problem.both.operator.gap(found, problem.offset).min())
+    return float(problem.spaces.operator.gap(found, problem.discrete.offset).min())
 
 
 def _held(problem: Problem, found: Array) -> float:

@@ -52,10 +52,12 @@ def deep(h: float, H: float, memory: float, budget: Budget) -> xr.Dataset:
         held.append(on_square(h, H, full))
         return held[0]
 
-    row = attempt(h, problem, budget, lambda of, _: float(of.condensed.lu.L.nnz + of.condensed.lu.U.nnz))
-    n = held[0].condensed.mesh.n_nodes
+    row = attempt(
+        h, problem, budget, lambda of, _: float(of.spaces.condensed.lu.L.nnz + of.spaces.condensed.lu.U.nnz)
+    )
+    n = held[0].spaces.mesh.n_nodes
     table = {
-        "h": held[0].condensed.mesh.h,
+        "h": held[0].spaces.mesh.h,
         "unknowns": n,
         "outcome": row.tool,
         "factor_numbers": row.measured,

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
-from unilateral.fem.condense import DualOperator, elimination_order, factorise, last_block
+from unilateral.fem.condense import elimination_order, factorise, last_block
+from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.runs.extremes.outcome import Axis, Budget, crossing, judge, untooled
 from unilateral.study.runs.extremes.problem import Array, Problem, full, on_square
@@ -29,11 +30,11 @@ def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
     """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
-    mesh, both = problem.condensed.mesh, problem.both
-    A = problem.condensed.A.astype(precision)
+    spaces, mesh = problem.spaces, problem.spaces.mesh
+    A = spaces.condensed.A.astype(precision)
     cholesky = last_block(factorise(A, elimination_order(A, mesh.boundary)), len(mesh.boundary))
-    half = solve_triangular(cholesky, both.B.T.toarray().astype(precision), trans="T")
-    return DualOperator(half, both.partition.lengths.astype(precision), mesh.polygon.area)
+    half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
+    return DualOperator(half, spaces.partition.lengths.astype(precision), mesh.polygon.area)
 
 
 def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
@@ -41,9 +42,9 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
     rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
     for H in values.tolist():
         problem = on_square(h_over_H * H, H, full)
-        of, tolerance = problem.both.operator, budget.tolerance(problem)
+        of, tolerance = problem.spaces.operator, budget.tolerance(problem)
         mu = _last(problem, operator_in(problem, precision), budget.max_steps)
-        bound = residual_bound(of, problem.offset, mu, 1 / of.lambda_max)
+        bound = residual_bound(of, problem.discrete.offset, mu, 1 / of.lambda_max)
         result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, np.nan, "uzawa")
         found = judge(problem, result, tolerance)
         distance = np.sqrt(of.H_i @ (mu - problem.lambda_H) ** 2 / (of.H_i @ problem.lambda_H**2))
@@ -58,7 +59,7 @@ def _bound_of_floor(problem: Problem) -> float:
 
     In full contact R = rho S e, so ||R||_0 <= ||e||_0 and ||R||_S <= lambda_max^(1/2) ||e||_0.
     """
-    of = problem.both.operator
+    of = problem.spaces.operator
     in_L2 = float(np.sqrt(of.H_i @ problem.lambda_H**2))
     return float(np.sqrt(of.lambda_max) * (1 + np.sqrt(problem.condition))) * in_L2 / problem.size
 
@@ -66,7 +67,7 @@ def _bound_of_floor(problem: Problem) -> float:
 def _last(problem: Problem, operator: DualOperator, steps: int) -> Array:
     """Uzawa's last iterate lambda (m,), every operation in the operator's precision."""
     root = np.sqrt(operator.H_i)
-    S, b = operator.S, (root * problem.offset).astype(root.dtype)
+    S, b = operator.S, (root * problem.discrete.offset).astype(root.dtype)
     rho = root.dtype.type(1.9 / operator.lambda_max)
     y = np.zeros_like(b)
     for _ in range(steps):

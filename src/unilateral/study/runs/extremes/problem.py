@@ -15,13 +15,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral.fem.condense import Condensed, condense
+from unilateral.discrete import Discrete, with_load
+from unilateral.fem.condense import condense
 from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
-from unilateral.solve import Pair, pair, response
 
 Array = NDArray[np.float64]
 WAVES = 3
@@ -33,30 +34,32 @@ Contact = Callable[[Partition], tuple[Array, Array]]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The solution u (n,), lambda_H (m,); the load (n,) and the offset F(0) (m,) that the library gets.
+    """The discrete problem that the library gets, and its solution u (n,), lambda_H (m,).
 
     `size` is ||lambda_H||_{-1/2,h}, the error of the multiplier 0.
     """
 
-    condensed: Condensed
-    both: Pair
-    load: Array
-    offset: Array
+    discrete: Discrete
     u: Array
     lambda_H: Array
     size: float
 
     @property
+    def spaces(self) -> MixedSpaces:
+        return self.discrete.spaces
+
+    @property
     def condition(self) -> float:
         """lambda_max(S) / lambda_min(S), infinite where S is singular."""
-        of = self.both.operator
+        of = self.spaces.operator
         return np.inf if of.singular else of.lambda_max / of.lambda_min
 
     @cached_property
     def rounding(self) -> float:
         """What rounding does to constants: ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1, with A^{-1} as computed."""
-        one = np.ones(self.condensed.mesh.n_nodes)
-        found = self.condensed.solve(stiffness_and_mass(self.condensed.mesh)[1] @ one)
+        mesh = self.spaces.mesh
+        one = np.ones(mesh.n_nodes)
+        found = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
         return max(LEAST, self.norm(found - one) / self.norm(one))
 
     @property
@@ -70,7 +73,7 @@ class Problem:
     def error(self, mu: Array) -> float:
         """||u(mu) - u_h||_1 of any multiplier (m,), by a solve on all nodes, in units of a power of 2."""
         unit = 2.0 ** (math.frexp(float(np.abs(self.u).max()))[1] - 1)
-        u = response(self.condensed, self.both, self.load / unit, mu / unit)
+        u = self.spaces.response(self.discrete.load / unit, mu / unit)
         return unit * self.norm(u - self.u / unit)
 
     def norm(self, v: Array) -> float:
@@ -78,7 +81,7 @@ class Problem:
         unit = float(np.abs(v).max())
         if not 0 < unit < np.inf:
             return unit
-        return unit * float(np.sqrt(max(v / unit @ (self.condensed.A @ (v / unit)), 0.0)))
+        return unit * float(np.sqrt(max(v / unit @ (self.spaces.condensed.A @ (v / unit)), 0.0)))
 
 
 def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: float = 1.0) -> Problem:
@@ -86,19 +89,17 @@ def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: f
 
     lambda_H is measured in units of |Omega| / |boundary|, with which u(1) is about 1.
     """
-    polygon, condensed = mesh.polygon, condense(mesh)
-    both = pair(condensed, partition)
+    polygon, spaces = mesh.polygon, mixed_spaces(condense(mesh), partition)
     lambda_H = times * polygon.area / polygon.perimeter * lambda_H
     slope = times * min(1.0, 1 / polygon.diameter)
     u = times + slope * (mesh.points - polygon.vertices[0]).sum(axis=1)
     load = stiffness_and_mass(mesh)[1] @ u
-    load[mesh.boundary] += _flux(mesh, slope) - both.B.T @ lambda_H
-    means = both.B @ u[mesh.boundary] / partition.lengths
-    trace = condensed.solve(load)[mesh.boundary]
-    offset = both.B @ trace / partition.lengths - (means - times * gap)
+    load[mesh.boundary] += _flux(mesh, slope) - spaces.B.T @ lambda_H
+    means = spaces.B @ u[mesh.boundary] / partition.lengths
+    discrete = with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means - times * gap)
     unit = float(lambda_H.max()) or 1.0
-    size = unit * float(np.linalg.norm(both.operator.half @ (lambda_H / unit)))
-    return Problem(condensed, both, load, offset, u, lambda_H, size)
+    size = unit * float(np.linalg.norm(spaces.operator.half @ (lambda_H / unit)))
+    return Problem(discrete, u, lambda_H, size)
 
 
 def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0) -> Problem:

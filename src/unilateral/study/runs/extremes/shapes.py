@@ -78,10 +78,10 @@ def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
         partition = uniform(polygon, H)
         return posed(meshes.unstructured(polygon, h), partition, waves)
 
-    here = of(0.0).both.operator.S
+    here = of(0.0).spaces.operator.S
 
     def change(problem: Problem, _: Array) -> float:
-        return float(np.abs(problem.both.operator.S - here).max() / np.abs(here).max())
+        return float(np.abs(problem.spaces.operator.S - here).max() / np.abs(here).max())
 
     rows = attempts(values, of, budget, change)
     limit = meshes.ROUNDED * h / float(np.finfo(float).eps)

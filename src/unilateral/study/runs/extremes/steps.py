@@ -38,16 +38,16 @@ def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def local_limit(problem: Problem) -> float:
     """lambda_max of S over that on the held cells, which alone decide once no other cell is loaded again."""
     held = np.flatnonzero(problem.lambda_H)
-    S = problem.both.operator.S
-    return problem.both.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
+    S = problem.spaces.operator.S
+    return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
 
 
 def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
     """The number is the error that is left after all steps, relative."""
 
     def left(share: float) -> float:
-        rho = share * 2 / problem.both.operator.lambda_max
-        mu = iterate(problem.both.operator, problem.offset, rho, budget.max_steps, VARIANTS[0])
+        rho = share * 2 / problem.spaces.operator.lambda_max
+        mu = iterate(problem.spaces.operator, problem.discrete.offset, rho, budget.max_steps, VARIANTS[0])
         return problem.error(mu) / problem.size
 
     rows = [
@@ -59,12 +59,12 @@ def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
 
 def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
     """Only the iteration itself, with the bound of its last iterate."""
-    operator, rows = problem.both.operator, []
+    operator, rows = problem.spaces.operator, []
     tolerance = budget.tolerance(problem)
     for share in values.tolist():
         rho = share * 2 / operator.lambda_max
-        mu = iterate(operator, problem.offset, rho, budget.max_steps, VARIANTS[1])
-        bound = residual_bound(operator, problem.offset, mu, rho)
+        mu = iterate(operator, problem.discrete.offset, rho, budget.max_steps, VARIANTS[1])
+        bound = residual_bound(operator, problem.discrete.offset, mu, rho)
         result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, VARIANTS[1])
         found = judge(problem, result, tolerance)
         left = problem.error(mu) / problem.size

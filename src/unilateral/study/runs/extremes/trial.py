@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from unilateral.errors import InputError
-from unilateral.solve import Stop, iterate
 from unilateral.solvers.active_set import active_set
+from unilateral.solvers.iterate import Stop, iterate
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.study.runs.extremes.outcome import NO_TOOL, REFUSED, WRONG, Budget, Row, Verdict, judge
@@ -69,7 +69,7 @@ def attempts(
 
 def _trials(problem: Problem, budget: Budget, start: float | Array, share: float | None) -> dict[str, Trial]:
     """Of every algorithm by its name, and of the tool's choice."""
-    operator, offset, steps = problem.both.operator, problem.offset, budget.max_steps
+    operator, offset, steps = problem.spaces.operator, problem.discrete.offset, budget.max_steps
     of, begin = (operator, offset, budget.tolerance(problem)), np.full(len(offset), start)
     rho = {PLAIN: None if share is None else share * 2 / operator.lambda_max}
     runs: dict[str, Callable[[], DualResult]] = {
@@ -86,7 +86,7 @@ def _trial(problem: Problem, run: Callable[[], DualResult], tolerance: float) ->
     try:
         result = run()
     except InputError as error:
-        return Trial(Verdict(REFUSED), str(error), np.full(len(problem.offset), np.nan))
+        return Trial(Verdict(REFUSED), str(error), np.full(len(problem.discrete.offset), np.nan))
     return Trial(judge(problem, result, tolerance), _said(result, tolerance), result.lambda_H)
 
 
