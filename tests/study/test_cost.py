@@ -64,7 +64,7 @@ for name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv")
 
 @cache
 def both(n: int, ratio: float) -> Pair:
-    return pair(condensed("square", n)[0], partitions.uniform(square(), ratio / n))
+    return pair(condensed("square", n), partitions.uniform(square(), ratio / n))
 
 
 @cache
@@ -76,7 +76,7 @@ def problem(case: str, n: int, ratio: float) -> Discrete:
 
 
 def offset_of(of: Discrete) -> np.ndarray:
-    return of.both.B @ of.problem.trace / of.both.partition.lengths - of.cells.g_means
+    return of.spaces.B @ of.problem.trace / of.spaces.partition.lengths - of.cells.g_means
 
 
 def counted_step(method: str, m: int, cut: bool = False) -> int:
@@ -172,7 +172,7 @@ def test_products_and_solves_by_brute_force() -> None:
 
 def test_every_way_to_S_y_gives_it() -> None:
     of = both(16, 2)
-    on = condensed("square", 16)[0]
+    on = condensed("square", 16)
     rng = np.random.default_rng(2)
     y = rng.random(len(of.operator.H_i))
     exact = of.operator.S @ y
@@ -206,7 +206,7 @@ def test_refinement_errs_like_the_increment() -> None:
 @pytest.mark.parametrize("case", ["natural", "thirds"])
 def test_levels_read_off_are_those_of_runs_of_their_own(case: str, method: str) -> None:
     of = problem(case, 16, 2)
-    operator, offset = of.both.operator, offset_of(of)
+    operator, offset = of.spaces.operator, offset_of(of)
     tolerances = [0.01 * stop for stop in STOPS]
     rho = acceleration.STEPS[method].share / operator.lambda_max
     seen = history.History(operator, offset, rho, tolerances)
@@ -222,7 +222,7 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case: str, method: str) 
 def steps_with_rounding(method: str, seed: int) -> list[int]:
     """To each level, every product S y changed by two units in its last place, at random."""
     of, rng = problem("thirds", 32, 2), np.random.default_rng(seed)
-    operator, offset = of.both.operator, offset_of(of)
+    operator, offset = of.spaces.operator, offset_of(of)
     signs = np.array([-4e-16, 4e-16])
 
     def apply(y: np.ndarray, out: np.ndarray) -> None:
@@ -249,7 +249,7 @@ def test_steps_that_are_shown_do_not_change_with_rounding(method: str) -> None:
 def test_in_single_precision_no_level_is_claimed_that_is_not_met() -> None:
     """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
     of = problem("natural", 16, 2)
-    operator, offset = of.both.operator, offset_of(of)
+    operator, offset = of.spaces.operator, offset_of(of)
     rho = 1.9 / operator.lambda_max
     seen = history.History(operator, offset, rho, [1e-4, 1e-12])
     with warnings.catch_warnings():
@@ -269,9 +269,9 @@ def test_all_methods_reach_the_solution_of_the_active_set(method: str, case: str
     """Lawson and Hanson's least distance, independent of this loop."""
     of = problem(case, 24, ratio)
     offset = offset_of(of)
-    result = uzawa(of.both.operator, offset, 1e-11, method=method, max_steps=2000)
-    exact = active_set(of.both.operator, offset, math.inf).lambda_H
-    distance = np.linalg.norm(of.both.operator.half @ (result.lambda_H - exact))
+    result = uzawa(of.spaces.operator, offset, 1e-11, method=method, max_steps=2000)
+    exact = active_set(of.spaces.operator, offset, math.inf).lambda_H
+    distance = np.linalg.norm(of.spaces.operator.half @ (result.lambda_H - exact))
     assert result.lambda_H.min() >= 0
     assert distance <= 1e-10
 
@@ -320,7 +320,7 @@ def measured(costly_steps: int = 50) -> tuple[xr.Dataset, xr.Dataset]:
         v for v in plan(STUDY) if v.scene == "square" and v.case == "thirds" and v.H_over_h in (2.0, 4.0)
     ]
     limits = cost.Limits(STOPS, 100_000, costly_steps)
-    mesh = condensed("square", 16)[0].mesh
+    mesh = condensed("square", 16).mesh
     return cost.measure(mesh, [load("thirds")], gram(), variants, [1 / 8, 1 / 4], limits)
 
 

@@ -31,7 +31,7 @@ def tried():
 def spectrum():
     """Eigenvalues of S, ascending, and the share of each eigenvector in lambda_H of full contact."""
     both, case = coupled("square", 16, 8), load("full_contact")
-    problem = ritz_projection(case, condensed("square", 16)[0])
+    problem = ritz_projection(case, condensed("square", 16))
     offset = both.B @ problem.trace / both.partition.lengths - cell_means(case, both.partition).g_means
     values, vectors = np.linalg.eigh(both.operator.S)
     y = np.linalg.solve(both.operator.S, -np.sqrt(both.partition.lengths) * offset)
@@ -88,8 +88,8 @@ def test_the_pair_is_a_saddle_point_and_no_other_is():
 def test_what_is_not_constant_on_the_cells_by_a_finer_sum():
     """natural: midpoints of 2000 pieces a cell, u_h from the solve of the pair."""
     made = discrete("natural", 16, 8)
-    solution, case, mesh = made.solve(), load("natural"), condensed("square", 16)[0].mesh
-    n = 2000 * made.both.partition.n_cells
+    solution, case, mesh = made.solve(), load("natural"), condensed("square", 16).mesh
+    n = 2000 * made.spaces.partition.n_cells
     s = (np.arange(n) + 0.5) * 4 / n
     side = np.floor(s).astype(int)
     u, _, gap = case.boundary(side, s - side)
@@ -124,7 +124,7 @@ def test_the_counts_and_the_iterates_of_both_ways():
     assert float(found["difference"]) < 1e-12
     np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
-        lu = dissected(condensed("square", n)[0]).lu
+        lu = dissected(condensed("square", n)).lu
         m, nb, nnz = 2 * n, 4 * n, coupled("square", n, n // 2).B.nnz
         coupling = (2 * nnz - nb) + (2 * nnz - m) + 2 * m
         below, above = lu.L.nnz - lu.shape[0], lu.U.nnz - lu.shape[0]

@@ -66,7 +66,7 @@ def problem(h: float = 1 / 8, H: float = 1 / 4, contact=waves, times: float = 1.
 
 def interior_point(of: Problem) -> np.ndarray:
     """lambda_H by clarabel: min mu . D mu / 2 + <mu, F(0)> over mu >= 0."""
-    operator, m = of.both.operator, len(of.offset)
+    operator, m = of.spaces.operator, len(of.offset)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
@@ -86,7 +86,7 @@ def test_the_known_solution_is_that_of_an_interior_point_code(contact) -> None:
 def test_the_known_solution_satisfies_the_discrete_problem() -> None:
     of = problem()
     assert of.error(of.lambda_H) < 1e-12 * of.size
-    gap = of.both.operator.gap(of.lambda_H, of.offset)
+    gap = of.spaces.operator.gap(of.lambda_H, of.offset)
     assert np.abs(np.minimum(gap, of.lambda_H)).max() < 1e-12
     assert of.error(np.zeros(len(gap))) == pytest.approx(of.size, rel=1e-12)
 
@@ -95,7 +95,7 @@ def test_a_bound_below_the_error_is_wrong_and_so_is_a_false_claim_of_convergence
     """Controls of the judgement."""
     of = problem()
     tolerance = 1e-6 * of.size
-    result = active_set(of.both.operator, of.offset, tolerance)
+    result = active_set(of.spaces.operator, of.offset, tolerance)
     assert judge(of, result, tolerance).outcome == RIGHT
     off = replace(result, lambda_H=result.lambda_H + 1e-4)
     assert judge(of, off, tolerance).outcome == WRONG
@@ -186,7 +186,7 @@ def test_the_tool_is_what_the_library_takes_and_there_is_none_with_a_given_rho()
 def test_in_partial_contact_the_held_cells_decide_near_the_solution_only() -> None:
     """Below the local limit rho converges from nearby, above it no more; from 0 not even below it."""
     of = problem()
-    limit, operator = steps.local_limit(of), of.both.operator
+    limit, operator = steps.local_limit(of), of.spaces.operator
     for share, near in ((0.97 * limit, True), (1.03 * limit, False)):
         rho = share * 2 / operator.lambda_max
         with nullcontext() if near else pytest.warns(RuntimeWarning):
@@ -205,8 +205,8 @@ def test_a_smoothed_multiplier_has_the_same_u() -> None:
     """The kernel's share is half the mean of lambda_H on its cells, which is |Omega|/|boundary| = 1/4."""
     of = cells._contact_at_h(1 / 8, 1.0)
     mu = cells.smoothed(of.lambda_H)
-    unseen = of.both.B.T @ (mu - of.lambda_H)
-    assert np.abs(unseen).max() < 1e-14 * np.abs(of.both.B.T @ of.lambda_H).max()
+    unseen = of.spaces.B.T @ (mu - of.lambda_H)
+    assert np.abs(unseen).max() < 1e-14 * np.abs(of.spaces.B.T @ of.lambda_H).max()
     np.testing.assert_allclose(np.abs(mu - of.lambda_H), 1 / 8, rtol=1e-12)
 
 
@@ -240,7 +240,7 @@ def test_rounding_of_coordinates_is_not_allowed_for() -> None:
     partition = uniform(far, 1 / 4)
     of = made(meshes.unstructured(far, 1 / 8), partition, *waves(partition))
     assert of.rounding < 1e-11
-    found = active_set(of.both.operator, of.offset, 1e-6 * of.size)
+    found = active_set(of.spaces.operator, of.offset, 1e-6 * of.size)
     assert of.error(found.lambda_H) < of.rounding * of.norm(of.u)
 
 
@@ -372,7 +372,7 @@ def test_every_kind_of_axis_has_a_right_point_and_no_wrong_one(kind: str) -> Non
 def test_all_of_the_single_precision_is_single() -> None:
     of = precision.operator_in(problem(), np.float32)
     assert {each.dtype for each in (of.half, of.D, of.S, of.H_i, of.spectrum)} == {np.dtype(np.float32)}
-    exact = problem().both.operator
+    exact = problem().spaces.operator
     assert 1e-9 < np.abs(of.S - exact.S).max() / exact.lambda_max < 1e-5
 
 
@@ -387,7 +387,7 @@ def test_the_allowance_scales_with_the_data() -> None:
 def test_rounding_of_A3_is_within_what_is_allowed(n: int) -> None:
     """Of the active set's u. What constants lose is of the order of eps tr(K) / |Omega| = 4 eps n^2."""
     of = problem(1 / n, 1 / 8, full)
-    assert of.error(active_set(of.both.operator, of.offset, 1e-6).lambda_H) <= of.allowance
+    assert of.error(active_set(of.spaces.operator, of.offset, 1e-6).lambda_H) <= of.allowance
     assert 1e-12 <= of.rounding <= max(1e-12, np.finfo(float).eps * 4 * n**2)
 
 
@@ -397,7 +397,7 @@ def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition() -> No
         row = axis(np.array([1 / 4]), 1 / 8, 1 / 4, Budget(1e-4, 10)).rows[0]
         assert row.predicted == pytest.approx(2.0**-digits * problem(contact=full).condition, rel=1e-12)
     of, rng = problem(contact=full), np.random.default_rng(0)
-    operator = of.both.operator
+    operator = of.spaces.operator
     in_L2 = np.sqrt(operator.H_i @ of.lambda_H**2)
     _, vectors = np.linalg.eigh(operator.S)
     for e in [*vectors.T, *rng.standard_normal((20, 16))]:
@@ -408,7 +408,7 @@ def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition() -> No
 
 def floor_of(of: Problem, operator: DualOperator) -> float:
     """The relative error in L2 after 20 000 steps, over the unit round-off of float32 times cond(S)."""
-    H_i, error = of.both.operator.H_i, precision._last(of, operator, 20_000) - of.lambda_H
+    H_i, error = of.spaces.operator.H_i, precision._last(of, operator, 20_000) - of.lambda_H
     return float(np.sqrt(H_i @ error**2 / (H_i @ of.lambda_H**2)) / (2.0**-24 * of.condition))
 
 
@@ -421,7 +421,7 @@ def test_what_the_floor_has_above_its_prediction_is_the_rounding_of_the_factors(
     sizes, rounded, computed = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), [], []
     for H in sizes:
         of = on_square(H / 2, H, full)
-        exact, single = of.both.operator, precision.operator_in(of, np.float32)
+        exact, single = of.spaces.operator, precision.operator_in(of, np.float32)
         after = DualOperator(exact.half.astype(np.float32), single.H_i, exact.area)
         rounded.append(floor_of(of, after))
         computed.append(floor_of(of, single))
@@ -508,7 +508,7 @@ def test_rectangles_between_ticks() -> None:
 def test_solvers_scale_with_the_data(size: float, H: float) -> None:
     """H = 1/8 is h, where S is singular: below 1e-160 bound and lambda_H were 0, as the square of g was."""
     of = problem(H=H)
-    operator = of.both.operator
+    operator = of.spaces.operator
     found = active_set(operator, size * of.offset, size * 1e-5)
     assert found.converged
     expected = active_set(operator, of.offset, 1e-5).lambda_H
@@ -521,12 +521,12 @@ def test_solvers_scale_with_the_data(size: float, H: float) -> None:
 def test_uzawa_scales_with_the_data(size: float) -> None:
     """Steps and bounds do not depend on the size; 1e152 was said to have diverged."""
     of = problem()
-    ours = uzawa.uzawa(of.both.operator, of.offset, 1e-6)
-    scaled = uzawa.uzawa(of.both.operator, size * of.offset, size * 1e-6)
+    ours = uzawa.uzawa(of.spaces.operator, of.offset, 1e-6)
+    scaled = uzawa.uzawa(of.spaces.operator, size * of.offset, size * 1e-6)
     assert scaled.converged
     assert abs(scaled.iterations - ours.iterations) <= 1
     assert scaled.bound == pytest.approx(size * ours.bound, rel=0.1)
-    residual = uzawa.residual_bound(of.both.operator, size * of.offset, scaled.lambda_H, scaled.rho)
+    residual = uzawa.residual_bound(of.spaces.operator, size * of.offset, scaled.lambda_H, scaled.rho)
     assert residual == pytest.approx(scaled.bound, rel=1e-6)
 
 
@@ -536,10 +536,10 @@ def test_a_start_beyond_the_range_is_refused(method: str, start: float) -> None:
     """They ended after 0 steps with an infinite bound, and at 1e308 nothing was told at all."""
     of = problem()
     with pytest.raises(InputError, match=r"is not below 1e\+300; scale the data to about 1, start from"):
-        uzawa.uzawa(of.both.operator, of.offset, 1e-6, start=np.full(16, start), method=method)
+        uzawa.uzawa(of.spaces.operator, of.offset, 1e-6, start=np.full(16, start), method=method)
     with pytest.raises(InputError, match="the first residual"):
-        iterate(of.both.operator, of.offset, 1e-6, Stop(), np.full(16, start))
-    assert uzawa.uzawa(of.both.operator, of.offset, 1e-6, start=np.full(16, 4.9e299)).converged
+        iterate(of.spaces.operator, of.offset, 1e-6, Stop(), np.full(16, start))
+    assert uzawa.uzawa(of.spaces.operator, of.offset, 1e-6, start=np.full(16, 4.9e299)).converged
 
 
 @pytest.mark.parametrize(("size", "refused"), [(4.3e300, False), (4.5e300, True), (5e307, True)])
@@ -548,8 +548,8 @@ def test_data_beyond_the_range_are_refused(size: float, refused: bool) -> None:
     of = problem()
     assert contact._first_residual(of) == pytest.approx(1e300 / 4.3748e300, rel=1e-4)
     with pytest.raises(InputError, match="scale the data") if refused else nullcontext():
-        assert uzawa.uzawa(of.both.operator, size * of.offset, 1e-6 * size).converged
-    assert active_set(of.both.operator, size * of.offset, 1e-6 * size).converged
+        assert uzawa.uzawa(of.spaces.operator, size * of.offset, 1e-6 * size).converged
+    assert active_set(of.spaces.operator, size * of.offset, 1e-6 * size).converged
 
 
 @pytest.mark.parametrize("size", [1e-310, 1e-320])
@@ -558,9 +558,9 @@ def test_data_that_have_lost_digits_are_refused(size: float) -> None:
     of = problem()
     for solver in (uzawa.uzawa, active_set):
         with pytest.raises(InputError, match="has lost digits of double precision; scale the data"):
-            solver(of.both.operator, size * of.offset, 1e-6 * size)
-        assert solver(of.both.operator, 1e-307 * of.offset, 1e-312).converged
-        assert solver(of.both.operator, 0 * of.offset, 0.0).converged
+            solver(of.spaces.operator, size * of.offset, 1e-6 * size)
+        assert solver(of.spaces.operator, 1e-307 * of.offset, 1e-312).converged
+        assert solver(of.spaces.operator, 0 * of.offset, 0.0).converged
 
 
 @pytest.mark.parametrize("size", [1e-290, 1e-155, 1e152, 1e290])
@@ -569,11 +569,11 @@ def test_every_method_scales_with_the_data(method: str, size: float) -> None:
     """Squares of 1e200 overflowed in the steps of Barzilai and Borwein, which left NaN."""
     of = problem()
     ours, scaled = (
-        uzawa.uzawa(of.both.operator, factor * of.offset, factor * 1e-6, method=method)
+        uzawa.uzawa(of.spaces.operator, factor * of.offset, factor * 1e-6, method=method)
         for factor in (1.0, size)
     )
     assert scaled.converged
-    difference = np.linalg.norm(of.both.operator.half @ (scaled.lambda_H / size - ours.lambda_H))
+    difference = np.linalg.norm(of.spaces.operator.half @ (scaled.lambda_H / size - ours.lambda_H))
     assert difference <= ours.bound + scaled.bound / size
 
 
@@ -601,8 +601,8 @@ def test_cases_of_any_size_are_certified_and_solved_alike(name: str, factor: str
     assert certificate.contact == certify(cases.load(name, square())).contact
     errors = []
     for each in (case, cases.load(name, square())):
-        cells = cell_means(each, of.both.partition)
-        errors.append(solve(ritz_projection(each, of.condensed), cells, of.both, 0.5, Stop()))
+        cells = cell_means(each, of.spaces.partition)
+        errors.append(solve(ritz_projection(each, of.condensed), cells, of.spaces, 0.5, Stop()))
         assert cells.lambda_is_zero == (name == "no_contact")
     scaled, plain = errors
     assert scaled.result.iterations == plain.result.iterations

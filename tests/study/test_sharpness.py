@@ -134,7 +134,7 @@ def test_a_measurement_is_the_solve_of_its_member(a: int, c: int, k: int) -> Non
     """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
     both, case = coupled("square", 8, 4), transition(SQUARE, AT[k], ALPHAS[a], GAMMAS[c])
     cells = cell_means(case, both.partition)
-    problem = ritz_projection(case, condensed("square", 8)[0])
+    problem = ritz_projection(case, condensed("square", 8))
     found = measured().isel(alpha=a, gamma=c, position=k)
     solution = solve(problem, cells, both, float(found["beta_lower"]))
     expected = {

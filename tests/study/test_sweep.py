@@ -71,7 +71,7 @@ def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):
 
 def test_the_constants_are_those_of_the_pair(tables):
     alone = discrete("natural", 8, 4)
-    found = infsup(alone.both.operator, gram(NAMES).p0)
+    found = infsup(alone.spaces.operator, gram(NAMES).p0)
     for name in ("beta_lower", "beta_upper", "beta_0"):
         assert float(tables[0][name][0, 1]) == pytest.approx(getattr(found, name), rel=1e-9)
         assert np.all(tables[0][name].values[0, 2:] == 0)
@@ -82,7 +82,7 @@ def test_the_constants_are_those_of_the_pair(tables):
 def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m):
     """The same arithmetic, so the same numbers: rtol leaves room for the order of sums only."""
     alone = discrete(name, 8, m)
-    beta = infsup(alone.both.operator, gram(NAMES).p0).beta_lower if k == 1 else 0.0
+    beta = infsup(alone.spaces.operator, gram(NAMES).p0).beta_lower if k == 1 else 0.0
     solution = alone._replace(beta=beta).solve()
     run = tables[0].isel(case=c, mesh=0, partition=k)
     for variable in ("h1_error", "hm12_discrete", "l2_error", "tolerance"):
@@ -92,8 +92,8 @@ def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m
         assert found == expected or (np.isnan(found) and np.isnan(expected)), variable
     np.testing.assert_allclose(run["lambda_H"][: 4 * m], solution.lambda_H, rtol=1e-9, atol=1e-12)
     assert np.isnan(run["lambda_H"][4 * m :]).all()
-    assert float(run["ritz_error"]) == pytest.approx(alone.problem.ritz_error, rel=1e-9)
-    assert float(run["projection_error"]) == pytest.approx(alone.cells.projection_error, rel=1e-12)
+    assert float(run["ritz_error"]) == pytest.approx(alone.exact.ritz.ritz_error, rel=1e-9)
+    assert float(run["projection_error"]) == pytest.approx(alone.exact.means.projection_error, rel=1e-12)
 
 
 @pytest.mark.parametrize("k", [2, 3])

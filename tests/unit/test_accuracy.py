@@ -51,7 +51,7 @@ def on_level(of, cells_per_side):
 
 def finer(discrete, u_h, lambda_H, times):
     """The same problem on the mesh and the partition refined so often, and u_h and lambda_H there."""
-    mesh, cells = discrete.mesh, discrete.both.partition
+    mesh, cells = discrete.mesh, discrete.spaces.partition
     for _ in range(times):
         v, n = mesh.triangles, mesh.n_nodes
         ends = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
@@ -65,10 +65,10 @@ def finer(discrete, u_h, lambda_H, times):
 def distances(fine, u_h, lambda_H, exact_u, exact_lambda):
     """||exact_u - u_h||_1, and ||exact_lambda - lambda_H|| in the discrete dual norm of the finer mesh."""
     difference = exact_u - u_h
-    of_lambda = (exact_lambda - lambda_H)[fine.both.cells]
+    of_lambda = (exact_lambda - lambda_H)[fine.spaces.cells]
     return (
         math.sqrt(difference @ (fine.condensed.A @ difference)),
-        float(np.linalg.norm(fine.both.operator.half @ of_lambda)),
+        float(np.linalg.norm(fine.spaces.operator.half @ of_lambda)),
     )
 
 
@@ -96,9 +96,9 @@ def test_the_index_is_at_most_1_5_on_smooth_convex_problems(name):
     coarse = solve_to_fraction(discrete, Stop())
     fine, u_h, lambda_H = finer(discrete, coarse.u_h, coarse.lambda_H, 2)
     tolerance = 0.01 * coarse.bound.u
-    exact = iterate(fine.both.operator, fine.offset, tolerance, Stop(), lambda_H[fine.both.cells])
+    exact = iterate(fine.spaces.operator, fine.offset, tolerance, Stop(), lambda_H[fine.spaces.cells])
     solution = fine.response(exact.lambda_H)
-    u, _ = distances(fine, u_h, lambda_H, solution, fine.both.extended(exact.lambda_H))
+    u, _ = distances(fine, u_h, lambda_H, solution, fine.spaces.extended(exact.lambda_H))
     assert 1 <= coarse.bound.u / u <= 1.5
 
 
@@ -123,7 +123,7 @@ def test_an_accuracy_is_reached_and_certified(norm):
     assert solved.algebraic(norm) <= SHARE * goal.accuracy * solved.size(norm)
     assert solved.total(norm) <= goal.accuracy * solved.size(norm)
     exact = ritz_projection(load("natural"), solved.discrete.condensed)
-    difference = exact.flux_load - solved.discrete.both.B.T @ solved.result.lambda_H
+    difference = exact.flux_load - solved.discrete.spaces.B.T @ solved.result.lambda_H
     error = exact.h1_error(difference)[0] if norm == "h1" else exact.discrete_dual(difference)
     size = exact.u_norm if norm == "h1" else exact.discrete_dual(exact.flux_load)
     assert error <= solved.total(norm)
@@ -137,7 +137,7 @@ def test_levels_are_not_wasted():
     assert len(done) <= 5
     assert done[-1].solved.total("h1") > 0.5 * done[-1].target
     discrete = done[-1].solved.discrete
-    alone = iterate(discrete.both.operator, discrete.offset, done[-1].solved.result.bound, Stop(), None)
+    alone = iterate(discrete.spaces.operator, discrete.offset, done[-1].solved.result.bound, Stop(), None)
     assert done[-1].solved.result.iterations < alone.iterations
 
 
@@ -293,7 +293,7 @@ def test_free_sides_have_no_multipliers():
     cells = partitions.uniform(of.polygon, 1 / 2)
     mesh = two_edges_per_cell(cells, "unstructured")
     discrete = discretise(of, mesh, cells, of.free_sides)
-    assert (cells.n_cells, len(discrete.both.cells), discrete.both.operator.D.shape) == (10, 4, (4, 4))
+    assert (cells.n_cells, len(discrete.spaces.cells), discrete.spaces.operator.D.shape) == (10, 4, (4, 4))
     assert len(discrete.offset) == 4
     solved = solve_to_fraction(discrete, Stop())
     assert solved.lambda_H.shape == (10,)

@@ -106,7 +106,7 @@ def least_error_of_lambda(of: Adversary, level: Level) -> float:
     flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
     lengths, shapes = np.diff(mesh.s), (1 - x, x)
     first, second = (lengths * (flux * shape).mean(axis=1) for shape in shapes)
-    load = first + np.roll(second, 1) - discrete.both.B.T @ level.solved.result.lambda_H
+    load = first + np.roll(second, 1) - discrete.spaces.B.T @ level.solved.result.lambda_H
     return float(np.sqrt(max(load @ discrete.condensed.solve_boundary(load), 0.0)))
 
 

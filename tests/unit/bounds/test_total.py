@@ -185,7 +185,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
 
 @cache
 def norm_for(name: str, m: int, polygon: str) -> DualNorm:
-    case = discrete(name, 2 * m, m, polygon).problem.case
+    case = discrete(name, 2 * m, m, polygon).exact.ritz.case
     return dual_norm(partitions.uniform(case.polygon, 1 / m), [case])
 
 
@@ -213,7 +213,7 @@ def judged(name: str, n: int, polygon: str = "square", crude: str | None = None)
         lambda_H = np.zeros_like(lambda_H)
     elif crude == "noise":
         lambda_H = np.maximum(lambda_H + rng.normal(0, 0.3 * lambda_H.max() + 0.01, len(lambda_H)), 0)
-    of_lambda = d.both.B.T @ lambda_H
+    of_lambda = d.spaces.B.T @ lambda_H
     load = d.problem.load.copy()
     load[mesh.boundary] += of_lambda
     u_h = d.problem.condensed.solve(load)

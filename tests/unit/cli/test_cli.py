@@ -117,11 +117,11 @@ def test_json_has_the_documented_keys_and_the_library_s_numbers(capsys):
         "h1_error": solution.h1_error,
         "l2_error": solution.l2_error,
     }
-    norm = dual_norm(alone.both.partition, [load("natural")])
+    norm = dual_norm(alone.spaces.partition, [load("natural")])
     lower, upper = norm.of_error(load("natural"), solution.lambda_H[None])
     expected |= {"hm12_error_lower": lower[0], "hm12_error_upper": upper[0]}
-    f, g = enclosed(alone.problem.condensed.mesh, load("natural")), load("natural").enclosed_obstacle
-    bound = total_bound(f, g, alone.both.partition, solution.u_h, solution.lambda_H)
+    f, g = enclosed(alone.exact.ritz.condensed.mesh, load("natural")), load("natural").enclosed_obstacle
+    bound = total_bound(f, g, alone.spaces.partition, solution.u_h, solution.lambda_H)
     expected["total_bound"] = bound.u
     for key, value in expected.items():
         assert found[key] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), key

@@ -230,7 +230,7 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch: pytest.MonkeyPatch) -> Non
     good = discrete("smooth", 16, 8)
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
     poor = ritz_projection(good.problem.case, good.problem.condensed, degree=1)
-    h1_error = solve(poor, good.cells, good.both, good.beta).h1_error
+    h1_error = solve(poor, good.cells, good.spaces, good.beta).h1_error
     assert abs(h1_error / good.solve().h1_error - 1) > 1e-3
 
 

@@ -17,7 +17,7 @@ from unilateral.norms.exact import _check_size, cell_means, h1_distance, ritz_pr
 
 def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:
     """u = cos(pi x) cos(2 pi y)/2: ||u||_1^2 = (1 + 5 pi^2)/16; none in V_h is closer than z_h."""
-    case, on = load("no_contact"), condensed("square", 8)[0]
+    case, on = load("no_contact"), condensed("square", 8)
     problem = ritz_projection(case, on, 12)
     assert problem.u_norm == pytest.approx(math.sqrt((1 + 5 * math.pi**2) / 16), rel=1e-9)
     x, y = on.mesh.points.T

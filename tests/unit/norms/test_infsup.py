@@ -40,7 +40,7 @@ def operator(mesh, cells):
 def on(polygon, n, m):
     """D and the Gram matrices for structured h = 1/n and H = 1/m."""
     cells = uniform(polygon, m)
-    on_mesh = condensed(polygon, n)[0]
+    on_mesh = condensed(polygon, n)
     return dual_operator(ritz_projection, cells, coupling(on_mesh.mesh, cells)), gram(cells)
 
 

@@ -114,7 +114,7 @@ def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declare
     problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
     cells = partitions.uniform(square(), 1 / 8)
     discrete = discretise(problem, structured(square(), 1 / 16), cells)
-    lambda_H = iterate(discrete.both.operator, discrete.offset, 1e-8, Stop(), None).lambda_H
+    lambda_H = iterate(discrete.spaces.operator, discrete.offset, 1e-8, Stop(), None).lambda_H
     idle = np.isin(cells.side, problem.idle_sides())
     assert np.all(lambda_H[idle] == 0)
     assert np.max(lambda_H[~idle]) > 0.1
