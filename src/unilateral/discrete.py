@@ -13,6 +13,7 @@ from skfem.quadrature import get_quadrature_tri
 from unilateral.bounds.source import Source, enclosed
 from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.condense import condense
+from unilateral.fem.p1 import h1_norm
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
@@ -98,7 +99,7 @@ class Solution:
     @cached_property
     def u_norm(self) -> float:
         """||u_h||_1."""
-        return math.sqrt(max(float(self.u_h @ (self.discrete.spaces.condensed.A @ self.u_h)), 0.0))
+        return h1_norm(self.discrete.mesh, self.u_h)
 
     @cached_property
     def lambda_norm(self) -> float:

@@ -434,8 +434,8 @@ def falsified(level, factor):
 
 
 @pytest.mark.parametrize("name", ["natural", "full_contact"])
-def test_bounds_that_finer_ones_contradict_are_withdrawn(name):
-    """The coarsest one's is 1000 times too small; control: as they are, all stand."""
+def test_bounds_that_contradict_each_other_are_withdrawn(name):
+    """One's is 1000 times too small, and nobody knows which; control: as they are, all stand."""
     done = list(levels(load(name), Goal(0.02)))
     assert standing(done) == done
-    assert standing([falsified(done[0], 1e-3), *done[1:]]) == done[1:]
+    assert standing([falsified(done[0], 1e-3), done[-1]]) == []

@@ -28,9 +28,10 @@ def affordable_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | N
     last, in_time = done[-1], _in_time(done[-1], goal, seconds)
     if last.certified or in_time == math.inf or not last.solved.result.converged or unknowable(last):
         return None
-    H, believed = last.partition.H, standing(done)
-    totals = [level.solved.total(goal.norm) for level in believed]
-    wanted = wanted_H([level.partition.H for level in believed], totals, last.target)
+    if len(standing(done)) < len(done):
+        return None
+    H, totals = last.partition.H, [level.solved.total(goal.norm) for level in done]
+    wanted = wanted_H([level.partition.H for level in done], totals, last.target)
     affordable = H * max(*_shares(last, goal).values(), in_time)
     if LEAST_STEP * affordable > H:
         return None

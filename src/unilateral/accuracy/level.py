@@ -55,10 +55,8 @@ def unknowable(last: Level) -> bool:
 
 
 def standing(done: Sequence[Level]) -> list[Level]:
-    """The levels but those whose bounds a finer one contradicts, which are false and not to be used."""
-    return [
-        level for k, level in enumerate(done) if not any(contradict(level, finer) for finer in done[k + 1 :])
-    ]
+    """The levels whose bounds no other level's contradict; of two that do none is believed."""
+    return [a for a in done if not any(contradict(a, b) for b in done if b is not a)]
 
 
 def contradict(a: Level, b: Level) -> bool:

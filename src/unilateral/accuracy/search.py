@@ -3,7 +3,7 @@
 Other ratios, which might cost less, are not tried. Each level starts from the last lambda_H, and is iterated
 until the algebraic bound is a tenth of the error that is wanted. The first level whose guaranteed total bound
 is small enough is the last. The search also ends where finer meshes would not help, because too little is
-known of f or g.
+known of f or g, and where two levels' bounds contradict each other, which would be a fault of this program.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,7 @@ from unilateral.solvers.iterate import Stop
 
 Array = NDArray[np.float64]
 INTERRUPTED = "interrupted"
+CONTRADICTED = "bounds contradict each other"
 NOT_CONVERGED = "the iteration did not converge (--max-steps, --rho, --algorithm)"
 SHARE = 0.1
 """Of the error that is wanted: what the iteration may contribute."""
@@ -51,14 +52,14 @@ class Search:
 
     @cached_property
     def believed(self) -> list[Level]:
-        """The levels that no finer one contradicts."""
+        """The levels that no other one contradicts."""
         return standing(self.done)
 
     @cached_property
     def best(self) -> Level:
-        """The last of these that is certified, or the one with the smallest bound."""
-        norm = self.goal.norm
-        return min(reversed(self.believed), key=lambda level: (not level.certified, level.solved.total(norm)))
+        """The last of these that is certified, or the one with the smallest bound; of none the finest."""
+        norm, candidates = self.goal.norm, self.believed or [replace(self.done[-1], certified=False)]
+        return min(reversed(candidates), key=lambda level: (not level.certified, level.solved.total(norm)))
 
 
 def search(
@@ -84,6 +85,8 @@ def search(
         if isinstance(stopped, InputError):
             return Search(goal, done, "the next level is refused", stopped)
         return Search(goal, done, INTERRUPTED)
+    if len(standing(done)) < len(done):
+        return Search(goal, done, CONTRADICTED)
     diverged = not (done[-1].certified or done[-1].solved.result.converged)
     return Search(goal, done, NOT_CONVERGED if diverged else "")
 

@@ -135,7 +135,9 @@ class Constraint:
     def _short(self, v: Array, touching: Mask, triangle: Index, flux: Array) -> _Short:
         value, slope = self._trace(v)
         any_sign = touching[self.edge]
-        r = self.p - value - np.where(any_sign, 0.0, self.rounding[self.edge])[:, None]
+        of_v = ROUNDING * np.abs(v[self.unknowns]).max(axis=1)
+        doubts = self.doubt + 2 * of_v[self.edge]
+        r = self.p - value - np.where(any_sign, 0.0, (self.rounding + of_v)[self.edge])[:, None]
         low, high = _bounds(r)
         foot, height = _vertex_off_edge(self.mesh, triangle)
         arm = self.x * np.diff(self.mesh.s)[self.edge][:, None] - foot[self.edge][:, None]
@@ -143,12 +145,12 @@ class Constraint:
         of_r, of_slope, of_arm = (self._sum(y**2 * counts) for y in (r, r_prime, arm * r_prime))
         squares = 0.5 * (height * of_slope + (of_arm + 2 * of_r) / height) + 0.25 * height * of_r
         above = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
-        above = np.where(any_sign[:, None], 0.0, above) + self.doubt[:, None]
+        above = np.where(any_sign[:, None], 0.0, above) + doubts[:, None]
         q_n = flux[self.edge, :1] * (1 - self.x) + flux[self.edge, 1:] * self.x
         slack = self._sum(np.where(q_n > 0, above, 0.0) * q_n)
-        needed = any_sign | ((high + self.doubt > 0) & ~(_bounds(value)[0] >= self.upper))
+        needed = any_sign | ((high + doubts > 0) & ~(_bounds(value)[0] >= self.upper))
         doubt = np.zeros(len(self.unknowns))
-        np.maximum.at(doubt, self.edge, np.where(needed, self.doubt, 0.0))
+        np.maximum.at(doubt, self.edge, np.where(needed, doubts, 0.0))
         return _Short(squares, slack, doubt)
 
     def _trace(self, v: Array) -> tuple[Array, Array]:
@@ -176,27 +178,44 @@ def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask
     nodes, weights = np.polynomial.legendre.leggauss(ORDER + 1)
     s, piece = middle[:, None] + half[:, None] * nodes, obstacle.on(middle)
     p, slope = obstacle.at(piece[:, None], s)
-    on_edges = _at_unknowns(obstacle, mesh)
-    on_edges[~on] = -np.inf
-    at_unknowns = np.full(n, -np.inf)
-    np.maximum.at(at_unknowns, unknowns, on_edges)
-    size = JUMP * np.max(np.abs(p), initial=0.0)
+    x = np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
+    at_unknowns, rise, jumps = _at_ends(_at_unknowns(obstacle, mesh), unknowns, n, on)
+    p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
+    slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
     rounding = np.zeros(len(lengths))
     np.maximum.at(rounding, edge, ROUNDING * np.abs(p).max(axis=1))
     return Constraint(
         mesh,
         unknowns,
         at_unknowns,
-        np.any(at_unknowns[unknowns] > on_edges + size, axis=1),
+        jumps,
         edge,
-        x=np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0),
+        x=x,
         weight=half[:, None] * weights,
         p=p,
         slope=slope,
         rounding=rounding,
-        doubt=obstacle.doubt[piece] + 2 * rounding[edge],
+        doubt=obstacle.doubt[piece] + 2 * rounding[edge] + rise.max(axis=1)[edge],
         upper=obstacle.upper[piece],
     )
+
+
+def _at_ends(on_edges: Array, unknowns: Index, n: int, on: Mask) -> tuple[Array, Array, Mask]:
+    """p (n,) at the unknowns, from its values (nb, 3) on the edges; by what p is raised at their ends; jumps.
+
+    The larger value counts at a vertex. What lacks of it by rounding (nb, 2) is added to p linearly along the
+    edge, or else w would not vanish there; where more lacks p jumps (nb,).
+    """
+    on_edges = np.where(on[:, None], on_edges, -np.inf)
+    at_unknowns = np.full(n, -np.inf)
+    np.maximum.at(at_unknowns, unknowns, on_edges)
+    lacking = np.where(
+        on[:, None], at_unknowns[unknowns[:, :2]] - np.where(on[:, None], on_edges, 0)[:, :2], np.inf
+    )
+    jumps = np.any(lacking > JUMP * np.max(np.abs(on_edges[on]), initial=0.0), axis=1)
+    rise = np.where(jumps[:, None], 0.0, lacking)
+    at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)
+    return at_unknowns, rise, jumps
 
 
 def _at_unknowns(obstacle: Obstacle, mesh: Mesh) -> Array:

@@ -20,15 +20,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 SMALL = 1 / 8
 """Of a circle's radius: the diameter up to which pieces are cut along chords."""
-FLAT = 1e-14
-"""Of a piece's area: what a part has to have. Less is rounding, and is covered by that of the other parts."""
 Jumps = Mapping[sympy.Expr, Kink]
+Steps = dict[sympy.Expr, Array]
 
 
 def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
     """The pieces (k, 3, 3), each that a curve crosses cut in three by a chord, and what they are parts of.
 
-    Pieces that are large against a circle are left whole.
+    Pieces that are large against a circle are left whole. A part without an area is thinner than coordinates
+    are rounded; the boxes of its neighbours are wider by that (`source`).
     """
     owner = np.arange(len(parent))
     for kink in jumps.values():
@@ -40,18 +40,24 @@ def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array,
     return corners, owner
 
 
-def sides(vertices: Array, jumps: Jumps) -> tuple[dict[sympy.Expr, Array], dict[sympy.Expr, Array]]:
+def sides(
+    vertices: Array, jumps: Jumps, size: float
+) -> tuple[dict[sympy.Expr, Array], dict[sympy.Expr, Array]]:
     """Of pieces with those vertices (k, 3, 2): the values (k,) of every step, NaN where it may have both.
+
+    The vertices are computed from coordinates of that `size`.
 
     And the area (k,) of what lies on the other side of the curve than the centroid, where the step has the
     other value, up to `rounding`; NaN for pieces that the curve is not near.
     """
     steps, wrong, centre = {}, {}, vertices.mean(axis=1)
     for step, kink in jumps.items():
-        level, reach = kink.level(centre), _diameter(vertices) + 64 * EPS * _size(vertices, kink)
+        level, reach = kink.level(centre), _diameter(vertices) + 64 * EPS * _size(size, kink)
         near, small = np.abs(level) <= reach, _is_small(vertices, kink)
         steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
-        wrong[step] = np.where(near & small, _wrong_area(vertices, kink), np.nan)
+        wrong[step] = np.where(
+            near & small, _wrong_area(vertices, kink, steps[step] != (kink.sign > 0)), np.nan
+        )
     return steps, wrong
 
 
@@ -63,25 +69,28 @@ def _diameter(vertices: Array) -> Array:
     return np.asarray(np.linalg.norm(vertices - np.roll(vertices, 1, axis=1), axis=2).max(axis=1))
 
 
-def rounding(vertices: Array, kink: Kink) -> Array:
-    """(k,) how far rounding may falsify these areas."""
+def rounding(vertices: Array, kink: Kink, size: float) -> Array:
+    """(k,) how far rounding may falsify these areas, of vertices made of coordinates of that size."""
     diameter = _diameter(vertices)
-    return 64 * EPS * (_size(vertices, kink) * diameter + (kink.radius + diameter) ** 2)
+    return 64 * EPS * (_size(size, kink) * diameter + (kink.radius + diameter) ** 2)
 
 
-def _size(vertices: Array, kink: Kink) -> Array:
-    """(k,) that of the numbers from which levels are computed."""
-    return np.asarray(np.abs(vertices).max(axis=(1, 2)) + np.abs(kink.centre).max() + kink.radius)
+def _size(size: float, kink: Kink) -> float:
+    """That of the numbers from which levels are computed."""
+    return size + float(np.abs(kink.centre).max()) + kink.radius
 
 
-def _wrong_area(vertices: Array, kink: Kink) -> Array:
-    """(k,), 0 for a line, along which pieces are cut."""
+def _wrong_area(vertices: Array, kink: Kink, inside: NDArray[np.bool_]) -> Array:
+    """(k,) what has not the value of a step that a piece is given, that `inside` a circle or outside.
+
+    0 for a line, along which pieces are cut.
+    """
     if not kink.radius:
         return np.zeros(len(vertices))
-    inside = area_in_disc(vertices - np.array(kink.centre), kink.radius)
+    disc = area_in_disc(vertices - np.array(kink.centre), kink.radius)
     (x0, y0), (x1, y1) = (vertices[:, i].T - vertices[:, 0].T for i in (1, 2))
     area = 0.5 * np.abs(x0 * y1 - x1 * y0)
-    return np.clip(np.where(kink.level(vertices.mean(axis=1)) < 0, area - inside, inside), 0.0, area)
+    return np.clip(np.where(inside, area - disc, disc), 0.0, area)
 
 
 def area_in_disc(vertices: Array, radius: float) -> Array:
@@ -124,6 +133,6 @@ def _along(corners: Array, owner: Index, level: Array, crossed: NDArray[np.bool_
     p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
     pieces = [np.stack(piece, axis=1) for piece in ((a, p, q), (p, b, c), (p, c, q))]
     parts = np.concatenate(pieces)
-    proper = shares(parts) > FLAT * np.tile(shares(corners[crossed]), 3)
+    proper = shares(parts) > 0
     of_parts = np.tile(owner[crossed], 3)[proper]
     return np.concatenate([corners[~crossed], parts[proper]]), np.concatenate([owner[~crossed], of_parts])

@@ -46,6 +46,8 @@ RESOLVED = 4.0
 """Times what the sum of E^2 is wanted to be: up to which it counts as that."""
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
+GAPS = 8.0
+"""Times the rounding of coordinates: how wide gaps between pieces are at most."""
 MOST_PIECES = 200_000
 """To be looked at on a mesh, or four times its triangles."""
 BLOCK = 1 << 13
@@ -54,13 +56,15 @@ BLOCK = 1 << 13
 class Pieces(NamedTuple):
     """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
 
-    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there.
-    f - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping` (k,), whose
-    integral is at most `integral` (k,).
+    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there. f
+    - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping` (k,), whose
+    integral is at most `integral` (k,). `outer` (k,) is its area and what may lie between it and its
+    neighbours, whose corners are rounded otherwise.
     """
 
     corners: Array
     parent: Index
+    outer: Array
     c: Array
     squares: Array
     jumping: Array
@@ -68,7 +72,7 @@ class Pieces(NamedTuple):
 
     def of(self, kept: Mask) -> Pieces:
         rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
-        return Pieces(self.corners[kept], self.parent[kept], self.c[:, kept], *rest)
+        return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +152,7 @@ def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
     known, size = [], _size(mesh)
     for start in range(0, len(parent), BLOCK):
         vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
-        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps)[0])))
+        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
     return _areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
 
 
@@ -160,9 +164,9 @@ def _polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple
         parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
         found.append(_on_block(mesh, parts, parent[block][owner], data))
         owners.append(owner + start)
-    of_corners, of_parents, of_c, *rest = zip(*found, strict=True)
-    where, c = (np.concatenate(of_corners), np.concatenate(of_parents)), np.concatenate(of_c, axis=1)
-    return Pieces(*where, c, *map(np.concatenate, rest)), np.concatenate(owners)
+    along = (0, 0, 0, 1, 0, 0, 0)
+    parts = zip(zip(*found, strict=True), along, strict=True)
+    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in parts)), np.concatenate(owners)
 
 
 def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
@@ -170,15 +174,16 @@ def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
     order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
-    steps, wrong = sides(vertices, data.jumps)
     size = _size(mesh)
+    steps, wrong = sides(vertices, data.jumps, size)
     f, area = _model(vertices, size, data, steps), _areas_of(mesh, corners, parent)
-    found = Pieces(corners, parent, f.c, area * _known(f) ** 2, *np.zeros((2, len(parent))))
+    outer = area + GAPS * EPS * size * lengths.sum(axis=1)
+    found = Pieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
         here = {each: value[at] for each, value in steps.items()}
         by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
-        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step]), area[at])
+        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size), area[at])
     several = np.sum([*near.values()], axis=0) > 1
     if several.any():
         _jumps(found, several, vertices[several], size, data, steps, wrong)
@@ -204,7 +209,7 @@ def _jumps(
     """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
     both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
     lower, upper = _model(vertices, size, data, both).range
-    doubts = [rounding(vertices, kink) for kink in data.jumps.values()]
+    doubts = [rounding(vertices, kink, size) for kink in data.jumps.values()]
     areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
     second = np.sort(areas, axis=0)[-2]
     most = (1 + len(areas)) * (upper - lower)
@@ -274,7 +279,7 @@ def _projected(mesh: Mesh, done: list[Pieces], resolved: bool) -> Source:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
         left = pieces.c.copy()
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
-        squares += np.bincount(pieces.parent, _areas(mesh, pieces) * _quadratic(left), n)
+        squares += np.bincount(pieces.parent, pieces.outer * _quadratic(left), n)
     oscillation = np.sqrt(squares) + np.sqrt(jumping)
     rest = np.sqrt(rest) + integral / np.sqrt(mesh.areas)
     return Source(mesh, f_h, moments, oscillation, rest, resolved)

@@ -97,7 +97,8 @@ def total_bound(
     v, touching = g.raised(spaces.potential(contact, g.at_unknowns), contact, *at_edges, stiffness)
     q, missing = spaces.best_flux(flux.ends), g.missing(v, touching, *at_edges)
     of_doubt = spaces.norm(spaces.of_p1(missing.added))
-    extension, defect = missing.norm + of_doubt, math.sqrt(spaces.defect(v, q)) + spaces.rounding(v)
+    extension, defect = missing.norm + of_doubt, math.sqrt(spaces.defect(v, q))
+    defect += spaces.rounding(v, defect)
     eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * max(missing.slack, 0.0))
     d, of_v = v - u, eta + extension
     distance, of_trace = (1 + SUMS) * spaces.norm(d), (1 + SUMS) * spaces.norm(spaces.extension(d, held))

@@ -81,6 +81,8 @@ def level_line(level: Level, goal: Goal) -> str:
 def ending(search: Search) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
     goal, best = search.goal, search.best.solved
+    if not search.believed:
+        return f"  NOT certified, {search.ended}: no bound is left"
     error, size = best.total(goal.norm), best.size(goal.norm)
     reached = f"{ERROR[goal.norm]} <= {error:.4e}"
     if size > 0:

@@ -87,12 +87,13 @@ def _up_to_accuracy(options: argparse.Namespace, problem: Case | Problem, begin:
     _tell_faults(search)
     printed = _printed(found) | {
         "converged": found.certified,
-        "total_bound": search.best.solved.total(goal.norm),
+        "total_bound": search.best.solved.total(goal.norm) if search.believed else math.nan,
     }
     _add_cost(printed, begin)
     if not options.json:
         say(ending(search))
-    say(table(printed, found.solved.result, found.solved.bound, options.json))
+    bound = found.solved.bound if search.believed else None
+    say(table(printed, found.solved.result, bound, options.json))
     if search.ended == BY_USER:
         return INTERRUPTED
     return 0 if found.certified else NOT_CONVERGED
@@ -115,7 +116,7 @@ def _tell_faults(search: Search) -> None:
         tell(search.refusal)
     if len(search.believed) < len(search.done):
         withdrawn = len(search.done) - len(search.believed)
-        tell(f"bounds withdrawn, for those of finer meshes contradict them: {withdrawn}")
+        tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
 
 
 def _stop(options: argparse.Namespace) -> Stop:

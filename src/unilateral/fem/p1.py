@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -72,6 +74,15 @@ def boundary_mass(mesh: Mesh) -> sp.csr_array:
     values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
     rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
     return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()
+
+
+def h1_norm(mesh: Mesh, v: Array) -> float:
+    """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel."""
+    slopes, areas = gradients(mesh)
+    nodal = v[mesh.triangles]
+    of_gradient = np.sum(np.einsum("tid,ti->td", slopes, nodal) ** 2, axis=1)
+    of_value = (nodal.sum(axis=1) ** 2 + (nodal**2).sum(axis=1)) / 12
+    return math.sqrt(float(areas @ (of_gradient + of_value)))
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

@@ -13,6 +13,7 @@ import sympy
 from unilateral.formulas import interval
 from unilateral.formulas.formula import pos
 from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.positive import rounded
 from unilateral.formulas.taylor import (
     EPS,
     OF_FUNCTIONS,
@@ -194,7 +195,7 @@ def _evaluated(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Mo
 
 def _operation(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Model:
     if e.is_number:
-        return number(like, float(e))
+        return number(like, float(rounded(e)))
     if e.is_Add:
         return reduce(Model.__add__, (_evaluated(term, known, like) for term in e.args))
     if e.is_Mul:

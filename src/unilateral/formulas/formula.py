@@ -48,6 +48,8 @@ def substituted(formula: sympy.Expr, values: Mapping[sympy.Symbol, sympy.Expr], 
         found = formula.subs(values)
     except TypeError:  # pos of what is not real
         found = sympy.nan
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
     if not grammar.is_finite_and_real(found):
         raise InputError(f"{where}: it is not a finite real function")
     return found

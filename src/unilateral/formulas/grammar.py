@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import sympy
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.positive import pos
+from unilateral.formulas.positive import pos, rounded
 
 MAX_LENGTH = 2000
 MAX_NESTING = 30
@@ -97,7 +97,11 @@ class Reader(ast.NodeVisitor):
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         if any(max(n.p.bit_length(), n.q.bit_length()) > MAX_BITS for n in value.atoms(sympy.Rational)):
             raise self.refuse(node, "has a number that is too large")
-        if not is_finite_and_real(value):
+        try:
+            finite = is_finite_and_real(value)
+        except ValueError:
+            raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
+        if not finite:
             raise self.refuse(node, "is not a finite real number or function")
         if value.has(sympy.Abs):
             raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
@@ -184,10 +188,13 @@ class Reader(ast.NodeVisitor):
 
 
 def is_finite_and_real(value: sympy.Expr) -> bool:
-    """Whether a number is; a function may still fail to be where it is evaluated."""
+    """Whether a number is; a function may still fail to be where it is evaluated.
+
+    Raises ValueError for a number that cannot be told from 0.
+    """
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
         return False
     try:
-        return not value.is_number or math.isfinite(float(value))
+        return not value.is_number or math.isfinite(float(rounded(value)))
     except (OverflowError, TypeError):
         return False

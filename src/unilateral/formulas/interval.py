@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 Interval = tuple[Array, Array]
 ULPS = 8
 LARGE = 1e308
+PRODUCT = 2.0**-50
+"""What each factor of a power adds to its rounding, relatively."""
 EXPONENT = 2.0**-51
 """What rounds a fractional exponent, relatively, and the logarithm."""
 NEAR_EXTREMUM = 1e-12
@@ -35,7 +37,8 @@ def total(a: Interval, b: Interval) -> Interval:
 
 
 def product(a: Interval, b: Interval) -> Interval:
-    found = [x * y for x in a for y in b]
+    with np.errstate(over="ignore", invalid="ignore"):  # of infinite ends
+        found = [x * y for x in a for y in b]
     return outward(reduce(np.minimum, found), reduce(np.maximum, found))
 
 
@@ -62,9 +65,13 @@ def power(base: Interval, n: int) -> Interval:
 def of_positive_part(base: Interval, k: float) -> Interval:
     """base_+^k for k >= 0."""
     low, high = outward(*(positive_power(end, k) for end in base))
+    spare = [np.full_like(end, PRODUCT * k) for end in base]
     if k != int(k):  # its rounding counts log of the base times
-        spare = [EXPONENT * k * np.abs(np.log(np.where(end > 0, end, 1.0))) for end in base]
-        low, high = low * (1 - spare[0]), high * (1 + spare[1])
+        spare = [
+            x + EXPONENT * k * np.abs(np.log(np.where(end > 0, end, 1.0)))
+            for x, end in zip(spare, base, strict=True)
+        ]
+    low, high = low * (1 - spare[0]), high * (1 + spare[1])
     return np.maximum(low, 0.0), np.where(base[1] > 0, high, 0.0)
 
 

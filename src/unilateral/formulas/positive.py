@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import sympy
 from numpy.typing import NDArray
+from sympy.core.evalf import PrecisionExhausted
 from sympy.core.function import ArgumentIndexError
 
 Array = NDArray[np.float64]
+DIGITS = 2000
 
 
 class pos(sympy.Function):
@@ -28,9 +30,22 @@ class pos(sympy.Function):
         return k * pos(a, k - 1)
 
 
+def rounded(number: sympy.Expr) -> sympy.Number:
+    """A number as it is if it is rational, else to 17 digits, whatever cancels in it.
+
+    Raises ValueError where it cannot be told from 0 by DIGITS digits.
+    """
+    if number.is_Rational:
+        return number
+    try:
+        return number.evalf(17, maxn=DIGITS, strict=True)
+    except PrecisionExhausted:
+        raise ValueError(f"'{number}' cannot be told from 0; write it as a single number") from None
+
+
 def _is_positive(number: sympy.Expr) -> bool:
     """Its value's sign; sympy's own test computes minimal polynomials, which may take for ever."""
-    return bool(number > 0) if number.is_Rational else float(number) > 0
+    return bool(rounded(number) > 0)
 
 
 def positive_power(a: Array, k: float) -> Array:

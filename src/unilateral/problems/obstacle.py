@@ -193,4 +193,13 @@ def _joined(polygon: Polygon, pieces: _Pieces) -> Obstacle:
     points = np.append(polygon.starts[side] + start * polygon.lengths[side], polygon.perimeter)
     sizes, moved = np.abs(c), 8 * np.spacing(polygon.perimeter) / np.diff(points)
     rounding = 16 * EPS * sizes.sum(axis=0) + np.arange(ORDER + 1) @ sizes * moved
-    return Obstacle(polygon, points, side, c, rad + np.abs(gap) + rounding, lower, upper)
+    doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
+    return Obstacle(polygon, points, side, c, doubt, lower - rounding, _of_neighbours(upper, side) + rounding)
+
+
+def _of_neighbours(values: Array, side: Index) -> Array:
+    """(k,) the largest of each piece and those beside it on its side, where a place, rounded, may lie."""
+    found, same = values.copy(), side[1:] == side[:-1]
+    for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+        found[one] = np.where(same, np.maximum(found[one], values[other]), found[one])
+    return found

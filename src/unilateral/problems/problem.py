@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.formula import pos
+from unilateral.formulas.positive import rounded
 from unilateral.formulas.taylor import Model, joined
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
@@ -95,6 +96,8 @@ def curve(a: sympy.Expr) -> list[Kink]:
     if not a.is_polynomial(X, Y):
         raise ValueError(wanted)
     of = _scaled(sympy.Poly(a, X, Y))
+    for coefficient in of.coeffs():
+        rounded(coefficient)
     square, c = of.coeff_monomial(X**2), of.coeff_monomial(1)
     slope = [of.coeff_monomial(z) for z in (X, Y)]
     others = of - sympy.Poly(square * (X**2 + Y**2), X, Y)
@@ -123,7 +126,7 @@ def _line(slope: list[sympy.Expr], c: sympy.Expr) -> list[Kink]:
 
 def _rounded(number: sympy.Expr) -> float:
     """The number nearest to an exact one, whatever cancels in it."""
-    return float(sympy.N(number, 30))
+    return float(rounded(number))
 
 
 def _scaled(of: sympy.Poly) -> sympy.Poly:

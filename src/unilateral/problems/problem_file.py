@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -137,20 +138,15 @@ def _fractional(formula: sympy.Expr) -> bool:
 
 def _check(problem: Problem, name: str) -> None:
     """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace."""
-    of_f = max(map(abs, problem.range_of_f))
-    _check_largest(of_f, f"{name}, field f", "in the polygon")
+    of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area)
+    _check_size(of_f, unit, f"{name}, field f", "in the polygon")
     n, obstacle = problem.polygon.n_sides, problem.enclosed_obstacle
     constrained = [side for side in range(n) if side not in problem.free_sides]
     largest = 0.0
     for side in constrained:
         largest = max(largest, *map(abs, obstacle.range(side)))
-        _check_largest(largest, f"{name}, field g", f"on side {side}")
-    size = max(of_f, largest)
-    if ZERO < size < SMALLEST:
-        raise InputError(
-            f"{name}, fields f and g: they are at most {size:.3g}, and squares of errors leave double "
-            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
-        )
+        _check_size(largest, unit, f"{name}, field g", f"on side {side}", least=0.0)
+    _check_size(largest, unit, f"{name}, field g", "on all sides")
     for side, before in ((side, (side - 1) % n) for side in constrained):
         end, start, doubt = obstacle.at_vertex(side)
         if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
@@ -160,11 +156,13 @@ def _check(problem: Problem, name: str) -> None:
             )
 
 
-def _check_largest(size: float, where: str, place: str) -> None:
+def _check_size(size: float, unit: float, where: str, place: str, least: float = SMALLEST) -> None:
+    """|f| or |g| in the polygon whose area is the square of `unit`."""
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
-    if size > LARGEST:
+    if size * max(unit, 1.0) > LARGEST or (size > ZERO and size * min(unit, 1.0) < least):
+        of_polygon = f", times {unit:.3g}, the root of the polygon's area," if unit != 1 else ""
         raise InputError(
-            f"{where}: it is as large as {size:.3g} {place}, and squares of errors leave double precision; "
-            f"scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "
+            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
         )

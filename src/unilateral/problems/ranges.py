@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Array, Interval
-from unilateral.formulas.taylor import Model, affine, basis
+from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.mesh_io import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import X, Y
@@ -73,7 +73,8 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np
     v = polygon.vertices
     parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MOST_DISTANCES)
     away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
-    near = np.concatenate(away) <= half * (1 + 1e-9)
+    rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
+    near = np.concatenate(away) <= half * (1 + 1e-9) + rounding
     inside = _inside(polygon, centres)
     return near | inside, inside
 

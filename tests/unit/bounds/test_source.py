@@ -250,3 +250,33 @@ def test_what_is_wanted_is_not_judged_by_what_is_unknown():
     found = enclosed(meshes.structured(square(), 1 / 2), of)
     assert found.resolved
     assert found.unknown <= 0.05 * np.linalg.norm(found.oscillation)
+
+
+@pytest.mark.parametrize("k", [10**10, 10**13])
+def test_a_flat_part_is_not_left_out(k):
+    """A peak in a corner of the square, where a jump cuts off a part of 1e-16 of its piece, or less."""
+    of = Source(f"{k**2}*exp(-{k}*(x + y)) + x + pos({100 / k!r} - x - y, 0)")
+    found = enclosed(meshes.structured(square(), 1 / 2), of)
+    assert found.moments.sum() == pytest.approx(1.5, abs=1e-5)
+
+
+def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
+    """The integral by a strip quadrature to 12 digits; the same with the step written the other way."""
+    corners = np.array([[1023 / 1024, -1 / 16], [1 + 2 / 1024, 0], [1023 / 1024, 1 / 16]])
+    assert np.hypot(*corners.mean(axis=0)) == 1
+    mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
+    for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
+        found = enclosed(mesh, Source(text))
+        assert found.moments.sum() == pytest.approx(0.000125569401688, abs=1e-13)
+
+
+def test_pieces_count_for_the_gaps_between_them():
+    """Corners at 1e6 are rounded by 1e-10, a tenth of what a piece of 1e-9 is wide."""
+    corners = 1e6 + 1e-9 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    mesh = meshes.from_arrays(
+        Polygon(1e6 * square().vertices, "large"), 1e6 * square().vertices, [[0, 1, 2], [0, 2, 3]]
+    )
+    inside = (corners - 1e6) / 1e6
+    bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
+    pieces = source._on_block(mesh, bary[None], np.array([0]), Source("x"))
+    assert pieces.outer[0] > 1.2 * source._areas(mesh, pieces)[0]

@@ -525,4 +525,48 @@ def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     spaces = hypercircle(mesh, v[mesh.triangles])
     q = spaces.rt.project(lambda x: np.stack([np.ones_like(x[0]), 0 * x[0]]))
     root = np.sqrt(spaces.defect(spaces.of_p1(v), q))
-    assert 1e-4 * spaces.rounding(spaces.of_p1(v)) < root <= spaces.rounding(spaces.of_p1(v))
+    allowed = spaces.rounding(spaces.of_p1(v), 0.0)
+    assert 1e-4 * allowed < root <= allowed
+    assert spaces.rounding(spaces.of_p1(v), 1e9) > allowed
+
+
+@pytest.mark.parametrize("c", [1e3, 1e8])
+def test_constants_on_a_tiny_square_are_bounded_in_spite_of_rounding(c):
+    """u = 1 and u_h = c: the error is (c - 1) |Omega|^(1/2); control: c . A c loses more than SUMS."""
+    polygon = Polygon(1e-3 * square().vertices, "tiny")
+    mesh, cells = meshes.unstructured(polygon, 1e-3 / 16), partitions.uniform(polygon, 1e-3 / 8)
+    problem = Manufactured(polygon, "1")
+    found = total_bound(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells))
+    assert (c - 1) * 1e-3 * (1 - 1e-14) <= found.u <= 1.01 * (c - 1) * 1e-3
+    spaces = spaces_of(problem, mesh)
+    v = np.full(spaces.p2.N, c)
+    assert abs(v @ (spaces.A @ v) / (c * 1e-3) ** 2 - 1) > 1e-9
+
+
+def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
+    """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
+    on = np.array([True, True])
+    unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
+    at, rise, jumps = feasible._at_ends(on_edges, unknowns, 5, on)
+    assert not jumps.any()
+    np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
+    np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
+    on_edges[1, 0] += 1e-11
+    assert feasible._at_ends(on_edges, unknowns, 5, on)[2].tolist() == [True, False]
+
+
+def test_the_rounding_of_v_is_allowed_for():
+    """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
+    mesh = meshes.structured(square(), 1 / 2)
+    problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
+    spaces = spaces_of(problem, mesh)
+    g = constraint(obstacle.enclosed(problem), mesh, spaces.on_edges, spaces.p2.N, every)
+    steep = np.zeros(spaces.p2.N)
+    steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
+    v = np.maximum(steep, g.at_unknowns)
+    flux = np.ones((8, 2))
+    doubt = [
+        g.missing(each, every, spaces.triangle, flux).added.max()
+        for each in (v, np.maximum(0, g.at_unknowns))
+    ]
+    assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]

@@ -282,7 +282,7 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(capsys, tmp_path):
 
 
 def test_a_withdrawn_bound_is_told(capsys, monkeypatch):
-    """The first level's is 1000 times too small; it is not the answer, as the smallest bound would be."""
+    """The first level's is 1000 times too small, the third one's contradicts it: the second is the answer."""
     own, factors = of_data.total_bound, iter([1e-3, 1e-3])
 
     def spoilt(*arguments):
@@ -292,8 +292,38 @@ def test_a_withdrawn_bound_is_told(capsys, monkeypatch):
     monkeypatch.setattr(of_data, "total_bound", spoilt)
     code, out, err = run(capsys, "solve", "natural", "--accuracy", "1e-4", "--max-unknowns", "300")
     assert code == 3
-    assert err == "unilateral: bounds withdrawn, for those of finer meshes contradict them: 1\n"
-    assert "  unknowns                    9 and" not in out
+    assert err == "unilateral: 2 bounds withdrawn, for they contradict each other; please report it\n"
+    assert "NOT certified, bounds contradict each other: " in out
+    assert "  unknowns                    25 and" in out
+
+
+def test_an_accuracy_that_another_level_contradicts_is_not_certified(capsys, monkeypatch):
+    """The third level's would be small enough, and the first one's of lambda is 1000 times too small."""
+    own, factors = of_data.total_bound, iter([1e-3, 1e-3])
+
+    def spoilt(*arguments):
+        found = own(*arguments)
+        return replace(found, lambda_=next(factors, 1.0) * found.lambda_)
+
+    monkeypatch.setattr(of_data, "total_bound", spoilt)
+    code, out, _ = run(capsys, "solve", "natural", "--accuracy", "0.05")
+    assert (code, "  certified: " in out) == (3, False)
+    assert "  unknowns                    25 and" in out
+
+
+def test_where_all_bounds_are_withdrawn_none_is_told(capsys, monkeypatch):
+    """Each is 1000 times too small."""
+    own = of_data.total_bound
+
+    def spoilt(*arguments):
+        found = own(*arguments)
+        return replace(found, lambda_=1e-3 * found.lambda_)
+
+    monkeypatch.setattr(of_data, "total_bound", spoilt)
+    code, out, _ = run(capsys, "solve", "natural", "--accuracy", "0.05")
+    assert code == 3
+    assert "NOT certified, bounds contradict each other: no bound is left" in out
+    assert "guarantee" not in out
 
 
 def test_an_accuracy_of_a_problem_in_the_dual_norm(capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 import sympy
@@ -14,6 +15,7 @@ from sympy.core.function import ArgumentIndexError
 from unilateral.errors import InputError
 from unilateral.formulas import grammar
 from unilateral.formulas.formula import compile_numpy, kinks, number, parse, pos, positive_power
+from unilateral.formulas.positive import rounded
 
 X, Y, T = (sympy.Symbol(name, real=True) for name in "xyt")
 
@@ -117,6 +119,9 @@ REFUSED = {
     "(-2)**(1/3)": "'(-2)**(1/3)' is not a finite real number",
     "log(sin(4))": "'log(sin(4))' is not a finite real number",
     "exp(exp(exp(100)))": "'exp(exp(100))' is not a finite real number",
+    "x + 5*pos(1 - sin(1)**2 - cos(1)**2, 0)": "'1 - sin(1)**2 - cos(1)**2' cannot be told from 0; write it",
+    "pos(5 + 2*sqrt(6) - (sqrt(2) + sqrt(3))**2, 0)": "cannot be told from 0; write it as a single number",
+    "(sin(1)**2 + cos(1)**2 - 1)*10**99*x": "'sin(1)**2 + cos(1)**2 - 1' cannot be told from 0",
     "sqrt(x**2)": "'sqrt(x**2)' hides a kink; write pos(a, 1)",
     "": "is not a formula in x, y",
     "x +": "'x +' is not a formula in x, y",
@@ -312,3 +317,16 @@ def test_a_fraction_beyond_all_floats_is_infinite() -> None:
     found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
     assert np.array_equal(found[0], [np.inf])
     assert found[1] == pytest.approx([1e300 / 6])
+
+
+@pytest.mark.parametrize(("text", "value"), [("exp(-1000)", 1), ("tanh(400) - 1", 0), ("1 - tanh(400)", 1)])
+def test_a_step_of_a_number_sees_digits_that_floats_do_not_have(text: str, value: int) -> None:
+    assert parse(f"pos({text}, 0)", (), "here") == value
+
+
+def test_numbers_that_cancel_are_told_to_the_last_digit() -> None:
+    """Of pi all but the first 120 digits, by another library."""
+    with mpmath.workdps(200):
+        digits = mpmath.nstr(mpmath.floor(mpmath.pi * 10**120), 121).removesuffix(".0")
+        rest = float(mpmath.pi * 10**120 - mpmath.mpf(digits)) * 1e-120
+    assert float(rounded(parse(f"pi - {digits}/1{'0' * 120}", (), "here"))) == pytest.approx(rest, rel=1e-14)

@@ -101,3 +101,20 @@ def test_what_overflows_is_infinite_and_never_empty():
         (low,), (high,) = interval.product((np.array([1e300]), np.array([1e300])), (np.array([1e300]),) * 2)
     assert low <= interval.LARGE
     assert high == np.inf
+
+
+@pytest.mark.parametrize("k", [9.0, 9.5, 99.5, 100.0])
+def test_high_powers_contain_the_value(k, monkeypatch):
+    """Each factor rounds; control: without that some lie outside."""
+    x = np.random.default_rng(1).uniform(0.9, 1.1, 200)
+    with mpmath.workdps(60):
+        exact = [mpmath.mpf(float(each)) ** mpmath.mpf(k) for each in x]
+
+    def outside():
+        low, high = interval.of_positive_part((x, x), k)
+        return sum(not a <= e <= b for a, b, e in zip(low.tolist(), high.tolist(), exact, strict=True))
+
+    assert outside() == 0
+    monkeypatch.setattr(interval, "PRODUCT", 0.0)
+    monkeypatch.setattr(interval, "EXPONENT", 0.0)
+    assert outside() > 0

@@ -1,5 +1,7 @@
 """g on the sides: within its doubt of the polynomials, peaks and kinks, means, and what costs too much."""
 
+from fractions import Fraction
+
 import mpmath
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from conftest import load
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import parse
 from unilateral.geometry.polygon import square
-from unilateral.problems import obstacle
+from unilateral.problems import obstacle, problem_file
 from unilateral.problems.atoms import T
 from unilateral.problems.obstacle import enclosed
 
@@ -123,3 +125,26 @@ def test_free_sides_have_no_g():
     assert found.side.tolist() == [0, 1, 2, 3]
     assert found.range(2) == (-np.inf, -np.inf)
     assert found.at_vertex(0)[1] == 0
+
+
+def test_a_place_that_rounding_puts_beyond_a_kink_is_covered(tmp_path):
+    """The steep side is tiny and far along the boundary, where arc lengths are rounded by 1e-12 of it."""
+    text = (
+        "polygon: [[0, 0], [1e4, 0], [1e4, 1e-3], [9999.999, 1e-2], [0, 1e4]]\n"
+        "f: 0\ng: pos(1e6*(y - 0.0005), 1)*pos(0.01 - y, 1)\n"
+    )
+    file = tmp_path / "far.yaml"
+    file.write_text(text)
+    found = problem_file.load(str(file)).enclosed_obstacle
+    for k in np.flatnonzero(found.side == 1):
+        for s in found.points[k : k + 2].tolist():
+            y = (
+                (Fraction(s) - Fraction(found.polygon.starts[1]))
+                * Fraction(1e-3)
+                / Fraction(found.polygon.lengths[1])
+            )
+            y = min(max(y, Fraction(0)), Fraction(1e-3))
+            g = max(10**6 * (y - Fraction(1, 2000)), 0) * (Fraction(1, 100) - y)
+            p, _ = found.at(np.array(k), np.array(s))
+            assert abs(g - Fraction(float(p))) <= Fraction(found.doubt[k])
+            assert g <= Fraction(found.upper[k])

@@ -172,10 +172,22 @@ ONE_LINE = {
         {"f": "1e150*x"},
         ", field f: it is as large as 1e+150 in the polygon, and squares of err",
     ),
+    "f too small beside g": (
+        {"f": "1e-165*cos(pi*x)"},
+        ", field f: it is as large as 1e-165 in",
+    ),
+    "f too large for the polygon": (
+        {"polygon": "[[0, 0], [1e75, 0], [1e75, 1e75], [0, 1e75]]", "f": "1e100*(1 + x/1e75)"},
+        ", field f: it is as large as 2e+100 in the polygon, and squares of errors, times 1e+75, the root of",
+    ),
+    "digits that cancel in a curve": (
+        {"f": "pos(sin(1)**2*y + cos(1)**2*y - y + x - 1/2, 0)"},
+        ", field f: the argument of pos(",
+    ),
     "g too large": ({"g": "1e141*x"}, ", field g: it is as large as 1e+141 on side 0, and squares of errors"),
     "both too small": (
         {"f": "1e-160*(3*x - 2)"},
-        ", fields f and g: they are at most 2e-160, and squares of",
+        ", field f: it is as large as 2e-160 in the polygon, and squares of errors",
     ),
     "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
     "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
