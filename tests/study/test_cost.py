@@ -15,15 +15,14 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 import yaml
-from conftest import ROOT, Discrete, condensed, load
+from conftest import ROOT, condensed, coupled, discrete, load
 from scipy.sparse.linalg import splu
 
-from unilateral.discrete import Pair, guarded_beta, pair
+from unilateral.discrete import Discrete, solve
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Gram, dual_norm
-from unilateral.norms.exact import cell_means, ritz_projection
 from unilateral.solvers import steps as acceleration
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import Stop
@@ -62,21 +61,8 @@ for name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv")
     setattr(Counted, f"__{name}__", _counting(f"__{name}__"))
 
 
-@cache
-def both(n: int, ratio: float) -> Pair:
-    return pair(condensed("square", n), partitions.uniform(square(), ratio / n))
-
-
-@cache
 def problem(case: str, n: int, ratio: float) -> Discrete:
-    on, sigma_1 = condensed("square", n)
-    of = both(n, ratio)
-    cells = cell_means(load(case), of.partition)
-    return Discrete(ritz_projection(load(case), on), cells, of, guarded_beta(of, sigma_1))
-
-
-def offset_of(of: Discrete) -> np.ndarray:
-    return of.spaces.B @ of.problem.trace / of.spaces.partition.lengths - of.cells.g_means
+    return discrete(case, n, n / ratio)
 
 
 def counted_step(method: str, m: int, cut: bool = False) -> int:
@@ -171,7 +157,7 @@ def test_products_and_solves_by_brute_force() -> None:
 
 
 def test_every_way_to_S_y_gives_it() -> None:
-    of = both(16, 2)
+    of = coupled("square", 16, 8)
     on = condensed("square", 16)
     rng = np.random.default_rng(2)
     y = rng.random(len(of.operator.H_i))
@@ -189,7 +175,7 @@ def test_every_way_to_S_y_gives_it() -> None:
 
 def test_refinement_errs_like_the_increment() -> None:
     """Single precision of an increment of 1e-6 leaves 1e-6 of its error."""
-    operator = both(16, 2).operator
+    operator = coupled("square", 16, 8).operator
     apply = history.refined(operator)
     y = np.random.default_rng(3).random(len(operator.H_i))
     out = np.empty_like(y)
@@ -206,7 +192,7 @@ def test_refinement_errs_like_the_increment() -> None:
 @pytest.mark.parametrize("case", ["natural", "thirds"])
 def test_levels_read_off_are_those_of_runs_of_their_own(case: str, method: str) -> None:
     of = problem(case, 16, 2)
-    operator, offset = of.spaces.operator, offset_of(of)
+    operator, offset = of.spaces.operator, of.offset
     tolerances = [0.01 * stop for stop in STOPS]
     rho = acceleration.STEPS[method].share / operator.lambda_max
     seen = history.History(operator, offset, rho, tolerances)
@@ -222,7 +208,7 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case: str, method: str) 
 def steps_with_rounding(method: str, seed: int) -> list[int]:
     """To each level, every product S y changed by two units in its last place, at random."""
     of, rng = problem("thirds", 32, 2), np.random.default_rng(seed)
-    operator, offset = of.spaces.operator, offset_of(of)
+    operator, offset = of.spaces.operator, of.offset
     signs = np.array([-4e-16, 4e-16])
 
     def apply(y: np.ndarray, out: np.ndarray) -> None:
@@ -249,7 +235,7 @@ def test_steps_that_are_shown_do_not_change_with_rounding(method: str) -> None:
 def test_in_single_precision_no_level_is_claimed_that_is_not_met() -> None:
     """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
     of = problem("natural", 16, 2)
-    operator, offset = of.spaces.operator, offset_of(of)
+    operator, offset = of.spaces.operator, of.offset
     rho = 1.9 / operator.lambda_max
     seen = history.History(operator, offset, rho, [1e-4, 1e-12])
     with warnings.catch_warnings():
@@ -268,7 +254,7 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met() -> None:
 def test_all_methods_reach_the_solution_of_the_active_set(method: str, case: str, ratio: float) -> None:
     """Lawson and Hanson's least distance, independent of this loop."""
     of = problem(case, 24, ratio)
-    offset = offset_of(of)
+    offset = of.offset
     result = uzawa(of.spaces.operator, offset, 1e-11, method=method, max_steps=2000)
     exact = active_set(of.spaces.operator, offset, math.inf).lambda_H
     distance = np.linalg.norm(of.spaces.operator.half @ (result.lambda_H - exact))
@@ -294,7 +280,7 @@ def test_the_safeguard_cuts_a_step_to_its_minimum() -> None:
     ("method", "message"), [("gradient", "the known ones are uzawa"), ("newton", "regular S")]
 )
 def test_a_method_that_cannot_be_meant_is_refused(method: str, message: str) -> None:
-    operator = both(8, 1).operator
+    operator = coupled("square", 8, 8).operator
     with pytest.raises(InputError, match=message):
         uzawa(operator, np.ones(len(operator.H_i)), 1e-6, method=method)
 
@@ -327,7 +313,7 @@ def measured(costly_steps: int = 50) -> tuple[xr.Dataset, xr.Dataset]:
 def test_the_last_level_has_the_errors_of_the_solution() -> None:
     """`solve` measures by other means: from the solution's u_h and lambda_H."""
     table = trade.along(measured()[0], BASE, ["algorithm", "H_over_h"])
-    solution = problem("thirds", 16, 2).solve(Stop(tolerance=1e-13))
+    solution = solve(problem("thirds", 16, 2), Stop(tolerance=1e-13))
     for algorithm in table["algorithm"].values:
         at = table.sel(algorithm=algorithm, H_over_h=2, H=1 / 8, stop=1e-10)
         assert float(at["h1_error"]) == pytest.approx(solution.h1_error, rel=1e-9)

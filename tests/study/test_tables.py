@@ -154,7 +154,7 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
     """A limit on the size of files stands for the disk; netCDF itself says "HDF error" of it."""
     code = (
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
-        "import sentences, xarray; from unilateral import tables; sentences.speak_plainly()\n"
+        "import sentences, xarray; from unilateral.study import tables; sentences.speak_plainly()\n"
         f"tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
     )
     command = [sys.executable, "-c", code]

@@ -165,8 +165,8 @@ def _polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple
         found.append(_on_block(mesh, parts, parent[block][owner], data))
         owners.append(owner + start)
     along = (0, 0, 0, 1, 0, 0, 0)
-    parts = zip(zip(*found, strict=True), along, strict=True)
-    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in parts)), np.concatenate(owners)
+    fields = zip(zip(*found, strict=True), along, strict=True)
+    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
 
 
 def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:

@@ -114,6 +114,10 @@ def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int]
     """
     cells = np.flatnonzero(~np.isin(partition.side, free))
     B = coupling(condensed.mesh, partition)[cells]
+    return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))
+
+
+def dual_operator(condensed: Condensed, B: sp.csr_array, H_i: Array) -> DualOperator:
+    """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,)."""
     half = solve_triangular(condensed.cholesky, B.T.toarray(), trans="T", check_finite=False)
-    operator = DualOperator(half, partition.lengths[cells], condensed.mesh.polygon.area)
-    return MixedSpaces(condensed, partition, cells, B, operator)
+    return DualOperator(half, H_i, condensed.mesh.polygon.area)

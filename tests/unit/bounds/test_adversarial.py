@@ -14,7 +14,7 @@ import pytest
 import sympy
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral.accuracy import Goal, Level, levels
+from unilateral.accuracy.search import Goal, Level, levels
 from unilateral.bounds import source
 from unilateral.errors import InputError
 from unilateral.fem.splitting import quarter

@@ -11,7 +11,7 @@ import skfem
 import sympy
 from conftest import discrete
 from skfem.helpers import div, dot, grad
-from test_dual_norm import POLYGONS
+from test_dual import POLYGONS
 from test_oscillation import WEDGE
 
 from unilateral.bounds import feasible, source

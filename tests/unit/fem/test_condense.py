@@ -138,7 +138,7 @@ def test_dual_operator_equals_full_solves(ratio: float) -> None:
     mesh = meshes.structured(lshape(), 1 / 8)
     partition = partitions.uniform(lshape(), ratio / 8)
     B = coupling(mesh, partition)
-    operator = dual_operator(condense(mesh), partition, B)
+    operator = dual_operator(condense(mesh), B, partition.lengths)
     continued = np.zeros((len(mesh.points), partition.n_cells))
     continued[mesh.boundary] = B.toarray().T
     expected = continued.T @ spl.spsolve(full_matrix(mesh), continued)
@@ -163,7 +163,7 @@ def test_singular_exactly_where_beta_is_zero() -> None:
     found = {}
     for ratio in (0.5, 1, 2):
         partition = partitions.uniform(square(), ratio / 8)
-        found[ratio] = dual_operator(condensed, partition, coupling(mesh, partition)).singular
+        found[ratio] = dual_operator(condensed, coupling(mesh, partition), partition.lengths).singular
     assert found == {0.5: True, 1: True, 2: False}
 
 

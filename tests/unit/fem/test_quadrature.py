@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import yaml
 from conftest import discrete, load
 from scipy.integrate import quad
 
-from unilateral.discrete import solve
+from unilateral.discrete import solve, with_solution
 from unilateral.fem import quadrature
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.fem.splitting import Split
@@ -213,8 +214,8 @@ def test_gauss_points_alone_miss_the_boundary_means() -> None:
 
 
 def errors(name: str, n: int, degree: int | None) -> np.ndarray:
-    solution = discrete(name, n, n // 2, degree=degree).solve()
-    return np.array([solution.h1_error, solution.l2_error])
+    solution = solve(discrete(name, n, n // 2, degree=degree))
+    return np.array([solution.errors.h1, solution.errors.l2])
 
 
 @pytest.mark.parametrize(("n", "degree"), [(16, quadrature.DEGREE), (64, quadrature.FINE_DEGREE)])
@@ -229,9 +230,9 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch: pytest.MonkeyPatch) -> Non
     """One point per triangle and no splitting."""
     good = discrete("smooth", 16, 8)
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
-    poor = ritz_projection(good.problem.case, good.problem.condensed, degree=1)
-    h1_error = solve(poor, good.cells, good.spaces, good.beta).h1_error
-    assert abs(h1_error / good.solve().h1_error - 1) > 1e-3
+    ritz = ritz_projection(good.exact.ritz.case, good.spaces.condensed, degree=1)
+    poor = with_solution(good.spaces, replace(good.exact, ritz=ritz))
+    assert abs(solve(poor).errors.h1 / solve(good).errors.h1 - 1) > 1e-3
 
 
 def declared_case(tmp_path: Path, **fields: object) -> Case:

@@ -11,7 +11,7 @@ import xarray as xr
 from conftest import condensed
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
-from test_dual_norm import p2_gram
+from test_dual import p2_gram
 
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
@@ -33,7 +33,7 @@ def gram(cells, edges_per_cell=8):
 
 
 def operator(mesh, cells):
-    return dual_operator(condense(mesh), cells, coupling(mesh, cells))
+    return dual_operator(condense(mesh), coupling(mesh, cells), cells.lengths)
 
 
 @cache
@@ -41,7 +41,7 @@ def on(polygon, n, m):
     """D and the Gram matrices for structured h = 1/n and H = 1/m."""
     cells = uniform(polygon, m)
     on_mesh = condensed(polygon, n)
-    return dual_operator(ritz_projection, cells, coupling(on_mesh.mesh, cells)), gram(cells)
+    return dual_operator(on_mesh, coupling(on_mesh.mesh, cells), cells.lengths), gram(cells)
 
 
 @cache

@@ -10,7 +10,7 @@ import pytest
 import skfem
 from scipy.linalg import eigh
 from skfem.models.poisson import laplace, mass, unit_load
-from test_dual_norm import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
+from test_dual import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
 
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions

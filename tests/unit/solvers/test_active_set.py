@@ -45,7 +45,7 @@ def operator(name: str, ratio: float) -> DualOperator:
     """The dual operator for h = 1/8 and H = ratio h."""
     mesh = condensed(name).mesh
     partition = partitions.uniform(mesh.polygon, ratio / 8)
-    return dual_operator(condensed(name), partition, coupling(mesh, partition))
+    return dual_operator(condensed(name), coupling(mesh, partition), partition.lengths)
 
 
 @pytest.fixture(params=[("square", 2), ("square", 1), ("square", 0.5), ("lshape", 2), ("lshape", 0.5)])

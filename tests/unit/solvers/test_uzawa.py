@@ -31,7 +31,7 @@ def condensed(n: int) -> Condensed:
 def operator(n: int, ratio: float) -> DualOperator:
     """The dual operator of the square with h = 1/n and H = ratio h."""
     partition = partitions.uniform(square(), ratio / n)
-    return dual_operator(condensed(n), partition, coupling(condensed(n).mesh, partition))
+    return dual_operator(condensed(n), coupling(condensed(n).mesh, partition), partition.lengths)
 
 
 def middles(of: DualOperator) -> np.ndarray:
@@ -99,7 +99,7 @@ def test_iterates_are_the_papers() -> None:
     mesh = condensed(8).mesh
     partition = partitions.uniform(square(), 0.3)
     B = coupling(mesh, partition)
-    of = dual_operator(condensed(8), partition, B)
+    of = dual_operator(condensed(8), B, partition.lengths)
     rng = np.random.default_rng(5)
     f, g, rho = rng.standard_normal(len(mesh.points)), rng.standard_normal(len(of.H_i)), 0.4
     offset = B @ condensed(8).solve(f)[mesh.boundary] / of.H_i - g
@@ -365,7 +365,7 @@ def test_a_tiny_rho_gives_no_false_guarantee(rho: float) -> None:
 def test_lshape_converges_below_its_own_limit() -> None:
     mesh = meshes.unstructured(lshape(), 1 / 8)
     partition = partitions.shifted(lshape(), 1 / 3, 0.4)
-    of = dual_operator(condense(mesh), partition, coupling(mesh, partition))
+    of = dual_operator(condense(mesh), coupling(mesh, partition), partition.lengths)
     lambda_H, offset = full_contact(of)
     result = uzawa(of, offset, 1e-9)
     assert distance(of, result.lambda_H, lambda_H) <= result.bound <= 1e-9
