@@ -6,6 +6,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from unilateral import api
@@ -67,6 +68,8 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     """The kind of mesh, or the mesh in a file of that name."""
     if given in (None, "structured", "unstructured"):
         return given or ""
+    if not Path(given).is_file():
+        raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
     return api.mesh(given, problem.polygon)
 
 
