@@ -10,6 +10,7 @@ from conftest import ROOT
 
 from unilateral.errors import InputError
 from unilateral.study import config
+from unilateral.study.judge import claims
 from unilateral.study.text import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes")]
@@ -86,6 +87,14 @@ def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim):
 
 def test_the_recommendation_rests_on_the_claim_of_its_exception():
     assert "but `natural`,<!--/-->" in text("README.md").partition("<!--?5.K-->")[2]
+
+
+def test_the_rule_for_beta_that_documents_state_is_the_one_that_is_judged():
+    """Its numbers are the configuration's, its verdict is the claim's."""
+    found, _, _ = told()
+    judged = claims.find("S.local").parameters
+    for name in ("cell_over_edge", "smallest_angle"):
+        assert found[f"study.infsup.rule.{name}"] == judged[name]
 
 
 def test_every_table_is_shown_and_every_group_of_numbers_used():
