@@ -127,6 +127,24 @@ def test_what_does_not_fit_is_refused_and_the_file_is_kept(tmp_path, text, said)
     assert list(tmp_path.iterdir()) == [file]
 
 
+def test_a_document_that_is_not_there_or_no_text_is_refused(tmp_path):
+    with pytest.raises(
+        InputError, match=r"page\.md is listed as a document, and is no text in UTF-8 .*No such"
+    ):
+        marks.fill(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
+    (tmp_path / "page.md").write_bytes(b"\xff")
+    with pytest.raises(InputError, match=r"page\.md is listed as a document, and is no text in UTF-8"):
+        marks.fill(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
+
+
+def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
+    """A block above grows only when all is right."""
+    file = tmp_path / "page.md"
+    file.write_text(f"{BEGIN}\n{END}\nIt is <!--=no-->9<!--/-->.\n")
+    with pytest.raises(InputError, match=r"page\.md, line 3, mark '=no'"):
+        marks.fill(file, NUMBERS, {"rates": "a\nb\nc"}, CLAIMS)
+
+
 @pytest.mark.parametrize(
     ("value", "spec", "shown"),
     [

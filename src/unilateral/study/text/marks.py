@@ -37,9 +37,13 @@ def fill(
     Raises InputError, and leaves the file as it is, for a mark that is not closed, or at the start of a line;
     for an unknown name; for a format that does not fit; and for a sentence whose claim does not hold.
     """
-    text = _blocks(str(path), Path(path).read_text(encoding="utf-8"), blocks)
-    text = _numbers(str(path), text, numbers)
+    try:
+        given = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as fault:
+        raise InputError(f"{path} is listed as a document, and is no text in UTF-8 ({fault})") from None
+    text = _numbers(str(path), given, numbers)
     _check(str(path), text, claims)
+    text = _blocks(str(path), text, blocks)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
