@@ -71,6 +71,7 @@ RESULTS = [
     *rules.extremes.input.parts,
     *rules.extremes.output,
     *rules.claims.output,
+    *rules.numbers.output,
 ]
 
 
@@ -80,7 +81,7 @@ rule all:
         RESULTS,
         FIGURES,
         "results/cost/work_seconds.svg",
-        "README.md",
+        DOCUMENTS,
         rules.paper.output,
 
 

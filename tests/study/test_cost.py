@@ -32,7 +32,7 @@ from unilateral.study.judge import cost as trade
 from unilateral.study.runs.cost import history, operations
 from unilateral.study.runs.cost import measure as cost
 from unilateral.study.runs.cost.variants import REFRESH, Variant, plan
-from unilateral.study.text import wording
+from unilateral.study.text import cost_tables
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
 BASE = Variant("square", "thirds", 2.0, "uzawa", "S", "float64")
@@ -459,12 +459,11 @@ def test_a_run_by_A_is_its_set_up_and_its_steps() -> None:
     assert trade.by_A_over_by_S(algebra, crossed, "uzawa", 2.0).item() == 0.5
 
 
-def test_numbers_for_readers() -> None:
-    assert wording.level(1e-3) == "10^(−3)"
-    assert wording.level(1.0) == "1"
-    assert wording.power(1.94e9) == "1.9·10^9"
-    assert wording.power(9.96e9) == "1.0·10^10"
-    assert wording.percent(0.0046) == "0.46 %"
+def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one() -> None:
+    """By hand; at 1.5 one case loses 40 %."""
+    spans = {1.5: (1.0, 1.4), 2.0: (1.05, 1.2), 4.0: (1.0, 1.3)}
+    assert cost_tables.best_ratio(spans) == 2.0
+    assert cost_tables.best_ratio({**spans, 1.5: (1.0, 1.0)}) == 1.5
 
 
 def frame() -> pd.DataFrame:

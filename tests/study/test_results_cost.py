@@ -19,7 +19,7 @@ from unilateral.study.figures import work_data
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.rates import NORMS
 from unilateral.study.runs.cost.variants import Variant, plan
-from unilateral.study.text import advice, cost_text
+from unilateral.study.text import cost_tables
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
 COARSEST = 1 / 16
@@ -126,7 +126,7 @@ def test_refinement_takes_the_steps_of_double_precision() -> None:
 @pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
 def test_half_an_error_costs_no_more_than_theory_says(norm: str, case: str) -> None:
     """Work ~ h^-3 and error ~ h^rate: 2^(3/rate), the rate less its tolerance."""
-    found = advice.prices(advice.by_case(stored("case")), 2, COARSEST)[norm][f"`{case}`"]
+    found = cost_tables.prices(cost_tables.by_case(stored("case")), 2, COARSEST)[norm][case]
     assert 1 < found.halving <= 2 ** (3 / (RATES[norm] - SLACK[norm]))
 
 
@@ -152,35 +152,31 @@ def test_the_front_beats_every_run(norm: str) -> None:
 
 def test_advice_names_only_runs_that_were_made() -> None:
     cases = stored("case")
-    for norm, by_name in advice.prices(advice.by_case(cases), 2, COARSEST).items():
+    for norm, by_name in cost_tables.prices(cost_tables.by_case(cases), 2, COARSEST).items():
         for name, of in by_name.items():
-            at = cases.sel(case=name.strip("`"), H_over_h=2, stop=of.stop)
+            at = cases.sel(case=name, H_over_h=2, stop=of.stop)
             assert np.isclose(trade.relative(at, norm), of.error).any()
             assert of.over_setup > 1
 
 
 def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u() -> None:
     """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
-    lost = advice.losses(stored("case"), COARSEST)
+    lost = cost_tables.losses(stored("case"), COARSEST)
     for by_ratio in (spans for by_work in lost.values() for spans in by_work.values()):
         assert min(least for least, _ in by_ratio.values()) == 1
-    for counted in ("set-up", "uzawa"):
+    for counted in cost_tables.COUNTED:
         assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
 
 
-def test_tables_of_advice_have_as_many_cells_in_each_line() -> None:
-    crossed, cases = stored("algorithm"), stored("case")
-    tables_ = [
-        advice.advice(crossed, cases, 2, COARSEST).split("\n\n")[1],
-        cost_text.ratios(cases, COARSEST),
-        cost_text.price_table(cases, stored("scene"), 2, COARSEST),
-        cost_text.algorithms(crossed, 2),
-        cost_text.targets(crossed, STUDY["targets"]),
-    ]
-    for table in tables_:
-        cells = [line.count("|") for line in table.splitlines()]
-        assert len(cells) > 3
-        assert set(cells) == {cells[0]}
+def test_the_cases_that_need_a_lower_level_are_counted_by_value() -> None:
+    """Control: with the errors of level 1 at a tenth more cases than one need a lower level."""
+    few = cost_tables.prices(cost_tables.by_case(stored("case")), 2, COARSEST)["hm12"]
+    assert [name for name, price in few.items() if price.stop < 0.1] == ["natural"]
+    spoilt = stored("case").copy(deep=True)
+    for name in ("hm12_error_lower", "hm12_error_upper"):
+        spoilt[name].loc[{"stop": 0.1}] = spoilt[name].sel(stop=1.0).values
+    more = cost_tables.prices(cost_tables.by_case(spoilt), 2, COARSEST)["hm12"]
+    assert len([name for name, price in more.items() if price.stop < 0.1]) > 1
 
 
 def test_cheapest_is_met_and_nothing_cheaper_is() -> None:

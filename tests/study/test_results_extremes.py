@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from unilateral.study import tables
 from unilateral.study.figures import extremes_data
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import problem
-from unilateral.study.text import extremes_text
+from unilateral.study.text import extremes_tables, marks, numbers
 
 CONFIG = yaml.safe_load((ROOT / "workflow/config/extremes.yaml").read_text())
 STUDY = CONFIG["extremes"]
@@ -71,16 +71,17 @@ def test_no_tool_is_told_of_where_rho_is_given() -> None:
     for axis in VARIANTS:
         assert set(of(axis)["tool"].values) == {""}
         assert math.isnan(of(axis)["measured_tool_limit"].item())
-    assert extremes_text.limits_table(stored()).count("| no tool |") == len(VARIANTS) - 1
+    tool = extremes_tables.limits(stored())["limit of the tool: predicted, met at"]
+    assert (tool == "no tool").sum() == len(VARIANTS) - 1
 
 
-def numbers(*names: str) -> list[np.ndarray]:
+def values(*names: str) -> list[np.ndarray]:
     return [stored()[name].values for name in names]
 
 
 def test_errors_are_below_finite_bounds_with_a_small_allowance() -> None:
     """At most a tenth of the bound or of the tolerance, whichever is larger, may be rounding."""
-    error, bound, allowance, tolerance = numbers("true_error", "guaranteed", "allowance", "tolerance")
+    error, bound, allowance, tolerance = values("true_error", "guaranteed", "allowance", "tolerance")
     tried = np.isfinite(error)
     np.testing.assert_array_equal(np.isfinite(bound), tried)
     assert set(stored()["outcome"].values[~tried]) == {"refused"}
@@ -150,7 +151,7 @@ def test_condition_numbers_follow_their_laws(axis: str, exponent: float) -> None
     assert slope == pytest.approx(exponent, abs=0.1)
 
 
-@pytest.mark.parametrize("axis", extremes_text.LAWS)
+@pytest.mark.parametrize("axis", numbers.LAWS)
 def test_condition_numbers_are_hardly_above_what_is_predicted_of_them(axis: str) -> None:
     """2.5 times at most, for the law is that of lower bounds of lambda_max and of the shortest cell."""
     share = (of(axis)["measured"] / of(axis)["predicted"]).values
@@ -236,37 +237,36 @@ def test_the_figure_s_rows_are_the_points() -> None:
     )
 
 
-def test_the_table_of_limits_has_a_row_per_axis_that_has_limits() -> None:
-    lines = extremes_text.limits_table(stored()).splitlines()
-    assert len(lines) == 2 + len(AXES) - len(extremes_text._dull(stored()))
-    assert all(line.count("|") == lines[0].count("|") for line in lines)
+def test_every_axis_is_in_one_of_the_two_tables() -> None:
+    limited, others = extremes_tables.limits(stored()), extremes_tables.unlimited(stored())
+    assert {*limited["axis"], *others["axis"]} == {axis["label"] for axis in AXES.values()}
+    assert len(limited) + len(others) == len(AXES)
 
 
-def test_the_paper_has_what_the_results_and_the_configuration_say() -> None:
-    deep = CONFIG["deep"]
-    paper = (ROOT / "paper.md").read_text(encoding="utf-8")
-    assert extremes_text.limits_table(stored()) in paper
-    assert extremes_text.sentences(stored()) in paper
-    assert extremes_text.setting(STUDY) in paper
+def test_the_paper_names_every_axis_that_has_settings_of_its_own() -> None:
+    paper = marks.without_marks((ROOT / "paper.md").read_text(encoding="utf-8"))
+    own = [name for name, axis in AXES.items() if {"h", "H", "accuracy"} & set(axis)]
+    assert len(own) == 3
+    assert "Three axes have settings of their own." in paper
+    for axis in own:
+        assert f"For *{AXES[axis]['label']}* " in paper
     assert f"but at least {problem.LEAST:g}, times" in paper
-    assert extremes_text.memory(deep["memory"], extremes.finest(deep["memory"]), deep["h"]) in paper
 
 
-def said() -> str:
-    return " ".join(extremes_text.sentences(stored()).split())
+def outcomes() -> dict[str, Any]:
+    return numbers.flat(numbers.outcomes(stored()))
 
 
 def test_what_is_allowed_is_below_the_power_of_ten_that_is_printed() -> None:
     """With a factor 2 to spare, and needed somewhere; a smaller one, by 100, would be too small."""
-    error, bound, allowance, u_norm = numbers("true_error", "guaranteed", "allowance", "u_norm")
-    printed = re.search(r"which is below (1e-\d+) \$\\\|u\\\|_1\$ everywhere", said())
-    assert printed
+    error, bound, allowance, u_norm = values("true_error", "guaranteed", "allowance", "u_norm")
+    printed = outcomes()["allowed"]
     solved = u_norm > 0
-    share = float(printed[1]) / np.max(allowance[solved] / u_norm[solved])
+    share = printed / np.max(allowance[solved] / u_norm[solved])
     assert 2 <= share <= 100
     assert np.any(error > bound)
     tried = np.isfinite(error)
-    assert np.all(error[tried] <= (bound + float(printed[1]) * u_norm)[tried])
+    assert np.all(error[tried] <= (bound + printed * u_norm)[tried])
 
 
 def test_no_bound_that_is_rounding_is_near_its_tolerance() -> None:
@@ -278,26 +278,26 @@ def test_no_bound_that_is_rounding_is_near_its_tolerance() -> None:
     assert of("single")["measured_limit"].item() == 1 / 32
 
 
-def test_axes_without_limits_are_in_the_text_and_all_others_in_the_table() -> None:
-    rows = extremes_text.limits_table(stored())
+def test_axes_without_limits_are_in_a_table_of_their_own() -> None:
+    limited, others = (list(f(stored())["axis"]) for f in (extremes_tables.limits, extremes_tables.unlimited))
     for name in AXES:
         label, right = of(name)["label"].item(), set(of(name)["outcome"].values) == {"right"}
         limits = [of(name)[limit].item() for limit in ("predicted_limit", "predicted_tool_limit")]
-        assert (f"| {label} |" in rows) != (f"*{label}*" in said())
-        assert (f"*{label}*" in said()) == (right and bool(np.isnan(limits).all()))
+        assert (label in limited) != (label in others)
+        assert (label in others) == (right and bool(np.isnan(limits).all()))
+    assert outcomes()["axes.unlimited"] == len(others)
 
 
-def test_the_condition_numbers_excess_is_printed() -> None:
-    """By hand: 2.05 on `angle`, the largest, rounded up."""
-    assert "cond(S) was nowhere more than 3 times the prediction" in said()
+def test_every_point_is_counted_once() -> None:
+    found = outcomes()
+    kinds = ("right", "by_tool", "not_converged", "refused", "wrong")
+    assert sum(found[kind] for kind in kinds) == found["points"] == stored().sizes["point"]
+    assert found["wrong"] == 0
+
+
+def test_the_condition_numbers_excess() -> None:
+    """By hand: 2.05 on `angle`, the largest."""
+    assert outcomes()["cond_over_law"] == pytest.approx(2.05, abs=0.005)
     share = (stored()["measured"] / stored()["predicted"]).values
-    law = np.isin(stored()["axis_of"].values, extremes_text.LAWS) & np.isfinite(share)
+    law = np.isin(stored()["axis_of"].values, numbers.LAWS) & np.isfinite(share)
     assert set(stored()["axis_of"].values[law & (share > 2)]) == {"angle"}
-    assert 2 < share[law].max() <= 3
-
-
-def test_settings_are_listed_by_axis() -> None:
-    said = extremes_text.setting(
-        {**STUDY, "axes": {"a": {"label": "a"}, "b": {"label": "b", "h": "1/9", "accuracy": 1e-4}}}
-    )
-    assert said.endswith("Otherwise are: h = 1/9, tolerance 1e-4 for *b*.")

@@ -93,6 +93,17 @@ def test_the_same_page_gives_the_same_bytes(typeset):
     assert typeset(FRONT + PAGE.replace("It is", "It was"))[1] != first[1]
 
 
+def test_marks_are_not_seen_in_text_formulas_tables_and_captions(typeset):
+    """The same bytes as without them."""
+    text = "\n\nIt is 0.19 here: $x=0.19$.\n"
+    marked = PAGE.replace("| 1 |", "| <!--=a-->1<!--/--> |").replace(
+        "What it lists", "What <!--?A.1-->it lists<!--/-->"
+    )
+    assert marked.count("<!--") == PAGE.count("<!--") + 4
+    given = "\n\nIt <!--?A.1-->is <!--=a:.2f-->0.19<!--/-->\nhere:<!--/--> $x=<!--=a:.2f-->0.19<!--/-->$.\n"
+    assert typeset(FRONT + marked + given) == typeset(FRONT + PAGE + text.replace("0.19 here", "0.19\nhere"))
+
+
 def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest(typeset):
     html, _ = typeset(FRONT + PAGE)
     widths = [int(width) for width in re.findall(r'<col style="width: (\d+)%"', html)]

@@ -35,7 +35,7 @@ def tree(tmp_path_factory):
     """The project without results."""
     copied = tmp_path_factory.mktemp("study") / "project"
     copied.mkdir()
-    for name in ("workflow", "src/unilateral", "manufactured"):
+    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
         shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)

@@ -12,7 +12,7 @@ from unilateral.geometry import mesh
 from unilateral.geometry.polygon import square
 from unilateral.study import tables
 from unilateral.study.figures.style import figure_in
-from unilateral.study.text import documents
+from unilateral.study.text import marks
 
 
 def figure(path):
@@ -22,7 +22,7 @@ def figure(path):
 
 def document(path):
     path.write_text("<!-- a: begin -->\n<!-- a: end -->\n")
-    documents.fill(path, {"a": "1"})
+    marks.fill(path, {}, {"a": "1"}, {})
 
 
 WRITERS = {

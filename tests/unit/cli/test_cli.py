@@ -353,14 +353,16 @@ def test_a_budget_that_ends_is_code_3(capsys, option, value):
     assert found["total_bound"] >= found["h1_error"]
 
 
-def test_the_readme_s_example_is_the_file_and_its_commands_work(capsys, monkeypatch):
-    """Its certificates hold: of the case, against the true error."""
+def blocks(page):
+    """The code blocks of a page of docs/, and their kinds."""
+    return re.findall(r"^```(\w*)\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+
+
+def test_the_documented_problem_is_the_file_and_the_documented_commands_work(capsys, monkeypatch):
+    """Their certificates hold: of the case, against the true error."""
     monkeypatch.chdir(ROOT)
-    section = (ROOT / "README.md").read_text().split("## Solve to a stated accuracy")[1].split("\n## ")[0]
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
-    assert [kind for kind, _ in blocks] == ["", "yaml"]
-    assert blocks[1][1] == (ROOT / "examples/shelter.yaml").read_text()
-    commands = [line.split() for line in blocks[0][1].splitlines()]
+    assert ("yaml", (ROOT / "examples/shelter.yaml").read_text()) in blocks("docs/problem-files.md")
+    commands = [line.split() for line in blocks("docs/accuracy.md")[0][1].splitlines()]
     assert len(commands) == 2
     for program, *arguments in commands:
         assert program == "unilateral"

@@ -11,10 +11,10 @@ import typst
 
 from unilateral.errors import InputError
 from unilateral.files import replacing
+from unilateral.study.text import marks
 
 ARCHIVAL: Final = "a-2b"
 """PDF/A: under this standard typst refuses a letter that its fonts do not have."""
-MARK = re.compile(r"^<!--.*?-->\n", re.MULTILINE | re.DOTALL)
 NOISE = re.compile(r"Pandoc died .*?: |\[WARNING\] |Failing because.*|stack traceback.*", re.DOTALL)
 PLACE = re.compile(r"^\s*\d+ │ (.*)$", re.MULTILINE)
 
@@ -54,7 +54,7 @@ def _converted(paper: str | Path, to: str, numbers: str | Path, template: str | 
         "--fail-if-warnings",
         *options,
     ]
-    text = MARK.sub("", Path(paper).read_text(encoding="utf-8"))
+    text = marks.without_marks(Path(paper).read_text(encoding="utf-8"))
     try:
         return pypandoc.convert_text(text, to, format="markdown", extra_args=arguments)
     except RuntimeError as error:

@@ -1,4 +1,4 @@
-"""The ledger's verdicts for readers: Markdown tables, and the rows of the figure of all."""
+"""The ledger's verdicts for readers: tables, which claims hold, and the rows of the figure of all."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ ROUND_OFF = 1e-12
 LEAST, PLENTY = 1e-4, 10.0
 """Margins that are told apart."""
 NO_MARGIN = "–"
+FAILS = "fails"
 LETTERS = {
     "alpha": "α",
     "beta": "β",
@@ -31,7 +32,7 @@ LETTERS = {
     "Pi": "Π",
 }
 KINDS = {
-    "fails": "fails",
+    FAILS: FAILS,
     "is an error": "is an error of the source",
     "needs": "needs a condition that is left out",
     "is supported": "supported beyond the paper",
@@ -39,30 +40,33 @@ KINDS = {
 }
 
 
-def read(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
-    """The records of `results/claims.json`. Raises StorageError for a file that is damaged."""
+def read(path: str | os.PathLike[str]) -> Any:
+    """What a JSON file of the results holds. Raises StorageError for a file that is damaged."""
     try:
-        records: list[dict[str, Any]] = json.loads(Path(path).read_text(encoding="utf-8"))
+        return json.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError:
         raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
-    return records
 
 
-def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """A Markdown table per section of the ledger, by the block's name; from `results/claims.json`."""
-    head = ["| claim | statement | what counts | observed | margin | verdict |", "|---|---|---|---|---|---|"]
-    tables: dict[str, list[str]] = {}
+def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
+    """Of each claim by its id whether it holds; from `results/claims.json`."""
+    return {each["id"]: each["verdict"] != FAILS for each in records}
+
+
+def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFrame]:
+    """A table per section of the ledger, by the block's name."""
+    rows: dict[str, list[dict[str, str]]] = {}
     for each in records:
-        cells = [
-            each["id"],
-            f"{each['statement']} [{_letters(each['where'])}]",
-            _letters(each["quantity"]),
-            f"{_observed(each)} {each['expected']}".replace(">=", "≥").replace("<=", "≤"),
-            NO_MARGIN if _requires_0(each) else _percent(each["margin"]),
-            _letters(each["verdict"]),
-        ]
-        tables.setdefault(f"claims-{each['section']}", head.copy()).append(f"| {' | '.join(cells)} |")
-    return {name: "\n".join(lines) for name, lines in tables.items()}
+        row = {
+            "claim": each["id"],
+            "statement": f"{each['statement']} [{_letters(each['where'])}]",
+            "what counts": _letters(each["quantity"]),
+            "observed": f"{_observed(each)} {each['expected']}".replace(">=", "≥").replace("<=", "≤"),
+            "margin": NO_MARGIN if _requires_0(each) else _percent(each["margin"]),
+            "verdict": _letters(each["verdict"]),
+        }
+        rows.setdefault(f"claims-{each['section']}", []).append(row)
+    return {name: pd.DataFrame(of) for name, of in rows.items()}
 
 
 def _letters(text: str) -> str:

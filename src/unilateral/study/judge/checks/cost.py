@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from unilateral.study.judge import cost as trade
@@ -64,6 +66,30 @@ def stop_is_not_enough(
     }
     quantity = f"growth of the error at the level {stop:g} over the discrete solution's, for half of H"
     return worst(rows, quantity, least, True)
+
+
+def exceptions_are(tables: Tables, norm: str, stop: float, coarsest: float, cases: Sequence[str]) -> Found:
+    """1 for each case for which a level is enough though it is named, or is not though it is not; else 0."""
+    table = tables["cost/case"]
+    rows = {}
+    for name in table["case"].values:
+        enough = trade.enough(table.sel(case=name), norm, coarsest) >= stop
+        rows[str(name)] = float(enough == (name in cases))
+    return worst(rows, f"cases that the level {stop:g} parts otherwise", 0.0, False)
+
+
+def pays(tables: Tables, many: str, few: str, H_over_h: float, stop: float) -> Found:
+    """On the finest mesh: by A over by S for the algorithm of many steps, its inverse for that of few."""
+    share = {
+        name: float(
+            trade.by_A_over_by_S(tables["cost/algebra"], tables["cost/algorithm"], name, H_over_h)
+            .sel(stop=stop)
+            .isel(H=-1)
+        )
+        for name in (many, few)
+    }
+    rows = {many: share[many], few: 1 / share[few]}
+    return worst(rows, "work by A over that by S with many steps, its inverse with few", 1.0, True)
 
 
 def economy(tables: Tables, least: float) -> Found:

@@ -103,6 +103,14 @@ def local_rule(
     return worst(found, "the smallest beta", least, True)
 
 
+def edges_alone(tables: Tables, scene: str, edges_per_cell: float, most: float) -> Found:
+    """The smallest beta where every cell has so many boundary edges; NaN if there is no such pair."""
+    of = tables[f"{scene}/infsup"]
+    counted = of["beta_upper"].where(of["edges_per_cell"] >= edges_per_cell * (1 - 1e-9))
+    quantity = f"the smallest beta with {edges_per_cell:g} edges in every cell"
+    return worst({scene: float(counted.min())}, quantity, most, False)
+
+
 def near(tables: Tables, table: str, variable: str, value: float, most: float, quantity: str) -> Found:
     """How far a variable is from a value, relative to it."""
     found = tables[table][variable].values
