@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from unilateral.geometry.polygon import lshape, square
+from unilateral.geometry.polygon import named, square
 from unilateral.study.judge.checks import algorithm, cost, estimates, extremes, found, stability
 
 NAN, INF = math.nan, math.inf
@@ -354,7 +354,7 @@ def test_forms_are_known_on_the_partitions_that_they_refine() -> None:
     assert {cells.polygon.name for cells, _ in known} == {square().name}
     of = forms_of_L2(4, [1])
     of["a/dual_norm"] = of["a/dual_norm"].assign(points=("point", np.arange(17) / 2))
-    assert [cells.polygon.name for cells, _ in found.forms(of, "a")] == [lshape().name]
+    assert [cells.polygon.name for cells, _ in found.forms(of, "a")] == [named("lshape").name]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.infsup import resolution
 from unilateral.study.runs.families import boundary_nodes, mesh_of, partition_of
 
@@ -35,7 +35,9 @@ KINDS = [
 
 
 def test_uniform_partition():
-    assert_array_equal(partition_of(lshape(), {"H": "1/3"}).points, partition.uniform(lshape(), 1 / 3).points)
+    assert_array_equal(
+        partition_of(named("lshape"), {"H": "1/3"}).points, partition.uniform(named("lshape"), 1 / 3).points
+    )
 
 
 def test_shifted_points_lie_a_fraction_of_a_cell_further():
@@ -130,7 +132,7 @@ def test_numbers_of_edges(spec, kind, K):
 @pytest.mark.parametrize("kind", KINDS)
 def test_meshes_have_the_nodes_asked_for(kind):
     """To the last bit, so that nodes and ends of cells that are the same number stay the same."""
-    cells = partition_of(lshape(), RANDOM)
+    cells = partition_of(named("lshape"), RANDOM)
     mesh = mesh_of(cells, kind, 2)
     assert_array_equal(mesh.s[:-1], boundary_nodes(cells, kind, 2))
     if kind["kind"] == "follow":

@@ -27,7 +27,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems.data import Data
 from unilateral.solvers.iterate import Stop
 
@@ -105,7 +105,7 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
     H: float | None = float(problem.polygon.lengths.max())
     while H is not None:
         start = time.perf_counter()
-        partition = partitions.uniform(problem.polygon, _nested(problem.polygon, H, kind))
+        partition = partitions.uniform(problem.polygon, _nested(H, kind))
         if 2 * partition.n_cells > LARGEST_BOUNDARY:
             raise InputError(
                 f"'{problem.polygon.name}' needs {2 * partition.n_cells} boundary nodes for H = {H:.4g}; at "
@@ -131,12 +131,9 @@ def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
     )
 
 
-def _nested(polygon: Polygon, H: float, kind: str) -> float:
-    """H, or on structured meshes the next smaller one whose cells consist of whole edges.
-
-    There all sides are multiples of the first one.
-    """
-    return float(polygon.lengths[0] / polygon.counts(H)[0]) if kind == "structured" else H
+def _nested(H: float, kind: str) -> float:
+    """H, or on structured meshes the next smaller one whose cells consist of whole edges."""
+    return float(1 / square().counts(H)[0]) if kind == "structured" else H
 
 
 def two_edges_per_cell(partition: Partition, kind: str) -> Mesh:

@@ -16,7 +16,7 @@ def listing() -> Iterator[str]:
     yield f"{'case':15} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'lambda <=':10} {'u - g <=':9} {'contact':31} on"
     for name in case.names():
         declaration, _ = case.declared(name)
-        polygons = polygon.NAMED if declaration["polygons"] == "any" else declaration["polygons"]
+        polygons = polygon.names() if declaration["polygons"] == "any" else declaration["polygons"]
         for domain in polygons:
             certificate = certify(case.load(name, polygon.named(domain)))
             holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]

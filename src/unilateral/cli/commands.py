@@ -12,6 +12,7 @@ from unilateral.accuracy.budget import MAX_UNKNOWNS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
+from unilateral.geometry.polygon import names
 from unilateral.solvers.iterate import ALGORITHMS, Stop
 
 CLAIM_FAILS = 1
@@ -93,7 +94,7 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--max-seconds", type=_positive, metavar="S", help="no mesh is begun that is expected to end later"
     )
     domain = solve.add_argument_group("domain and multipliers")
-    domain.add_argument("--polygon", help="of a case: square or lshape (default: the case's first)")
+    domain.add_argument("--polygon", help=f"of a case: {' or '.join(names())} (default: the case's first)")
     domain.add_argument("--side", type=int, help="on which a case is put (default 0)")
     domain.add_argument(
         "--free-sides", type=_sides, metavar="I,J,...", help="of a case: sides without contact, as free ones"

@@ -15,8 +15,10 @@ from scipy.spatial import cKDTree
 from unilateral.errors import InputError
 from unilateral.geometry import mesh_io
 from unilateral.geometry.mesh_io import Integers
-from unilateral.geometry.polygon import NAMED, Array, Polygon, lshape, square
+from unilateral.geometry.polygon import Array, Polygon, square
 
+MOST_SQUARES = 1000
+"""Whole numbers up to which a polygon is taken to consist of unit squares."""
 STRAIGHT = 1e-9
 """The sine of the angle up to which a boundary runs on."""
 ROUNDED = 1e-6
@@ -83,30 +85,45 @@ def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where
 
 
 def structured(polygon: Polygon, h: float) -> Mesh:
-    """Squares of side 1 / ceil(1 / h), each cut from lower left to upper right: `square` or `lshape`."""
-    n = int(polygon.counts(h)[0])
-    if np.array_equal(polygon.vertices, square().vertices):
-        return tensor(np.arange(n + 1) / n)
-    if np.array_equal(polygon.vertices, lshape().vertices):
-        ticks = np.arange(-n, n + 1) / n
-        kept = (ticks[:-1, None] >= 0) | (ticks[:-1] < 0)
-        return _with_boundary(polygon, *_grid(ticks, kept), "mesh")
-    raise InputError(
-        f"polygon '{polygon.name}' has no structured mesh, only square and lshape have; "
-        "use an unstructured one"
-    )
+    """Squares of side 1 / ceil(1 / h), each cut from lower left to upper right.
+
+    Raises InputError unless the polygon consists of unit squares between whole numbers.
+    """
+    if not _consists_of_squares(polygon):
+        raise InputError(
+            f"polygon '{polygon.name}' has no structured mesh, for that its sides have to be parallel to the "
+            "axes, between whole numbers; use an unstructured one"
+        )
+    n = int(square().counts(h)[0])
+    (left, right), (low, high) = ((int(x.min()), int(x.max())) for x in polygon.vertices.T)
+    of_x, of_y = np.meshgrid(np.arange(left, right) + 0.5, np.arange(low, high) + 0.5)
+    kept = _inside(polygon, of_x, of_y).repeat(n, axis=0).repeat(n, axis=1)
+    x, y = (np.arange(n * first, n * last + 1) / n for first, last in ((left, right), (low, high)))
+    return _with_boundary(polygon, *_grid(x, y, kept), "mesh")
 
 
 def natural_kind(polygon: Polygon) -> str:
     """The kind of mesh that a polygon gets if nobody asks for another one."""
-    named = any(np.array_equal(polygon.vertices, make().vertices) for make in NAMED.values())
-    return "structured" if named else "unstructured"
+    return "structured" if _consists_of_squares(polygon) else "unstructured"
+
+
+def _consists_of_squares(polygon: Polygon) -> bool:
+    whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
+    small = np.abs(polygon.vertices).max() <= MOST_SQUARES
+    return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
+
+
+def _inside(polygon: Polygon, x: Array, y: Array) -> np.ndarray:
+    """Whether points x, y (...), on no side's line, lie inside: an odd number of sides is to the right."""
+    (x_0, y_0), (_, dy) = polygon.vertices.T, polygon.edges.T
+    above = (y[..., None] > np.minimum(y_0, y_0 + dy)) & (y[..., None] < np.maximum(y_0, y_0 + dy))
+    return np.count_nonzero(above & (x[..., None] < x_0), axis=-1) % 2 == 1
 
 
 def tensor(ticks: Array) -> Mesh:
     """The rectangles of `square` between the ticks (n + 1,), 0 to 1, in x and y, each cut as a square is."""
     n = len(ticks) - 1
-    return _with_boundary(square(), *_grid(ticks, np.ones((n, n), dtype=bool)), "mesh")
+    return _with_boundary(square(), *_grid(ticks, ticks, np.ones((n, n), dtype=bool)), "mesh")
 
 
 def unstructured(polygon: Polygon, h: float) -> Mesh:
@@ -214,15 +231,15 @@ def outline(points: Array, triangles: Integers, where: str) -> Polygon:
     return Polygon(corners[turns], Path(where).stem)
 
 
-def _grid(ticks: Array, kept: np.ndarray) -> tuple[Array, Integers]:
-    """Points and triangles of the cells kept[j, i] of the grid ticks x ticks, row j the y direction."""
-    n = len(ticks)
+def _grid(x: Array, y: Array, kept: np.ndarray) -> tuple[Array, Integers]:
+    """Points and triangles of the cells kept[j, i] of the grid with the ticks x (m,) and y (n,)."""
+    m = len(x)
     j, i = np.nonzero(kept)
-    a = j * n + i
-    triangles = np.stack([a, a + 1, a + n + 1, a, a + n + 1, a + n], axis=1).reshape(-1, 3)
-    used = np.zeros(n * n, dtype=bool)
+    a = j * m + i
+    triangles = np.stack([a, a + 1, a + m + 1, a, a + m + 1, a + m], axis=1).reshape(-1, 3)
+    used = np.zeros(m * len(y), dtype=bool)
     used[triangles] = True
-    points = np.column_stack([np.tile(ticks, n), np.repeat(ticks, n)])
+    points = np.column_stack([np.tile(x, len(y)), np.repeat(y, m)])
     return points[used], (np.cumsum(used) - 1)[triangles]
 
 

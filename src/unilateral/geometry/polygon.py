@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
+from importlib import resources
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from unilateral.errors import InputError
@@ -121,24 +123,28 @@ class Polygon:
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
 
 
-def square() -> Polygon:
-    """The unit square; sides bottom, right, top, left."""
-    return Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), "square")
-
-
-def lshape() -> Polygon:
-    """Three unit squares around the re-entrant vertex (0, 0), which is vertex 2."""
-    return Polygon(np.array([[-1, -1], [0, -1], [0, 0], [1, 0], [1, 1], [-1, 1]]), "lshape")
-
-
-NAMED = {"square": square, "lshape": lshape}
+def names() -> list[str]:
+    """Of the polygons that have one."""
+    return list(_named())
 
 
 def named(name: str) -> Polygon:
-    """The polygon of that name; InputError lists the names there are."""
-    if name not in NAMED:
-        raise InputError(f"polygon '{name}' is unknown; the named ones are {', '.join(NAMED)}")
-    return NAMED[name]()
+    """The polygon of that name in polygons.yaml; InputError lists the names there are."""
+    if name not in _named():
+        raise InputError(f"polygon '{name}' is unknown; the named ones are {', '.join(names())}")
+    return Polygon(np.array(_named()[name]), name)
+
+
+def square() -> Polygon:
+    """The unit square; sides bottom, right, top, left."""
+    return named("square")
+
+
+@cache
+def _named() -> dict[str, list[list[int]]]:
+    text = (resources.files("unilateral.geometry") / "polygons.yaml").read_text(encoding="utf-8")
+    found: dict[str, list[list[int]]] = yaml.safe_load(text)
+    return found
 
 
 def _cross(a: Array, b: Array) -> Array:

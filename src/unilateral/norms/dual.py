@@ -73,12 +73,13 @@ class Gram:
         return cls(*(table[name].values for name in TABLE))
 
     def table(self, cases: Sequence[Case]) -> xr.Dataset:
-        """The forms, the ends of their cells and what belongs to the cases, with their names."""
+        """The forms, the ends of their cells and what belongs to the cases, with the names of all."""
         form = ("functional", "functional_too")
         dimensions = (("point",), ("case", "cell"), form, form, ("case",))
         values = (self.points, self.means, self.lower, self.upper, self.oscillation)
         variables = dict(zip(TABLE, zip(dimensions, values, strict=True), strict=True))
-        return xr.Dataset(variables, coords={"case": [case.name for case in cases]})
+        polygon = xr.DataArray(cases[0].polygon.name)
+        return xr.Dataset(variables, coords={"case": [case.name for case in cases]}).assign(polygon=polygon)
 
     @property
     def n_cells(self) -> int:

@@ -255,4 +255,6 @@ _Validator = jsonschema.validators.extend(
 
 @cache
 def _validator(schema: str) -> Any:
-    return _Validator(yaml.safe_load(Path(schema).read_text(encoding="utf-8")))
+    rules = yaml.safe_load(Path(schema).read_text(encoding="utf-8"))
+    rules["$defs"]["polygon"]["enum"] = polygon.names()
+    return _Validator(rules)

@@ -19,7 +19,7 @@ from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import ritz_projection
 from unilateral.problems import problem_file
@@ -145,18 +145,20 @@ def test_the_next_size_follows_the_observed_rate():
 
 
 def test_prolongation_keeps_the_integral_and_nested_values():
-    cells = partitions.uniform(lshape(), 1 / 3)
+    cells = partitions.uniform(named("lshape"), 1 / 3)
     values = np.random.default_rng(1).random(cells.n_cells)
     assert prolonged(values, cells, partitions.refine(cells)) == pytest.approx(
         np.repeat(values, 2), rel=1e-12
     )
-    other = partitions.uniform(lshape(), 1 / 5)
+    other = partitions.uniform(named("lshape"), 1 / 5)
     found = prolonged(values, cells, other)
     assert other.lengths @ found == pytest.approx(cells.lengths @ values, rel=1e-13)
     assert values.min() <= found.min() <= found.max() <= values.max()
 
 
-@pytest.mark.parametrize("polygon", [square(), lshape(), Polygon(np.array([[0, 0], [2, 0], [2, 0.1]]))])
+@pytest.mark.parametrize(
+    "polygon", [square(), named("lshape"), Polygon(np.array([[0, 0], [2, 0], [2, 0.1]]))]
+)
 def test_every_cell_has_two_edges(polygon):
     cells = partitions.uniform(polygon, 1 / 3)
     kinds = [meshes.natural_kind(polygon), "unstructured"]

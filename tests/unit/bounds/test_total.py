@@ -27,7 +27,7 @@ from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import DualNorm, dual_norm
 from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
@@ -441,7 +441,7 @@ def test_bad_input():
     cells = partitions.uniform(square(), 1 / 2)
     u_h, lambda_H = np.zeros(mesh.n_nodes), np.ones(cells.n_cells)
     with pytest.raises(InputError, match="another polygon"):
-        total_bound(problem, mesh, partitions.uniform(lshape(), 1), u_h, lambda_H)
+        total_bound(problem, mesh, partitions.uniform(named("lshape"), 1), u_h, lambda_H)
     with pytest.raises(InputError, match="u_h must hold 25 finite numbers"):
         total_bound(problem, mesh, cells, u_h[1:], lambda_H)
     with pytest.raises(InputError, match="lambda_H must hold 8 finite numbers"):

@@ -24,7 +24,7 @@ from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 
 NECK = Polygon(np.array([[0, 0], [1, 0.45], [2, 0], [2, 1], [1, 0.55], [0, 1]]), "neck")
 
@@ -33,8 +33,8 @@ MESHES = {
     "one interior node": lambda: meshes.structured(square(), 1 / 2),
     "structured": lambda: meshes.structured(square(), 1 / 16),
     "gmsh": lambda: meshes.unstructured(square(), 1 / 9),
-    "lshape": lambda: meshes.structured(lshape(), 1 / 8),
-    "refined": lambda: meshes.refine(meshes.unstructured(lshape(), 1 / 3)),
+    "lshape": lambda: meshes.structured(named("lshape"), 1 / 8),
+    "refined": lambda: meshes.refine(meshes.unstructured(named("lshape"), 1 / 3)),
     "interior in pieces": lambda: meshes.unstructured(NECK, 0.25),
 }
 
@@ -135,8 +135,8 @@ def test_nested_dissection_saves_fill() -> None:
 @pytest.mark.parametrize("ratio", [0.5, 1, 2, 3.3])
 def test_dual_operator_equals_full_solves(ratio: float) -> None:
     """D = B A^{-1} B^T with the full matrix A and B continued by zero to the interior nodes."""
-    mesh = meshes.structured(lshape(), 1 / 8)
-    partition = partitions.uniform(lshape(), ratio / 8)
+    mesh = meshes.structured(named("lshape"), 1 / 8)
+    partition = partitions.uniform(named("lshape"), ratio / 8)
     B = coupling(mesh, partition)
     operator = dual_operator(condense(mesh), B, partition.lengths)
     continued = np.zeros((len(mesh.points), partition.n_cells))

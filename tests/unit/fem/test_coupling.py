@@ -12,7 +12,7 @@ from unilateral.errors import InputError
 from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 
 TRIANGLE = Polygon(np.array([[0.0, 0.0], [3.0, 0.1], [0.4, 2.0]]), "triangle")
 
@@ -34,7 +34,7 @@ CASES = {
     "same points": (square(), 1 / 8, partitions.uniform(square(), 1 / 8)),
     "two cells an edge": (square(), 1 / 4, partitions.uniform(square(), 1 / 8)),
     "thirds": (square(), 1 / 8, partitions.uniform(square(), 1 / 3)),
-    "shifted": (lshape(), 1 / 8, partitions.shifted(lshape(), 1 / 4, 0.3)),
+    "shifted": (named("lshape"), 1 / 8, partitions.shifted(named("lshape"), 1 / 4, 0.3)),
     "one cell a side": (square(), 1 / 64, partitions.uniform(square(), 1.0)),
     "many cells an edge": (square(), 1.0, partitions.uniform(square(), 1 / 64)),
     "uneven": (square(), 1 / 8, uneven()),
@@ -109,7 +109,7 @@ def test_nearly_coinciding_points_change_the_coupling_by_their_distance() -> Non
         assert np.abs(moved - exact).max() <= 1.01 * abs(distance) + 1e-15
 
 
-@pytest.mark.parametrize("other", [lshape(), Polygon(2 * square().vertices)])
+@pytest.mark.parametrize("other", [named("lshape"), Polygon(2 * square().vertices)])
 def test_another_polygon_is_refused(other: Polygon) -> None:
     with pytest.raises(InputError, match="another polygon"):
         coupling(meshes.structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))

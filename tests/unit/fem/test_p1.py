@@ -10,7 +10,7 @@ from skfem.models.poisson import laplace, mass
 
 from unilateral.fem.p1 import gradients, h1_load, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import lshape, square
+from unilateral.geometry.polygon import named, square
 
 
 def perturbed(mesh: meshes.Mesh) -> meshes.Mesh:
@@ -24,8 +24,8 @@ def perturbed(mesh: meshes.Mesh) -> meshes.Mesh:
 MESHES = {
     "structured": lambda: meshes.structured(square(), 1 / 8),
     "perturbed": lambda: perturbed(meshes.structured(square(), 1 / 8)),
-    "gmsh": lambda: meshes.unstructured(lshape(), 1 / 4),
-    "refined": lambda: meshes.refine(perturbed(meshes.structured(lshape(), 1 / 4))),
+    "gmsh": lambda: meshes.unstructured(named("lshape"), 1 / 4),
+    "refined": lambda: meshes.refine(perturbed(meshes.structured(named("lshape"), 1 / 4))),
 }
 
 

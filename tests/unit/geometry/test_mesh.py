@@ -12,8 +12,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition
-from unilateral.geometry.mesh import from_arrays, read, refine, structured, unstructured, write
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.mesh import (
+    from_arrays,
+    natural_kind,
+    outline,
+    read,
+    refine,
+    structured,
+    unstructured,
+    write,
+)
+from unilateral.geometry.polygon import Polygon, named, square
 
 WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(np.pi / 9), np.sin(np.pi / 9)]]), "wedge")
 SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
@@ -21,10 +30,10 @@ SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slant
 MAKERS = {
     "square": lambda: structured(square(), 1 / 8),
     "thirds": lambda: structured(square(), 1 / 3),
-    "lshape": lambda: structured(lshape(), 1 / 4),
-    "refined": lambda: refine(structured(lshape(), 1 / 3)),
+    "lshape": lambda: structured(named("lshape"), 1 / 4),
+    "refined": lambda: refine(structured(named("lshape"), 1 / 3)),
     "gmsh square": lambda: unstructured(square(), 0.11),
-    "gmsh lshape": lambda: unstructured(lshape(), 0.23),
+    "gmsh lshape": lambda: unstructured(named("lshape"), 0.23),
     "gmsh wedge": lambda: unstructured(WEDGE, 0.05),
     "gmsh slanted": lambda: unstructured(SLANTED, 0.4),
     "gmsh refined": lambda: refine(unstructured(SLANTED, 0.7)),
@@ -97,7 +106,7 @@ def test_structured_sizes(n):
     """By counting: (n + 1)^2 nodes in a square; three squares share 2 (n + 1) - 1 nodes in the L-shape."""
     for polygon, n_nodes, squares in (
         (square(), (n + 1) ** 2, 1),
-        (lshape(), 3 * (n + 1) ** 2 - 2 * n - 2, 3),
+        (named("lshape"), 3 * (n + 1) ** 2 - 2 * n - 2, 3),
     ):
         mesh = structured(polygon, 1 / n)
         assert mesh.n_nodes == n_nodes
@@ -107,7 +116,7 @@ def test_structured_sizes(n):
 
 
 def test_structured_cells_are_cut_from_lower_left_to_upper_right():
-    mesh = structured(lshape(), 1 / 2)
+    mesh = structured(named("lshape"), 1 / 2)
     corners = mesh.points[mesh.triangles]
     vectors = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
     diagonals = vectors[np.abs(vectors).min(axis=1) > 0]
@@ -131,7 +140,7 @@ def test_sizes_have_to_be_positive(make, h):
         make(square(), h)
 
 
-@pytest.mark.parametrize("polygon", [square(), lshape()], ids=["square", "lshape"])
+@pytest.mark.parametrize("polygon", [square(), named("lshape")], ids=["square", "lshape"])
 def test_refined_structured_is_structured(polygon):
     """Dyadic coordinates: equality is exact."""
     for ours, expected in zip(
@@ -152,7 +161,7 @@ def test_children_are_their_parent_halved():
 
 def test_unstructured_size_and_shape():
     """Boundary edges as asked for, triangles not much larger, no angle below the wedge's own 20 degrees."""
-    for polygon, h in ((lshape(), 0.1), (WEDGE, 0.03)):
+    for polygon, h in ((named("lshape"), 0.1), (WEDGE, 0.03)):
         mesh = unstructured(polygon, h)
         assert_array_equal(mesh.s, partition.uniform(polygon, h).points)
         assert mesh.h <= h * (1 + 1e-12)
@@ -166,8 +175,8 @@ def test_unstructured_size_and_shape():
 
 
 def test_unstructured_is_deterministic_also_in_a_thread(capfd):
-    results = [unstructured(lshape(), 0.2)]
-    thread = threading.Thread(target=lambda: results.append(unstructured(lshape(), 0.2)))
+    results = [unstructured(named("lshape"), 0.2)]
+    thread = threading.Thread(target=lambda: results.append(unstructured(named("lshape"), 0.2)))
     thread.start()
     thread.join()
     assert_array_equal(results[0].points, results[1].points)
@@ -191,13 +200,13 @@ def test_files_keep_every_bit(mesh, tmp_path):
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
 def test_formats(ending, tmp_path):
-    mesh = structured(lshape(), 1 / 4)
+    mesh = structured(named("lshape"), 1 / 4)
     write(mesh, tmp_path / f"mesh.{ending}")
-    assert_array_equal(read(tmp_path / f"mesh.{ending}", lshape()).points, mesh.points)
+    assert_array_equal(read(tmp_path / f"mesh.{ending}", named("lshape")).points, mesh.points)
 
 
 def test_writing_twice_gives_the_same_bytes_and_nothing_else(tmp_path):
-    mesh = unstructured(lshape(), 0.3)
+    mesh = unstructured(named("lshape"), 0.3)
     (tmp_path / "b.vtu").write_text("an older file")
     write(mesh, tmp_path / "a.vtu")
     write(mesh, tmp_path / "b.vtu")
@@ -326,7 +335,9 @@ def test_tolerances_follow_the_polygon():
             from_arrays(polygon, points, mesh.triangles)
 
 
-@pytest.mark.parametrize("polygon", [lshape(), Polygon(2 * square().vertices)], ids=["other", "scaled"])
+@pytest.mark.parametrize(
+    "polygon", [named("lshape"), Polygon(2 * square().vertices)], ids=["other", "scaled"]
+)
 def test_the_boundary_of_another_polygon_is_refused(polygon):
     mesh = structured(square(), 1 / 2)
     with pytest.raises(InputError, match="no node lies at vertex"):
@@ -398,3 +409,27 @@ def test_unwritable_files_are_named(name, tmp_path):
     with pytest.raises(InputError, match=f"{name}.* cannot be written"):
         write(structured(square(), 1), tmp_path / name)
     assert not list(tmp_path.iterdir())
+
+
+def test_any_polygon_of_unit_squares_has_structured_meshes():
+    """A U of five squares: its area, its sizes, and a refusal of half squares."""
+    u = Polygon(np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]), "U")
+    mesh = structured(u, 1 / 2)
+    assert (len(mesh.triangles), mesh.h) == (40, 0.5)
+    assert mesh.areas.sum() == pytest.approx(5)
+    half = Polygon(0.5 * u.vertices, "half")
+    assert (natural_kind(u), natural_kind(half)) == ("structured", "unstructured")
+    with pytest.raises(InputError, match="'half' has no structured mesh"):
+        structured(half, 1 / 2)
+
+
+def test_a_file_s_own_outline_is_a_polygon(tmp_path):
+    """Of the L-shape, by its corners only; a square with a hole is refused."""
+    write(structured(named("lshape"), 1 / 3), tmp_path / "l.vtu")
+    found = read(tmp_path / "l.vtu").polygon
+    assert found.n_sides == 6
+    assert found.area == pytest.approx(3)
+    ring = structured(square(), 1 / 3)
+    kept = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
+    with pytest.raises(InputError, match="must be one closed line"):
+        outline(ring.points, ring.triangles[kept], "ring")

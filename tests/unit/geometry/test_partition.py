@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition, common_refinement, from_points, refine, shifted, uniform
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 
 
 @st.composite
@@ -65,14 +65,14 @@ def test_shifted_by_hand():
 
 
 def test_a_shift_by_nothing_is_uniform():
-    assert_array_equal(shifted(lshape(), 0.5, 0).points, uniform(lshape(), 0.5).points)
+    assert_array_equal(shifted(named("lshape"), 0.5, 0).points, uniform(named("lshape"), 0.5).points)
 
 
 def test_refining_halves_every_cell():
     coarse = from_points(square(), [0, 0.125, 1, 2, 3, 3.5, 4])
     fine = refine(coarse)
     assert_array_equal(fine.lengths, np.repeat(coarse.lengths / 2, 2))
-    assert_array_equal(refine(uniform(lshape(), 0.25)).points, uniform(lshape(), 0.125).points)
+    assert_array_equal(refine(uniform(named("lshape"), 0.25)).points, uniform(named("lshape"), 0.125).points)
 
 
 def test_graded_cells_report_their_ratio():

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import polygon as polygons
-from unilateral.geometry.polygon import NAMED, Polygon, lshape, named, square
+from unilateral.geometry.polygon import Polygon, named, names, square
 
 ROUND_OFF = 1e-14
 """A few operations on numbers of size one."""
@@ -28,7 +28,7 @@ def test_square_by_hand():
 
 
 def test_lshape_by_hand():
-    polygon = lshape()
+    polygon = named("lshape")
     assert_array_equal(polygon.lengths, [1, 1, 1, 1, 2, 2])
     assert (polygon.area, polygon.perimeter) == (3, 8)
     assert_allclose(np.rad2deg(polygon.angles), [90, 90, 270, 90, 90, 90], rtol=ROUND_OFF)
@@ -156,7 +156,7 @@ def test_polygons_whose_areas_just_can_be(size):
 
 
 def test_named():
-    assert [named(name).name for name in NAMED] == ["square", "lshape"]
+    assert [named(name).name for name in names()] == ["square", "lshape"]
     with pytest.raises(InputError, match="'disc' is unknown; the named ones are square, lshape"):
         named("disc")
 

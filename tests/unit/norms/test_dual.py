@@ -20,7 +20,7 @@ from skfem.models.poisson import laplace, mass
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.curves import Singular
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import cell_means
 from unilateral.problems import case as cases
@@ -29,7 +29,7 @@ ONE_ON_THE_SQUARE = sqrt(8 + 4 / tanh(0.5))  # (v, w)_1 = <1, w>: v = sum of cos
 TEN_DEGREES = np.radians(10)
 POLYGONS = {
     "square": square(),
-    "lshape": lshape(),
+    "lshape": named("lshape"),
     "30-60-90": Polygon(np.array([[0, 0], [sqrt(3), 0], [sqrt(3), 1]]), "triangle"),
     "10 degrees": Polygon(np.array([[0, 0], [1, 0], [np.cos(TEN_DEGREES), np.sin(TEN_DEGREES)]]), "thin"),
     "re-entrant": Polygon(np.array([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]]), "dart"),
@@ -196,7 +196,7 @@ def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_
     [
         (partitions.uniform(square(), 1 / 8), 64),
         (partitions.shifted(square(), 1 / 4, 0.5), 64),
-        (partitions.uniform(lshape(), 1 / 4), 32),
+        (partitions.uniform(named("lshape"), 1 / 4), 32),
     ],
     ids=["square", "shifted", "lshape"],
 )

@@ -18,7 +18,7 @@ from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, named, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.triangulate import triangulate
 from unilateral.norms.dual import Bounds, dual_norm
 from unilateral.norms.infsup import infsup, of_runs, resolution, worst_multiplier
@@ -62,8 +62,8 @@ def own_cells(mesh):
 
 EQUAL_POINTS = {
     "square": lambda: meshes.structured(square(), 1 / 8),
-    "lshape": lambda: meshes.structured(lshape(), 1 / 4),
-    "gmsh lshape": lambda: with_nodes(lshape(), [3, 4, 5, 3, 8, 7]),
+    "lshape": lambda: meshes.structured(named("lshape"), 1 / 4),
+    "gmsh lshape": lambda: with_nodes(named("lshape"), [3, 4, 5, 3, 8, 7]),
     "gmsh rectangle": lambda: meshes.unstructured(RECTANGLE, 0.15),
 }
 
@@ -265,7 +265,7 @@ def smallest_angle(corners):
 @pytest.mark.parametrize("seed", range(6))
 def test_the_resolution_against_brute_force(seed):
     rng = np.random.default_rng(seed)
-    polygon = [square(), lshape(), RECTANGLE][seed % 3]
+    polygon = [square(), named("lshape"), RECTANGLE][seed % 3]
     mesh = with_nodes(polygon, rng.integers(1, 9, polygon.n_sides))
     points = np.concatenate([polygon.starts, rng.uniform(0, polygon.perimeter, rng.integers(1, 12))])
     if seed >= 3:  # some of the points are nodes

@@ -14,7 +14,7 @@ from test_dual import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_b
 
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms import dual as dual_norms
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.oscillation import (
@@ -37,7 +37,7 @@ TRIANGLES = {
     "equilateral": [[0, 0], [1, 0], [0.5, sqrt(3) / 2]],
 }
 MESHES = {
-    "structured": lambda: meshes.structured(lshape(), 1 / 16),
+    "structured": lambda: meshes.structured(named("lshape"), 1 / 16),
     "thin": lambda: meshes.unstructured(WEDGE, 0.02),
     "slit": lambda: meshes.unstructured(SLIT, 0.1),
     "graded": lambda: reference_spaces(partitions.uniform(WEDGE, 0.3), [0.1, 1.3]).mesh,

@@ -16,7 +16,7 @@ from skfem.models.poisson import laplace, mass
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import structured
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms import grading, reference
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.grading import boundary_nodes
@@ -26,7 +26,7 @@ DART = Polygon(np.array([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]]), "dart")
 CELLS = {
     "square": partitions.uniform(square(), 1 / 12),
     "shifted": partitions.shifted(square(), 1 / 4, 0.3),
-    "lshape": partitions.uniform(lshape(), 1 / 2),
+    "lshape": partitions.uniform(named("lshape"), 1 / 2),
     "dart": partitions.uniform(DART, 0.7),
 }
 
@@ -175,7 +175,7 @@ def least_flux_of_rt0(norm, mu):
     return np.sqrt(q @ (E @ q))
 
 
-@pytest.mark.parametrize("polygon", [square(), lshape()], ids=["square", "lshape"])
+@pytest.mark.parametrize("polygon", [square(), named("lshape")], ids=["square", "lshape"])
 def test_rt0_in_place_of_bdm1_misses_the_limit(polygon):
     """Control, for alternating mu: the limit is 0.5 % for P0 functions, 5 % for errors.
 

@@ -16,14 +16,14 @@ from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
-from unilateral.geometry.polygon import Polygon, lshape, named, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along, D, Smooth, T, Tensor, X, Y
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.polar import THETA, Polar, R
 
-POLYGONS = {"square": square(), "lshape": lshape()}
+POLYGONS = {"square": square(), "lshape": named("lshape")}
 PLACES = [("natural", "square", 0)] + [
     (name, polygon, side)
     for name in ("full_contact", "no_contact", "smooth", "thirds")

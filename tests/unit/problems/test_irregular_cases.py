@@ -14,14 +14,14 @@ from unilateral.errors import InputError
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule, triangle_rules
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.polar import Polar, corner, harmonic
 
-POLYGONS = {"square": square(), "lshape": lshape()}
+POLYGONS = {"square": square(), "lshape": named("lshape")}
 ALPHA = {
     "borderline_0.25": 0.25,
     "borderline_0.1": 0.1,
@@ -84,7 +84,7 @@ def polar(kind: str, alpha: str | None = None, vertex: int = 2) -> Polar:
     cutoff = sympy.Rational(1, 4)
     if kind == "harmonic":
         return harmonic(square(), 0, sympy.Rational(1, 2), power, cutoff)
-    return corner(lshape(), vertex, kind, power, cutoff)
+    return corner(named("lshape"), vertex, kind, power, cutoff)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_an_atom_at_a_vertex_of_sides_of_two_lengths() -> None:
     """r^2 cos 2 theta at 90 degrees: -r^2 on the side before, of length 2, without flux."""
     r = np.array([0.1, 0.25])
     along = Along(1 - r / 2, np.ones(2), -r / 2)
-    value, flux = corner(lshape(), 0, "free").trace_and_flux(5, along)
+    value, flux = corner(named("lshape"), 0, "free").trace_and_flux(5, along)
     np.testing.assert_allclose(value, -(r**2), rtol=1e-14)
     np.testing.assert_allclose(flux, 0, atol=1e-15)
 
@@ -223,7 +223,7 @@ def test_the_corners_of_the_l_shape() -> None:
         np.testing.assert_allclose(u, sign * r ** (2 / 3) * chi, atol=1e-12)
         np.testing.assert_allclose(flux, 0, atol=1e-12)
         trace, flux, _ = load("violates_j").boundary(sides, t)
-        x, y = lshape().at(sides, t).T
+        x, y = named("lshape").at(sides, t).T
         np.testing.assert_allclose(trace, ((x + 0.45) ** 2 + (y - 0.55) ** 2) / 2, atol=1e-12)
         smooth = 0.55 if side == 2 else 0.45  # the distance of (-.45, .55) from the side's line
         np.testing.assert_allclose(flux, smooth + 2 / 3 * r ** (-1 / 3) * chi, rtol=1e-9)

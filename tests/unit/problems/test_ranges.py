@@ -5,7 +5,7 @@ import pytest
 import sympy
 
 from unilateral.formulas.formula import compile_numpy, parse
-from unilateral.geometry.polygon import Polygon, lshape, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.ranges import SHARP, range_in
 
@@ -50,7 +50,7 @@ def test_an_unbounded_formula_has_an_infinite_bound(text):
     assert np.inf in np.abs(range_in(square(), parse(text, ("x", "y"), "here")))
 
 
-@pytest.mark.parametrize(("polygon", "least"), [(TRIANGLE, -1.0), (lshape(), -1.0), (square(), -2.0)])
+@pytest.mark.parametrize(("polygon", "least"), [(TRIANGLE, -1.0), (named("lshape"), -1.0), (square(), -2.0)])
 def test_only_the_polygon_counts(polygon, least):
     """-x - y, or 1 - x - y at the L-shape's far corner (1, 1), and a pole outside of the triangle."""
     formula = parse("-x - y" if polygon.name != "lshape" else "1 - x - y", ("x", "y"), "here")

@@ -16,7 +16,6 @@ from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import lshape, square
 from unilateral.solvers import active_set as module
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import uzawa
@@ -36,8 +35,7 @@ OFFSETS = {
 
 @cache
 def condensed(name: str) -> Condensed:
-    polygon = {"square": square, "lshape": lshape}[name]()
-    return condense(meshes.structured(polygon, 1 / 8))
+    return condense(meshes.structured(named(name), 1 / 8))
 
 
 @cache

@@ -14,7 +14,7 @@ from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import lshape, square
+from unilateral.geometry.polygon import named, square
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, predicted_steps, residual_bound, uzawa
 
@@ -363,8 +363,8 @@ def test_a_tiny_rho_gives_no_false_guarantee(rho: float) -> None:
 
 
 def test_lshape_converges_below_its_own_limit() -> None:
-    mesh = meshes.unstructured(lshape(), 1 / 8)
-    partition = partitions.shifted(lshape(), 1 / 3, 0.4)
+    mesh = meshes.unstructured(named("lshape"), 1 / 8)
+    partition = partitions.shifted(named("lshape"), 1 / 3, 0.4)
     of = dual_operator(condense(mesh), coupling(mesh, partition), partition.lengths)
     lambda_H, offset = full_contact(of)
     result = uzawa(of, offset, 1e-9)

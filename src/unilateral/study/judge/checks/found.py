@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.geometry.partition import Partition, uniform
-from unilateral.geometry.polygon import lshape, square
+from unilateral.geometry.polygon import named
 from unilateral.norms.dual import Gram
 
 Tables = Mapping[str, xr.Dataset]
@@ -46,6 +46,6 @@ def along_ratio(table: xr.Dataset, variable: str, H_over_h: float) -> Array:
 def forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:
     """The partitions of a scene on which the dual norm is known, with its forms there."""
     gram, table = Gram.of_table(tables[f"{scene}/dual_norm"]), tables[f"{scene}/errors"]
-    polygon = lshape() if gram.points[-1] > square().perimeter else square()
+    polygon = named(str(tables[f"{scene}/dual_norm"]["polygon"].values))
     cells = [uniform(polygon, H) for H in table["H"].values]
     return [(each, gram.on(each)) for each in cells if each.n_cells <= gram.n_cells]
