@@ -55,6 +55,7 @@ def case(
     must carry no contact, there are no multipliers. Raises InputError, among others for a case that is not
     certified.
 
+    >>> import unilateral as ul
     >>> ul.case("natural").polygon.name
     'square'
     """
@@ -86,6 +87,7 @@ def Problem(
     two arrays. Where one of them is a function nothing can be guaranteed: a solution then has no bounds, and
     no accuracy can be asked for. Raises InputError as for a problem file.
 
+    >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
     (1,)
     """
@@ -139,6 +141,7 @@ def solve(
     it was reached within `max_unknowns` and `max_seconds` is said by `certified`. Raises InputError for what
     does not fit together.
 
+    >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """

@@ -31,6 +31,8 @@ FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 AIM = 0.5
 """Of the tolerance, when the iteration goes on because the first one missed it."""
+UNKNOWN = 1e-4
+"""Of that residual: what the errors are taken to be where nothing is known of them."""
 SAMPLED = 8
 """Degree of the rule on triangles for an f that is known in points only."""
 
@@ -197,7 +199,7 @@ def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) ->
     if stop.tolerance is not None:
         return discrete.iterated(stop.tolerance, stop)
     if discrete.exact is None and discrete.data is None:
-        return discrete.iterated(stop.fraction * FIRST * discrete.first_residual, stop)
+        return discrete.iterated(stop.fraction * UNKNOWN * discrete.first_residual, stop)
     if discrete.exact is None:
         solved = discrete.iterated(FIRST * discrete.first_residual, stop)
         return solved.improved(stop.fraction * solved.total("h1"), stop)

@@ -16,6 +16,7 @@ from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import named
 from unilateral.solvers import active_set as module
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import uzawa
