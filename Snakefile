@@ -47,7 +47,7 @@ def results_of(scene):
         rules.solve,
         rules.errors,
         rules.rates,
-        *([rules.dual_norm] if normed_of(scene) else []),
+        *([rules.dual_norm] if has_norm(scene) else []),
     ]
     return expand(
         [path for kind in kinds for path in kind.output],

@@ -183,7 +183,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
     """An emptied one, as solve_level.py reads it."""
     (computed / "mesh.vtu").write_text("")
     code = (
-        "import scenes, sentences; sentences.speak_plainly(); "
+        "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
         f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
     )
     command = [sys.executable, "-c", code]
@@ -288,12 +288,12 @@ def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, scri
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
     data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
-    assert data == {"ledger.yaml", "variables.yaml"}
+    assert data == {"case.schema.yaml", "ledger.yaml", "variables.yaml"}
 
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     found = code("solve_level")
-    assert {"src/unilateral/solvers/uzawa.py", "workflow/scripts/scenes.py"} <= set(found)
+    assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
     assert not [file for file in found if "figures" in file or "cli" in file]
     assert "src/unilateral/solvers/uzawa.py" not in code("draw_rates")
 
@@ -318,7 +318,7 @@ def test_a_script_uses_snakemake_under_its_main_guard_only(script):
     guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
     assert all(id(node) in guarded for node in names)
-    assert bool(names) == (script.name not in ("scenes.py", "sentences.py"))
+    assert bool(names) == (script.name != "sentences.py")
     allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
     assert all(isinstance(node, allowed) for node in tree.body)
     assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
@@ -377,7 +377,8 @@ def test_cases_of_a_scene_are_certified(tmp_path):
     text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
     (tmp_path / "broken.yaml").write_text(text)
     scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
-    code = f"import scenes, sentences; sentences.speak_plainly(); scenes.cases({scene!r})"
+    code = "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
+    code += f"scenes.cases({scene!r})"
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
     assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)

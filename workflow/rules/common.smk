@@ -1,10 +1,10 @@
-import math
 import re
-from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
 import yaml
+
+from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
@@ -69,17 +69,10 @@ def levels(wildcards):
     return range(scene_of(wildcards)["mesh"]["levels"])
 
 
-def normed(wildcards):
-    return normed_of(wildcards.scene)
-
-
-def normed_of(name):
-    """The partitions with errors of lambda: those coarser than the finest mesh (else beta is 0) and solved."""
-    scene = SCENES[name]
-    coarsest = number(scene["mesh"]["h"])
-    finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
-    most = number(scene["H_over_h"]["max"]) * coarsest if "max" in scene["H_over_h"] else math.inf
-    return [k for k, H in enumerate(scene["H"]) if finest < number(H) <= most]
+@cache
+def has_norm(name):
+    """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
+    return bool(normed(SCENES[name]))
 
 
 def claimed():
@@ -93,9 +86,3 @@ def claimed():
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]
     return sorted(set(names))
-
-
-def number(given):
-    """Exactly what the schema calls a number: 0.125, 1/64, 0.5/4."""
-    top, _, bottom = str(given).partition("/")
-    return Fraction(top) / Fraction(bottom or 1)

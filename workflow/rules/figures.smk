@@ -136,7 +136,6 @@ rule dual_table:
         update("figures/dual_{scene}.csv"),
     params:
         scene=scene_of,
-        normed=normed,
         h_over_H=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the table behind the figure of the dual norm"

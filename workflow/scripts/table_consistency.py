@@ -1,10 +1,10 @@
 """The table behind the figure of the consistency term."""
 
-from scenes import cases, partitions
 from sentences import speak_plainly
 
 from unilateral.study import tables
 from unilateral.study.runs.consistency import consistency_frame
+from unilateral.study.scenes import cases, partitions
 
 
 def main(errors, drawn, scenes, path):

@@ -1,10 +1,10 @@
 """The tables behind the picture of one solution."""
 
-from scenes import cases, coarsest_mesh, partitions
 from sentences import speak_plainly
 
 from unilateral.study import tables
 from unilateral.study.figures import figure_data
+from unilateral.study.scenes import cases, coarsest_mesh, partitions
 
 
 def main(portrait, mesh_path, boundary_path):
