@@ -9,7 +9,9 @@ from unilateral.errors import InputError
 
 min_version("9.0")
 
-PARAMETERS = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes")]
+PARAMETERS = [
+    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
+]
 
 try:
     given, sources = configuration.read(PARAMETERS)
@@ -58,7 +60,7 @@ def results_of(scene):
 
 RESULTS = [
     *(path for scene in JUDGED for path in results_of(scene)),
-    *expand(rules.floors.output, scene=GRIDS),
+    *expand(rules.floors.output, scene=config["floors"]),
     *expand(rules.totals.output, scene=config["totals"]["scenes"]),
     *expand(rules.survey.output, survey=SURVEYS),
     *rules.sharpness.input.levels,
@@ -79,14 +81,13 @@ rule all:
     input:
         RESULTS,
         FIGURES,
-        "results/cost/work_seconds.svg",
         "README.md",
         rules.paper.output,
 
 
 rule figures:
     input:
-        FIGURES,
+        COMMITTED,
 
 
 rule quick:

@@ -4,15 +4,13 @@ from pathlib import Path
 
 import yaml
 
+from unilateral.study.drawings import drawings
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
-GRIDS = [name for name, scene in SCENES.items() if "grid" in scene["figures"]]
-PORTRAITS = config["portraits"]
 SURVEYS = config["surveys"]
 SHARPNESS = config["sharpness"]
-CONSISTENCY = config["consistency"]
 
 
 wildcard_constraints:
@@ -22,9 +20,15 @@ wildcard_constraints:
 
 
 @cache
-def code(script):
-    """A script's imports from this project, theirs, and the data files they name: changes rerun its rule only."""
+def code(script, module=""):
+    """A script, what it imports of this project, what that imports, and the data files that are named there.
+
+    A change of these files reruns the script's rule only. A script that imports a module of the library by
+    its name, such as study.figures.rates, depends on that module too.
+    """
+    package, _, name = module.rpartition(".")
     files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]
+    waiting += imports(f"from unilateral.{package} import {name}") if module else []
     while waiting:
         file = waiting.pop()
         if file not in files and file.is_file():
@@ -58,11 +62,6 @@ def scene_of(wildcards):
 
 def case_files(wildcards):
     return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
-
-
-def with_cases(scene, cases):
-    """The scene with these cases only."""
-    return {**SCENES[scene], "cases": cases}
 
 
 def levels(wildcards):

@@ -8,7 +8,7 @@ rule readme:
         cases="results/cost/case.nc",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
         pairs="figures/infsup.csv",
-        figures=FIGURES,
+        figures=COMMITTED,
     output:
         update("README.md"),
     params:

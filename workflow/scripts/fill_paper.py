@@ -5,12 +5,13 @@ from sentences import speak_plainly
 
 from unilateral.formulas.formula import real
 from unilateral.study import tables
+from unilateral.study.judge import records
 from unilateral.study.runs import extremes
 from unilateral.study.text import cost_text, documents, extremes_text, verdicts
 
 
 def main(given, study, paper):
-    blocks = verdicts.claims_tables(verdicts.read(given["claims"]))
+    blocks = verdicts.claims_tables(records.read(given["claims"]))
     blocks |= of_errors(given, study) | of_cost(given, study["cost"])
     documents.fill(paper, blocks | of_extremes(tables.load(given["extremes"]), study))
 

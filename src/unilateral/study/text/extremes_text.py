@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from unilateral.study.figures.extremes_data import RESCUED, kinds
+from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.text.documents import LINE
 
 ALWAYS, NEVER, NO_TOOL = "–", "none", "no tool"
