@@ -22,7 +22,7 @@ from unilateral.study.runs.families import NODES, PARTITIONS
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
-FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes")]
+FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
 STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
 REMOVED = object()
@@ -62,7 +62,8 @@ def test_defaults_are_filled_in():
     assert "side" not in study["scenes"]["quick"]
     configuration.check(study, SOURCES, SCHEMA)
     quick, square = study["scenes"]["quick"], study["scenes"]["square"]
-    assert (quick["side"], quick["figures"], quick["judged"], square["judged"]) == (0, [], False, True)
+    assert (quick["side"], quick["judged"], square["judged"]) == (0, False, True)
+    assert study["figures"]["rates"]["folder"] == "figures"
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,6 @@ def test_defaults_are_filled_in():
         ("surveys.betasquare.partitions", REMOVED),
         ("surveys.betasquare.kind", "odd"),
         ("finds", REMOVED),
-        ("multiplier.h_over_H", []),
         ("scenes.quick.h", "1/8"),
         ("scenes.quick.polygon", "disc"),
         ("scenes.quick.polygon", REMOVED),
@@ -114,7 +114,6 @@ def test_defaults_are_filled_in():
         ("surveys.betasquare.mesh", "equal"),
         ("surveys.betathin.polygon", [[0, 0], [0, 1], [1, 0]]),
         ("surveys.betaworst.edges_per_cell", [2]),
-        ("portraits.infsup", {}),
         ("algorithm.shares", ["1/2"]),
         ("scenes.quick.mesh.h", "1/0"),
         ("scenes.quick.mesh.h", "0/1"),
@@ -131,8 +130,20 @@ def test_defaults_are_filled_in():
         ("scenes.quick.H_over_h.least", 2),
         ("scenes.quick.H_over_h.max", -1),
         ("scenes.quick.judged", "no"),
-        ("scenes.quick.figures", ["rate"]),
-        ("scenes.square.grid_cases", REMOVED),
+        ("figures.Rates", {}),
+        ("figures.rates.module", REMOVED),
+        ("figures.rates.module", "style"),
+        ("figures.rates.folder", "results/square"),
+        ("figures.rates.reads.rates", REMOVED),
+        ("figures.rates.reads.rates", "results/{case}/rates.nc"),
+        ("figures.rates.reads.rates", "../../etc/passwd"),
+        ("figures.rates.reads.floors", "results/square/floors.nc"),
+        ("figures.rates.look", {"work": "seconds"}),
+        ("figures.grid_square.parameters", {}),
+        ("figures.grid_square.parameters.colour", "red"),
+        ("figures.grid_square.tables", ["one", "two"]),
+        ("figures.natural.tables", REMOVED),
+        ("figures.multiplier.parameters.h_over_H", []),
         ("sharpness", REMOVED),
         ("sharpness.alphas", ["1"]),
         ("sharpness.alphas", ["1/21"]),
@@ -143,11 +154,10 @@ def test_defaults_are_filled_in():
         ("sharpness.positions", 0),
         ("sharpness.H", ["1/8", "1/16"]),
         ("sharpness.h_over_H", "0/1"),
-        ("consistency", REMOVED),
-        ("consistency.cells.H", 0),
-        ("consistency.cells.scene", REMOVED),
-        ("consistency.totals", {}),
-        ("consistency.totals.square", ["thirds", "thirds"]),
+        ("figures.consistency.parameters.H", 0),
+        ("figures.consistency.parameters.case", REMOVED),
+        ("figures.consistency.parameters.cases", ["thirds", "thirds"]),
+        ("figures.consistency.study.scenes", []),
         ("cost", REMOVED),
         ("cost.base.algebra", "A_2"),
         ("cost.base.case", REMOVED),
@@ -164,8 +174,8 @@ def test_defaults_are_filled_in():
         ("extremes.axes.ratio.steps", 3),
         ("extremes.jobs.cells", []),
         ("deep.memory", 0),
-        ("portraits.natural.levels", 3),
-        ("portraits.natural.H", REMOVED),
+        ("figures.natural.parameters.levels", 3),
+        ("figures.natural.parameters.H", REMOVED),
         ("rates.judged_ratio", "0"),
         ("rates.norms.h1.bound.reference", "h"),
         ("rates.norms.energy", {}),
@@ -239,13 +249,42 @@ SAID = [
         "rates.cases: there is no 'vertex'; add it, for scene 'irregular' has that case",
     ),
     (
-        ("portraits.natural.case", "violates_j"),
-        "portraits.natural.case: case 'violates_j' is for lshape, not for 'square'",
+        ("figures.natural.parameters.case", "violates_j"),
+        "figures.natural.parameters.case: case 'violates_j' is for lshape, not for 'square'",
     ),
     (
-        ("scenes.square.grid_cases", ["rough"]),
-        "scenes.square.grid_cases[0]: it is 'rough'; it has to be one of full_contact, natural, no_contact, "
-        "smooth, thirds",
+        ("figures.grid_square.parameters.cases", ["rough"]),
+        "figures.grid_square.parameters: 'rough' is a case of no scene that is read",
+    ),
+    (
+        ("figures.verdict.module", "verdicts"),
+        "figures.verdict.module: it is 'verdicts'; it has to be one of consistency, dual_norm, extremes, "
+        "grid, infsup, multiplier, portrait, rates, sharpness, verdict, work_precision",
+    ),
+    (
+        ("figures.rates.scenes", ["square", "nowhere"]),
+        "figures.rates.scenes[1]: it is 'nowhere'; it has to be one of square, unstructured, lshape, "
+        "irregular, cantor, corners, quick",
+    ),
+    (
+        ("figures.multiplier.reads.survey", "results/nowhere/infsup.nc"),
+        "figures.multiplier.reads.survey: there are no results of 'nowhere'",
+    ),
+    (
+        ("figures.work_precision.study.base", "cost.bases"),
+        "figures.work_precision.study.base: it is cost.bases; the configuration has no such field",
+    ),
+    (
+        ("figures.rates.reads.rates", REMOVED),
+        "figures.rates: `table` of rates is given errors; it takes errors, rates",
+    ),
+    (
+        ("figures.natural.tables", ["mesh"]),
+        "figures.natural.tables: `draw` of portrait takes mesh and boundary",
+    ),
+    (
+        ("figures.verdict.look", {"work": "seconds"}),
+        "figures.verdict.look: `draw` of verdict has no option 'work'",
     ),
     (
         ("scenes.quick.H", ["1/8", "1/4"]),
@@ -265,7 +304,7 @@ SAID = [
 @pytest.mark.parametrize(("change", "said"), SAID)
 def test_what_is_said(change, said):
     """One line with the file, the field and what would be right."""
-    file = "rates" if said.startswith("rates") else "study"
+    file = next((name for name in ("rates", "figures") if said.startswith(name)), "study")
     assert fault(changed(*change)) == f"workflow/config/{file}.yaml, field {said}"
 
 
@@ -277,16 +316,14 @@ def test_a_whole_part_that_is_missing_is_asked_for():
     ("path", "value"),
     [
         ("totals.scenes.lshape", ["natural"]),
-        ("consistency.cells.scene", "nowhere"),
-        ("consistency.cells.case", "rough"),
-        ("consistency.totals.square", ["rough"]),
+        ("floors", ["nowhere"]),
+        ("figures.consistency.parameters", {"case": "reentrant", "H": 1, "cases": ["thirds"]}),
         ("cost.base.scene", "nowhere"),
         ("cost.base.case", "natural"),
         ("cost.vary.scene", ["nowhere"]),
         ("cost.vary.case", ["rough"]),
         ("cost.jobs", [{"scene": "nowhere", "h": ["1/8"]}]),
         ("cost.cross", [["algorithm", "scene"], ["case", "nothing"]]),
-        ("multiplier.survey", "nowhere"),
         ("extremes.jobs.cells", ["nothing", "nowhere"]),
         ("extremes.axes.odd.kind", "even"),
         ("algorithm.cases", ["violates_j"]),
@@ -363,11 +400,12 @@ KEYS = {
 }  # fmt: skip
 SIZES = "huge|huge float|tiny|float|three|half"
 ACCEPTED = [
-    # A list may be shorter; a study may have fewer scenes, surveys and figures; some fields have defaults.
+    # A list may be shorter; a study may have fewer surveys and figures; some fields have defaults.
     (r".*\.\d+", "removed"),
-    (r"(scenes|surveys|totals\.scenes|consistency\.totals|rates\.cases)\.[\w.]+?", "removed"),
-    (r".*\.(side|figures|judged|grid_cases|min|max|power_of_H|edge_ratio|smallest_angle)", "removed"),
-    (r"extremes\.axes\.\w+\.(h|H|accuracy)|cost\.vary\.\w+|portraits\.natural", "removed"),
+    (r"(scenes|surveys|totals\.scenes|rates\.cases)\.[\w.]+?|figures\.\w+", "removed"),
+    (r"figures\.work_seconds\.(look(\.work)?|reads\.timings)", "removed|mapping"),
+    (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle|folder)", "removed"),
+    (r"extremes\.axes\.\w+\.(h|H|accuracy)|cost\.vary\.\w+", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
@@ -384,7 +422,7 @@ ACCEPTED = [
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
     (r".*\.(label|name|what)", "text|upper|path|half|scientific"),
     (r".*\.judged", "true"),
-    (r".*\.figures", "list"),
+    (r"floors", "list"),
 ]
 """Places and changes that leave a configuration that makes sense."""
 

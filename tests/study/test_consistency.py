@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-import xarray as xr
 import yaml
 from conftest import ROOT, load
 
@@ -19,12 +16,12 @@ from unilateral.norms.exact import cell_means
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.study.runs.consistency import Transition, consistency_frame, first_transition, leading
+from unilateral.study.runs.consistency import Transition, first_transition, leading
 
 SQUARE, LSHAPE = named("square"), named("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")
-STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
-DRAWN = [case for of_scene in STUDY["consistency"]["totals"].values() for case in of_scene]
+FIGURES = yaml.safe_load((ROOT / "workflow/config/figures.yaml").read_text())["figures"]
+DRAWN = FIGURES["consistency"]["parameters"]["cases"]
 ZERO = 1e-15
 
 
@@ -148,34 +145,3 @@ def test_the_first_transition(name: str, alpha: float, gamma: float) -> None:
 def test_a_case_without_a_harmonic_atom_has_no_prediction() -> None:
     with pytest.raises(InputError, match="case 'smooth' has no harmonic atom"):
         first_transition(load("smooth"))
-
-
-def errors() -> xr.Dataset:
-    """Totals and parts of no law."""
-    return xr.Dataset(
-        {
-            "consistency": (("case", "partition"), [[0.5, 0.25]]),
-            "consistency_elsewhere": (("case", "partition"), [[0.125, 0.0625]]),
-        },
-        coords={"case": ["thirds"], "H": ("partition", [1 / 4, 1 / 8])},
-    )
-
-
-def test_the_table_behind_the_figure() -> None:
-    case, cells = load("thirds"), uniform(SQUARE, 1 / 16)
-    frame = consistency_frame(case, cells, [([case], errors())])
-    kinds = {kind: rows for kind, rows in frame.groupby("kind")}
-    assert set(kinds) == {"cell", "total", "elsewhere", "predicted"}
-    found, of_cells = cell_means(case, cells), kinds["cell"]
-    assert len(of_cells) == 16
-    np.testing.assert_array_equal(of_cells["term"], found.consistency_terms[:16])
-    np.testing.assert_allclose(of_cells["lambda_mean"] * of_cells["gap_mean"] / 16, of_cells["term"])
-    np.testing.assert_array_equal(of_cells["end"][:-1], of_cells["s"][1:])
-    assert kinds["total"]["term"].tolist() == [0.5, 0.25]
-    assert kinds["total"]["over_H2"].tolist() == [8.0, 16.0]
-    assert kinds["elsewhere"]["term"].tolist() == [0.125, 0.0625]
-    expected = [leading(first_transition(case), uniform(SQUARE, H))[0] for H in (1 / 4, 1 / 8)]
-    assert kinds["predicted"]["term"].tolist() == expected
-    thetas = [Fraction(theta).limit_denominator(9) for theta in kinds["total"]["theta"]]
-    assert thetas == [Fraction(1, 3), Fraction(2, 3)]
-    assert (pd.concat([kinds["total"], kinds["predicted"]])["rate"] == 3).all()

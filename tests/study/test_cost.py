@@ -6,11 +6,9 @@ import itertools
 import math
 import warnings
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.sparse as sp
 import xarray as xr
@@ -27,7 +25,6 @@ from unilateral.solvers import steps as acceleration
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
-from unilateral.study import figures as plots
 from unilateral.study.judge import cost as trade
 from unilateral.study.runs.cost import history, operations
 from unilateral.study.runs.cost import measure as cost
@@ -464,35 +461,3 @@ def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one() 
     spans = {1.5: (1.0, 1.4), 2.0: (1.05, 1.2), 4.0: (1.0, 1.3)}
     assert cost_tables.best_ratio(spans) == 2.0
     assert cost_tables.best_ratio({**spans, 1.5: (1.0, 1.0)}) == 1.5
-
-
-def frame() -> pd.DataFrame:
-    """A row of each kind per norm, ratio and work, and of each algorithm and H."""
-    rows: list[dict[str, Any]] = []
-    for kind, norm in itertools.product(("front", "line", "stop", "step"), ("h1", "hm12", "l2")):
-        for ratio, work in itertools.product((1.0, 2.0), (1e3, 1e5)):
-            place = {"kind": kind, "norm": norm, "label": "S", "H_over_h": ratio, "stop": 10**-ratio}
-            values = {"work": work * ratio, "error": 1 / work, "unknowns": work, "excess": 1 + ratio}
-            rows.append(place | values)
-    for name, H in itertools.product(("uzawa", "newton"), (0.25, 0.125)):
-        rows.append({"kind": "steps", "label": name, "H": H, "steps": 1 / H, "slope": 1.0})
-    return pd.DataFrame(rows)
-
-
-def test_the_figure_is_drawn_twice_alike(tmp_path: Path) -> None:
-    frame().to_csv(tmp_path / "table.csv", index=False)
-    drawn = []
-    for name in ("one.svg", "two.svg"):
-        plots.work_precision(tmp_path / "table.csv", tmp_path / name)
-        drawn.append((tmp_path / name).read_bytes())
-    assert drawn[0] == drawn[1]
-
-
-def test_a_table_without_its_columns_or_kinds_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    frame().drop(columns="excess").to_csv(path, index=False)
-    with pytest.raises(InputError, match="'excess' is missing"):
-        plots.work_precision(path, tmp_path / "figure.svg")
-    frame().query("kind != 'stop'").to_csv(path, index=False)
-    with pytest.raises(InputError, match="has to hold all of"):
-        plots.work_precision(path, tmp_path / "figure.svg")

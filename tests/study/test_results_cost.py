@@ -15,7 +15,7 @@ import yaml
 from conftest import ROOT
 
 from unilateral.study import tables
-from unilateral.study.figures import work_data
+from unilateral.study.figures import work_precision
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.rates import NORMS
 from unilateral.study.runs.cost.variants import Variant, plan
@@ -142,7 +142,7 @@ def test_an_error_that_does_not_fall_is_noticed() -> None:
 @pytest.mark.parametrize("norm", NORMS)
 def test_the_front_beats_every_run(norm: str) -> None:
     crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
-    front = work_data._front(stored("algorithm"), norm)
+    front = work_precision.front(stored("algorithm"), norm)
     work, error = crossed["operations"].values.ravel(), trade.relative(crossed, norm).values.ravel()
     for w, e in zip(work[np.isfinite(work)], error[np.isfinite(work)], strict=True):
         assert ((front["work"] <= w) & (front["error"] * trade.GAIN <= e)).any()

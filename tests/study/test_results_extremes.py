@@ -13,7 +13,8 @@ import yaml
 from conftest import ROOT
 
 from unilateral.study import tables
-from unilateral.study.figures import extremes_data
+from unilateral.study.figures import extremes as figure
+from unilateral.study.judge.extremes import RESCUED
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import problem
 from unilateral.study.text import extremes_tables, marks, numbers
@@ -227,10 +228,10 @@ def test_single_precision_stops_where_double_goes_on() -> None:
 
 
 def test_the_figure_s_rows_are_the_points() -> None:
-    frame = extremes_data.frame(stored())
+    frame = figure.table(ROOT / "results/extremes/extremes.nc")
     assert len(frame) == stored().sizes["point"]
     np.testing.assert_allclose(10 ** frame["log10_value"], stored()["value"], rtol=1e-12)
-    rescued = frame["kind"] == extremes_data.RESCUED
+    rescued = frame["kind"] == RESCUED
     assert np.all(stored()["tool"].values[rescued] == "right")
     assert np.count_nonzero(rescued) == np.count_nonzero(
         (stored()["outcome"] != "right") & (stored()["tool"] == "right")

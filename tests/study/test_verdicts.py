@@ -1,19 +1,15 @@
-"""The ledger for readers: its tables in Markdown, the rows of its figure, and the figure."""
+"""The ledger for readers: its tables in Markdown."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import pandas as pd
 import pytest
-from conftest import ROOT, texts
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
+from conftest import ROOT
 
-from unilateral.errors import InputError, StorageError
-from unilateral.study import figures as plots
-from unilateral.study import tables
+from unilateral.errors import StorageError
 from unilateral.study.judge import claims
+from unilateral.study.judge import records as stored
 from unilateral.study.text import verdicts
 
 
@@ -68,65 +64,17 @@ def test_letters_and_signs_are_set_as_such() -> None:
     assert shown[-1] == "a → b"
 
 
-@pytest.mark.parametrize(
-    ("verdict", "kind"),
-    [
-        ("holds", "holds"),
-        ("holds and is sharp", "holds, and is sharp"),
-        ("holds; not sharp but as alpha -> 0", "holds"),
-        ("holds; the rate is larger, so sharp as alpha -> 0", "holds, and is sharp"),
-        ("needs h/H small", "needs a condition that is left out"),
-        ("is an error of the source", "is an error of the source"),
-        ("is supported by every run", "supported beyond the paper"),
-        ("fails", "fails"),
-    ],
-)
-def test_the_kinds_of_verdicts(verdict: str, kind: str) -> None:
-    assert verdicts.verdict_frame([record(verdict=verdict)])["kind"].tolist() == [kind]
-
-
-def test_margins_end_where_the_axis_does() -> None:
-    found = verdicts.verdict_frame([record(margin=m) for m in (1e-9, 0.5, 1e9)])
-    assert found["margin"].tolist() == [1e-4, 0.5, 10.0]
-
-
-def test_every_verdict_of_the_ledger_has_a_kind_and_a_section_of_the_paper() -> None:
+def test_every_verdict_of_the_ledger_has_a_section_of_the_paper() -> None:
     records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.ledger()]
-    assert "fails" not in set(verdicts.verdict_frame(records)["kind"])
     text = (ROOT / "paper.md").read_text(encoding="utf-8")
     for name in verdicts.claims_tables(records):
         assert f"<!-- {name}: begin -->" in text
-
-
-def test_the_figure_shows_every_claim(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
-    table = verdicts.verdict_frame([record(id=f"4.{k}", margin=0.1 * k) for k in range(1, 6)])
-    tables.save_csv(table, tmp_path / "verdict.csv")
-    plots.verdict(tmp_path / "verdict.csv", tmp_path / "verdict.svg")
-    figure, seen = drawn[0]
-    shown = [float(line.get_xdata()[0]) for axes in figure.axes for line in axes.lines]
-    assert shown == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
-    named = [[label.get_text() for label in axes.get_yticklabels()] for axes in figure.axes]
-    assert named == [["4.1", "4.2", "4.3"], ["4.4", "4.5"]]
-    heights = [[float(line.get_ydata()[0]) for line in axes.lines] for axes in figure.axes]
-    assert heights == [[2, 1, 0], [2, 1]]
-    assert min(text.get_fontsize() for text in texts(figure)) >= 8
-    assert seen.x0 >= -0.01
-    assert seen.y0 >= -0.01
-    assert seen.x1 <= figure.get_figwidth() + 0.01
-    assert seen.y1 <= figure.get_figheight() + 0.01
-
-
-def test_an_unknown_kind_is_refused(tmp_path: Path) -> None:
-    pd.DataFrame({"label": ["4.1"], "kind": ["perhaps"], "margin": [0.1]}).to_csv(tmp_path / "verdict.csv")
-    with pytest.raises(InputError, match="'perhaps' is none of holds,"):
-        plots.verdict(tmp_path / "verdict.csv", tmp_path / "verdict.svg")
-    assert not (tmp_path / "verdict.svg").exists()
 
 
 @pytest.mark.parametrize("content", ["", '[{"id": "4.11", "sta', "\x00"])
 def test_damaged_claims_are_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "claims.json").write_text(content)
     with pytest.raises(StorageError, match=r"claims\.json is damaged; 'snakemake -j2 -f .*' makes it anew"):
-        verdicts.read(tmp_path / "claims.json")
+        stored.read(tmp_path / "claims.json")
     (tmp_path / "claims.json").write_text('[{"id": "4.11"}]')
-    assert verdicts.read(tmp_path / "claims.json") == [{"id": "4.11"}]
+    assert stored.read(tmp_path / "claims.json") == [{"id": "4.11"}]

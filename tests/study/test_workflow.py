@@ -16,18 +16,21 @@ import yaml
 from conftest import ROOT
 
 from unilateral.errors import StorageError
-from unilateral.study import tables
+from unilateral.study import drawings, tables
 from unilateral.study.judge import claims
 
 WORKFLOW = ROOT / "workflow"
 SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
 LIBRARY = ROOT / "src/unilateral"
 STUDY = {
-    **yaml.safe_load((WORKFLOW / "config/study.yaml").read_text()),
-    **yaml.safe_load((WORKFLOW / "config/rates.yaml").read_text()),
-    **yaml.safe_load((WORKFLOW / "config/worst_infsup.yaml").read_text()),
-    **yaml.safe_load((WORKFLOW / "config/extremes.yaml").read_text()),
+    name: field
+    for file in (WORKFLOW / "config").glob("*.yaml")
+    for name, field in yaml.safe_load(file.read_text()).items()
 }
+GENERIC = ("table_figure", "draw_figure")
+"""Scripts that import the module of a figure by its name."""
+STARTS = [(script, "") for script in SCRIPTS if script.stem not in GENERIC]
+STARTS += [(WORKFLOW / f"scripts/{name}.py", module) for name in GENERIC for module in drawings.modules()]
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +74,7 @@ def test_a_table_plans_no_figure_and_no_other_scene(tree):
 
 def test_a_figure_plans_its_own_scene_only(tree):
     text, jobs = plan(tree, "figures/rates_square.svg")
-    assert jobs == {**jobs_of("square"), "rates": 1, "rates_table": 1, "rates_figure": 1}
+    assert jobs == {**jobs_of("square"), "rates": 1, "figure_table": 1, "figure": 1}
     assert built(text) == {"square"}
     assert set(re.findall(r"figures/\w+\.\w+", text)) == {
         "figures/rates_square.csv",
@@ -82,14 +85,14 @@ def test_a_figure_plans_its_own_scene_only(tree):
 def test_one_figure_of_the_lshape_plans_no_other_scene(tree):
     """Counted: its mesh, levels, dual norm, errors and rates, its table and itself."""
     text, jobs = plan(tree, "figures/rates_lshape.svg")
-    assert jobs == {**jobs_of("lshape"), "rates": 1, "rates_table": 1, "rates_figure": 1}
+    assert jobs == {**jobs_of("lshape"), "rates": 1, "figure_table": 1, "figure": 1}
     assert sum(jobs.values()) == STUDY["scenes"]["lshape"]["mesh"]["levels"] + 6
     assert built(text) == {"lshape"}
 
 
 def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     text, jobs = plan(tree, "figures/sharpness.svg")
-    chain = ("sharpness", "sharpness_rates", "sharpness_table", "sharpness_figure")
+    chain = ("sharpness", "sharpness_rates", "figure_table", "figure")
     assert jobs == {"sharpness_level": len(STUDY["sharpness"]["H"])} | dict.fromkeys(chain, 1)
     assert built(text) == {"sharpness"}
 
@@ -97,7 +100,7 @@ def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
 def test_the_extremes_plan_their_own_jobs_and_the_deep_mesh_is_planned_by_nothing(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
     parts = len(STUDY["extremes"]["jobs"])
-    chain = ("extremes", "extremes_table", "extremes_figure")
+    chain = ("extremes", "figure_table", "figure")
     assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
     assert built(text) == {"extremes"}
     rules = "".join(file.read_text() for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk")])
@@ -183,7 +186,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
     """An emptied one, as solve_level.py reads it."""
     (computed / "mesh.vtu").write_text("")
     code = (
-        "import scenes, sentences; sentences.speak_plainly(); "
+        "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
         f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
     )
     command = [sys.executable, "-c", code]
@@ -195,7 +198,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
 
 def test_a_portrait_needs_no_results(tree):
     text, jobs = plan(tree, "figures/natural.svg")
-    assert jobs == {"portrait_tables": 1, "portrait_figure": 1}
+    assert jobs == {"figure_table": 2, "figure": 1}
     assert built(text) == set()
 
 
@@ -277,30 +280,40 @@ def imported(script):
     return names | {name for other in neighbours for name in imported(other)}
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, script):
-    used = imported(script) & graph().modules
+@pytest.mark.parametrize(("script", "module"), STARTS, ids=lambda start: getattr(start, "stem", start))
+def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, script, module):
+    """And on its figure's module, if it draws one."""
+    name = f"study.figures.{module}" if module else ""
+    used = imported(script) & graph().modules | ({f"unilateral.{name}"} if module else set())
     used |= {each for module in used for each in graph().find_upstream_modules(module)}
     used |= {".".join(each.split(".")[:k]) for each in used for k in range(1, each.count(".") + 2)}
-    found = {file for file in code(script.stem) if file.endswith(".py") and "scripts" not in file}
-    assert found == {file_of(module) for module in used}
+    found = {file for file in code(script.stem, name) if file.endswith(".py") and "scripts" not in file}
+    assert found == {file_of(each) for each in used}
+
+
+@pytest.mark.parametrize("script", GENERIC)
+@pytest.mark.parametrize("module", drawings.modules())
+def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, script, module):
+    """So a change of one figure's module redraws that figure only."""
+    found = [Path(file).stem for file in code(script, f"study.figures.{module}") if "study/figures" in file]
+    assert sorted(found) == sorted(["__init__", "style", module])
 
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
     data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
-    assert data == {"ledger.yaml", "variables.yaml"}
+    assert data == {"case.schema.yaml", "ledger.yaml", "variables.yaml"}
 
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     found = code("solve_level")
-    assert {"src/unilateral/solvers/uzawa.py", "workflow/scripts/scenes.py"} <= set(found)
+    assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
     assert not [file for file in found if "figures" in file or "cli" in file]
-    assert "src/unilateral/solvers/uzawa.py" not in code("draw_rates")
+    assert "src/unilateral/solvers/uzawa.py" not in code("draw_figure", "study.figures.rates")
 
 
 def test_each_rule_depends_on_its_own_script():
     for text in re.split(r"^rule ", rules(), flags=re.MULTILINE)[1:]:
-        assert re.search(r'"\.\./scripts/(\w+)\.py"', text)[1] == re.search(r'code\("(\w+)"\)', text)[1]
+        assert re.search(r'"\.\./scripts/(\w+)\.py"', text)[1] == re.search(r'code\("(\w+)"', text)[1]
 
 
 def rules():
@@ -318,7 +331,7 @@ def test_a_script_uses_snakemake_under_its_main_guard_only(script):
     guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
     assert all(id(node) in guarded for node in names)
-    assert bool(names) == (script.name not in ("scenes.py", "sentences.py"))
+    assert bool(names) == (script.name != "sentences.py")
     allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
     assert all(isinstance(node, allowed) for node in tree.body)
     assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
@@ -377,7 +390,8 @@ def test_cases_of_a_scene_are_certified(tmp_path):
     text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
     (tmp_path / "broken.yaml").write_text(text)
     scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
-    code = f"import scenes, sentences; sentences.speak_plainly(); scenes.cases({scene!r})"
+    code = "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
+    code += f"scenes.cases({scene!r})"
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
     assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)

@@ -1,18 +1,16 @@
-import math
 import re
-from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
 import yaml
 
+from unilateral.study.drawings import drawings
+from unilateral.study.sizes import normed
+
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
-GRIDS = [name for name, scene in SCENES.items() if "grid" in scene["figures"]]
-PORTRAITS = config["portraits"]
 SURVEYS = config["surveys"]
 SHARPNESS = config["sharpness"]
-CONSISTENCY = config["consistency"]
 
 
 wildcard_constraints:
@@ -22,9 +20,15 @@ wildcard_constraints:
 
 
 @cache
-def code(script):
-    """A script's imports from this project, theirs, and the data files they name: changes rerun its rule only."""
+def code(script, module=""):
+    """A script, what it imports of this project, what that imports, and the data files that are named there.
+
+    A change of these files reruns the script's rule only. A script that imports a module of the library by
+    its name, such as study.figures.rates, depends on that module too.
+    """
+    package, _, name = module.rpartition(".")
     files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]
+    waiting += imports(f"from unilateral.{package} import {name}") if module else []
     while waiting:
         file = waiting.pop()
         if file not in files and file.is_file():
@@ -60,26 +64,14 @@ def case_files(wildcards):
     return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
 
 
-def with_cases(scene, cases):
-    """The scene with these cases only."""
-    return {**SCENES[scene], "cases": cases}
-
-
 def levels(wildcards):
     return range(scene_of(wildcards)["mesh"]["levels"])
 
 
-def normed(wildcards):
-    return normed_of(wildcards.scene)
-
-
-def normed_of(name):
-    """The partitions with errors of lambda: those coarser than the finest mesh (else beta is 0) and solved."""
-    scene = SCENES[name]
-    coarsest = number(scene["mesh"]["h"])
-    finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
-    most = number(scene["H_over_h"]["max"]) * coarsest if "max" in scene["H_over_h"] else math.inf
-    return [k for k, H in enumerate(scene["H"]) if finest < number(H) <= most]
+@cache
+def has_norm(name):
+    """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
+    return bool(normed(SCENES[name]))
 
 
 def claimed():
@@ -93,9 +85,3 @@ def claimed():
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]
     return sorted(set(names))
-
-
-def number(given):
-    """Exactly what the schema calls a number: 0.125, 1/64, 0.5/4."""
-    top, _, bottom = str(given).partition("/")
-    return Fraction(top) / Fraction(bottom or 1)

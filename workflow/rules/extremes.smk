@@ -32,30 +32,6 @@ rule extremes:
         "../scripts/collect_extremes.py"
 
 
-rule extremes_table:
-    input:
-        code("table_extremes"),
-        extremes="results/extremes/extremes.nc",
-    output:
-        update("figures/extremes.csv"),
-    message:
-        "The table behind the figure of where it breaks"
-    script:
-        "../scripts/table_extremes.py"
-
-
-rule extremes_figure:
-    input:
-        code("draw_extremes"),
-        table="figures/extremes.csv",
-    output:
-        update("figures/extremes.svg"),
-    message:
-        "The figure of where it breaks"
-    script:
-        "../scripts/draw_extremes.py"
-
-
 rule deep:
     input:
         code("measure_deep"),

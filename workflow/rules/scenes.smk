@@ -22,7 +22,6 @@ rule dual_norm:
         "results/{scene}/dual_norm.nc",
     params:
         scene=scene_of,
-        normed=normed,
     message:
         "{wildcards.scene}: the dual norm"
     script:
@@ -34,7 +33,7 @@ rule solve:
         code("solve_level"),
         case_files,
         mesh="results/{scene}/mesh.vtu",
-        norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if normed(wildcards) else [],
+        norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
         solutions="results/{scene}/levels/{level}.nc",
         timings="results/{scene}/levels/{level}_timings.nc",

@@ -2,12 +2,13 @@
 
 from sentences import speak_plainly
 
+from unilateral.study.judge import records
 from unilateral.study.text import marks, verdicts
 
 
 def main(document, numbers, blocks, claims):
-    holding = verdicts.holding(verdicts.read(claims))
-    marks.fill(document, verdicts.read(numbers), verdicts.read(blocks), holding)
+    holding = verdicts.holding(records.read(claims))
+    marks.fill(document, records.read(numbers), records.read(blocks), holding)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case
+from unilateral.study import drawings
 
 Fields = dict[str, Any]
 Place = tuple[str | int, ...]
@@ -67,7 +68,7 @@ def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
     that cannot be put on its polygon or that has no expected rates.
     """
     faults = ((tuple(fault.absolute_path), _said(fault)) for fault in _validator(schema).iter_errors(study))
-    checks = (_unknown, _disordered, _beside_their_polygon, _unjudged)
+    checks = (_unknown, _disordered, drawings.faults, _beside_their_polygon, _unjudged)
     for place, said in itertools.chain(faults, *(faulty(study) for faulty in checks)):
         raise InputError(f"{_where(place, sources)}: {said}")
 
@@ -116,20 +117,15 @@ def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
 
 def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     """Where a name stands, the name, and what it has to be one of."""
-    scenes, consistency, cost = study["scenes"], study["consistency"], study["cost"]
+    scenes, cost = study["scenes"], study["cost"]
 
     def listed(names: Iterable[str], known: Iterable[str], *place: str | int) -> Iterator[Any]:
         yield from (((*place, i), name, known) for i, name in enumerate(names))
 
-    for name, scene in scenes.items():
-        yield from listed(scene.get("grid_cases", []), scene["cases"], "scenes", name, "grid_cases")
-    for place in (("totals", "scenes"), ("consistency", "totals")):
-        for name, cases in study[place[0]][place[1]].items():
-            yield place, name, scenes
-            yield from listed(cases, scenes[name]["cases"], *place, name)
-    yield ("consistency", "cells", "scene"), consistency["cells"]["scene"], scenes
-    cases = scenes[consistency["cells"]["scene"]]["cases"]
-    yield ("consistency", "cells", "case"), consistency["cells"]["case"], cases
+    for name, cases in study["totals"]["scenes"].items():
+        yield ("totals", "scenes"), name, scenes
+        yield from listed(cases, scenes[name]["cases"], "totals", "scenes", name)
+    yield from listed(study["floors"], scenes, "floors")
     base, vary = cost["base"], cost["vary"]
     yield ("cost", "base", "scene"), base["scene"], scenes
     yield from listed(vary.get("scene", []), scenes, "cost", "vary", "scene")
@@ -139,7 +135,6 @@ def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     yield from listed(vary.get("case", []), scenes[base["scene"]]["cases"], "cost", "vary", "case")
     for i, names in enumerate(cost["cross"]):
         yield from listed(names, vary, "cost", "cross", i)
-    yield ("multiplier", "survey"), study["multiplier"]["survey"], study["surveys"]
     for job, names in study["extremes"]["jobs"].items():
         yield from listed(names, study["extremes"]["axes"], "extremes", "jobs", job)
 
@@ -172,11 +167,15 @@ def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
     chosen: list[tuple[Place, Fields, list[str]]] = [
         *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
         (("algorithm", "cases"), study["algorithm"], study["algorithm"]["cases"]),
-        *((("portraits", name), scene, [scene["case"]]) for name, scene in study["portraits"].items()),
+        *(
+            (("figures", name, "parameters"), entry["parameters"], [entry["parameters"]["case"]])
+            for name, entry in study["figures"].items()
+            if {"polygon", "case"} <= set(entry["parameters"])
+        ),
     ]
     for place, scene, names in chosen:
         for i, name in enumerate(names):
-            fault = _case_fault(name, scene["polygon"], scene["side"])
+            fault = _case_fault(name, scene["polygon"], scene.get("side", 0))
             if fault:
                 yield (*place, i) if place[-1] == "cases" else (*place, "case"), fault
     for name, survey in study["surveys"].items():

@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from unilateral.study.figures.rates import LINES, MARKERS
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.norms.exact import cell_means
+from unilateral.problems.case import Case
+from unilateral.study import tables
 from unilateral.study.figures.style import (
     COLOURS,
+    LINES,
+    MARKERS,
     SMALL,
     WIDTH,
     FilePath,
     as_fraction,
     axes_at,
     figure_in,
+    light_grid,
     read,
 )
+from unilateral.study.runs.consistency import first_transition, leading
+from unilateral.study.scenes import cases as problems
+from unilateral.study.scenes import partitions
 
 OF_CELLS = ("s", "end", "lambda_mean", "gap_mean")
-CONSISTENCY_COLUMNS = ("kind", "case", "H", "term", *OF_CELLS, "over_H2", "theta", "rate")
+COLUMNS = ("kind", "case", "H", "term", *OF_CELLS, "over_H2", "theta", "rate")
 KINDS = ("cell", "total", "elsewhere", "predicted")
 HEIGHT = 10.7
 PROVED: dict[str, Any] = {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt"}
@@ -32,14 +43,67 @@ MEANS = {"gap_mean": (COLOURS[1], "$u-g$"), "lambda_mean": (COLOURS[0], r"$\lamb
 TERM = r"\langle\Pi_H\lambda,\,u-g\rangle"
 
 
-def consistency(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(
+    errors: Sequence[FilePath],
+    scenes: Sequence[Mapping[str, Any]],
+    case: str,
+    H: object,
+    cases: Sequence[str],
+) -> pd.DataFrame:
+    """The cells of the side with the transition of `case`; and, over H, totals beside what is predicted.
+
+    `errors` are the tables of the scenes, which have the cases. The kind `elsewhere` is the part of a total
+    that cells without a transition add; all terms stand in one column, so that they are rounded alike.
+    """
+    drawn = next(scene for scene in scenes if case in scene["cases"])
+    (of_cells,) = problems({**drawn, "cases": [case]})
+    (cells,) = partitions({**drawn, "H": [H]})
+    rows = []
+    for scene, found in zip(scenes, map(tables.load, errors), strict=True):
+        for each in problems({**scene, "cases": [name for name in cases if name in scene["cases"]]}):
+            rows += _of_sizes(each, found.sel(case=each.name))
+    return pd.concat([_of_side(of_cells, cells), pd.DataFrame(rows)])
+
+
+def _of_side(case: Case, partition: Partition) -> pd.DataFrame:
+    side, found = first_transition(case).side, cell_means(case, partition)
+    here, start = partition.side == side, partition.polygon.starts[side]
+    return pd.DataFrame(
+        {
+            "kind": "cell",
+            "case": case.name,
+            "H": partition.H,
+            "s": partition.points[:-1][here] - start,
+            "end": partition.points[1:][here] - start,
+            "lambda_mean": found.lambda_means[here],
+            "gap_mean": found.gap_means[here],
+            "term": found.consistency_terms[here],
+        }
+    )
+
+
+def _of_sizes(case: Case, errors: xr.Dataset) -> list[dict[str, object]]:
+    transition, rows = first_transition(case), []
+    for k, H in enumerate(errors["H"].values):
+        predicted, theta = leading(transition, uniform(case.polygon, H))
+        terms = {
+            "total": float(errors["consistency"][k]),
+            "elsewhere": float(errors["consistency_elsewhere"][k]),
+            "predicted": predicted,
+        }
+        same = {"case": case.name, "H": float(H), "theta": theta, "rate": transition.rate}
+        rows += [{"kind": kind, **same, "term": term, "over_H2": term / H**2} for kind, term in terms.items()]
+    return rows
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Cell by cell, both means and the term that they make; and the totals over H, measured and predicted.
 
     Columns: kind (cell, total, elsewhere, predicted), case, H, term; of cells s, end, lambda_mean, gap_mean;
     of the others over_H2, theta and rate. Raises InputError for a table without them.
     """
-    table = read(csv_path, CONSISTENCY_COLUMNS, {"kind": KINDS})
-    cells, rows = (part.sort_values(["H", "s"]) for _, part in table.groupby(table["kind"] != "cell"))
+    data = read(csv_path, COLUMNS, {"kind": KINDS})
+    cells, rows = (part.sort_values(["H", "s"]) for _, part in data.groupby(data["kind"] != "cell"))
     with figure_in(svg_path, HEIGHT) as figure:
         _means(axes_at(figure, 1.7, 5.95, 5.9, 4.0), cells)
         _terms(axes_at(figure, 1.7, 1.15, 5.9, 4.2), cells)
@@ -100,8 +164,7 @@ def _totals(axes: Axes, rows: pd.DataFrame) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlabel("cell size $H$")
     axes.set_title(f"${TERM}\\,/\\,H^2$, all cells")
-    axes.grid(which="major", color="0.9", lw=0.5)
-    axes.set_axisbelow(True)
+    light_grid(axes)
     axes.plot([0.03, 0.27], [0.41, 0.41], transform=axes.transAxes, **PROVED)
     axes.text(0.03, 0.43, "slope of $H^2$, proved", transform=axes.transAxes, fontsize=SMALL)
 

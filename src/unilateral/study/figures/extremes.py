@@ -8,14 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from unilateral.errors import InputError
+from unilateral.study import tables
 from unilateral.study.figures.style import COLOURS, SMALL, FilePath, as_fraction, axes_at, figure_in, read
+from unilateral.study.judge.extremes import RESCUED, kinds
 
 Array = NDArray[np.float64]
 COLUMNS = ("label", "kind", "log10_value", "log10_limit", "log10_tool_limit")
 KINDS = {
     "right": ("o", COLOURS[2]),
-    "right, but not by plain Uzawa": ("o", "white"),
+    RESCUED: ("o", "white"),
     "not converged": ("v", COLOURS[1]),
     "refused": ("s", COLOURS[0]),
     "wrong": ("X", "red"),
@@ -36,17 +37,29 @@ CROWDED, APART = 0.03, 0.06
 BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
 
 
-def extremes(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(extremes: FilePath) -> pd.DataFrame:
+    """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
+    found = tables.load(extremes)
+    of = found.sel(axis=found["axis_of"])
+    limits = {f"log10_{name}": of[f"predicted_{name}"] for name in ("limit", "tool_limit")}
+    return pd.DataFrame(
+        {
+            "label": of["label"].values,
+            "kind": kinds(found),
+            "log10_value": np.log10(found["value"].values),
+            **{name: np.log10(limit.where(np.isfinite(limit)).values) for name, limit in limits.items()},
+        }
+    )
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Two columns of strips, each an axis on a logarithmic scale from mild, at the left, to extreme.
 
     Columns: label (the axis), kind (of outcome), log10_value, and log10_limit and log10_tool_limit (as
     predicted, or empty). Raises InputError for a table without them.
     """
-    table = read(csv_path, COLUMNS)
-    unknown = set(table["kind"]) - set(KINDS)
-    if unknown:
-        raise InputError(f"{csv_path}, column 'kind': '{min(unknown)}' is none of {', '.join(KINDS)}")
-    groups = list(table.groupby("label", sort=False))
+    data = read(csv_path, COLUMNS, kinds=KINDS)
+    groups = list(data.groupby("label", sort=False))
     rows = -(-len(groups) // 2)
     height = TOP + STEP * rows + FOOT
     with figure_in(svg_path, height) as figure:

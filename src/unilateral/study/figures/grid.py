@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import product
+
 import numpy as np
 import pandas as pd
 from matplotlib import colormaps
@@ -13,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
+from unilateral.study import tables
 from unilateral.study.figures.style import (
     ERROR_COLUMNS,
     NORMS,
@@ -25,25 +29,47 @@ from unilateral.study.figures.style import (
     read,
 )
 
-GRID_COLUMNS = (*ERROR_COLUMNS, "beta_zero")
+COLUMNS = (*ERROR_COLUMNS, "beta_zero")
 WHITE_READS_BETTER = 0.179  # the luminance at which black and white contrast equally (WCAG 2.1, 1.4.3)
 DIAGONALS = (0.5, 1.0, 2.0)
 
 
-def grid(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(errors: FilePath, cases: Sequence[str]) -> pd.DataFrame:
+    """One row per case, norm, h and H: the error, NaN where it was not computed, and whether beta = 0."""
+    found, rows = tables.load(errors), []
+    for case, norm in product(cases, NORMS):
+        of = found.sel(case=case)
+        error = tables.error_in(of, norm).values
+        for i, j in np.ndindex(of.sizes["mesh"], of.sizes["partition"]):
+            solved_without_beta = of["algorithm"].values[i, j] == "active_set"
+            rows.append(
+                {
+                    "case": case,
+                    "norm": norm,
+                    "h": float(of["h"][i]),
+                    "H": float(of["H"][j]),
+                    "h_over_H": float(of["h_over_H"][i, j]),
+                    "error": float(error[i, j]),
+                    "beta_zero": int(solved_without_beta),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Maps of the errors over (h, H): a row of maps per case, a column per norm.
 
     Columns: case, norm (h1, hm12, l2), h, H, h_over_H, error (empty if not computed), beta_zero (0, 1).
     Raises InputError for a table without them.
     """
-    table = read(csv_path, GRID_COLUMNS, {"norm": NORMS})
-    cases = table["case"].unique()
-    h, H = (np.sort(table[name].unique())[::-1] for name in ("h", "H"))
+    data = read(csv_path, COLUMNS, {"norm": NORMS})
+    cases = data["case"].unique()
+    h, H = (np.sort(data[name].unique())[::-1] for name in ("h", "H"))
     width, height, gap = 4.6, 0.53 * len(H), 0.62
     with figure_in(svg_path, 3.55 + (height + gap) * len(cases)) as figure:
         top = 2.05 + (height + gap) * len(cases)
         for left, (norm, title) in zip((1.62, 6.74, 11.86), NORMS.items(), strict=True):
-            rows = table[table["norm"] == norm]
+            rows = data[data["norm"] == norm]
             scale = _log_scale(rows["error"])
             for i, case in enumerate(cases):
                 axes = axes_at(figure, left, top - height - i * (height + gap), width, height)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -12,20 +13,23 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from unilateral.study.figures.rates import MARKERS
+from unilateral.study import tables
 from unilateral.study.figures.style import (
     COLOURS,
+    MARKERS,
     SMALL,
     WIDTH,
     FilePath,
     as_fraction,
     axes_at,
     figure_in,
+    light_grid,
     read,
 )
 
+PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle", "beta_lower", "beta_upper")
 NUMBERS = ("H", "h_over_H", "edges_per_cell", "beta_lower", "beta_upper")
-INFSUP_COLUMNS = ("scene", "label", "kind", *NUMBERS)
+COLUMNS = ("scene", "label", "kind", *NUMBERS)
 TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
 UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(COLOURS) if i != 1)
 WORST_MARKERS = ("x", "+", (6, 2, 0), "1", "2", "3")
@@ -34,42 +38,59 @@ LAST = 1.3
 UNSEEN = 1e-3
 
 
-def infsup(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(surveys: Sequence[FilePath], families: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+    """One row per survey, partition and mesh; `families` have the label and kind of each survey, by name.
+
+    `widest` is the largest beta_upper/beta_lower - 1 of all.
+    """
+    rows = [
+        {"scene": name, "label": family["label"], "kind": family["kind"], "H": float(found["H"][p])}
+        | {key: float(found[key][k, p]) for key in PER_PAIR}
+        for (name, family), found in zip(families.items(), map(tables.load, surveys), strict=True)
+        for p in range(found.sizes["partition"])
+        for k in range(found.sizes["mesh"])
+    ]
+    frame = pd.DataFrame(rows)
+    known = frame["beta_lower"] > 0
+    return frame.assign(widest=(frame["beta_upper"] / frame["beta_lower"] - 1)[known].max())
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """beta of uniform meshes over h/H; beta of all over h/H, and over the fewest edges per cell.
 
     Columns: scene, label (a line or a marker each), kind (uniform, local, worst), H, h_over_H,
     edges_per_cell (the smallest over the cells), beta_lower, beta_upper; and, for the note, widest (largest
     beta_upper/beta_lower - 1), if known. Raises InputError for a table without them.
     """
-    table = _read(csv_path)
-    looks = {kind: _looks(kind, table) for kind in TITLES}
+    data = _read(csv_path)
+    looks = {kind: _looks(kind, data) for kind in TITLES}
     rows = max(len(looks["uniform"]), len(looks["local"]) + 1, len(looks["worst"]))
     bottom = 2.45 + 0.44 * rows
     places = dict(zip(TITLES, ((1.25, 5.35), (7.3, 4.55), (12.3, 4.55)), strict=True))
     with figure_in(svg_path, bottom + 5.85) as figure:
         uniform, ratio, local = (axes_at(figure, x, bottom, width, 5.2) for x, width in places.values())
-        _uniform(uniform, table, looks)
+        _uniform(uniform, data, looks)
         for axes, x in ((ratio, "h_over_H"), (local, "cells_per_edge")):
-            _all_kinds(axes, table, looks, x)
-        _ratio_axis(uniform, table[table["kind"] == "uniform"], "h_over_H")
-        _ratio_axis(local, table, "cells_per_edge")
-        _log_axis(ratio, table["h_over_H"])
+            _all_kinds(axes, data, looks, x)
+        _ratio_axis(uniform, data[data["kind"] == "uniform"], "h_over_H")
+        _ratio_axis(local, data, "cells_per_edge")
+        _log_axis(ratio, data["h_over_H"])
         uniform.set(title="uniform meshes", xlabel="$h/H$", ylabel=r"$\beta$")
         ratio.set(title="all, over the global ratio", xlabel="$h/H$")
         local.set(title="all, over the local one", xlabel="$1$ / (fewest edges per cell)")
         for left, kind in zip((0.1, 6.95, 11.95), TITLES, strict=True):
             _legend(figure, kind, looks[kind], left / WIDTH, (bottom - 1.3) / (bottom + 5.85))
-        figure.text(0.1 / WIDTH, 0.2 / (bottom + 5.85), _note(table), fontsize=SMALL)
+        figure.text(0.1 / WIDTH, 0.2 / (bottom + 5.85), _note(data), fontsize=SMALL)
 
 
 def _read(path: FilePath) -> pd.DataFrame:
-    table = read(path, INFSUP_COLUMNS, {"kind": tuple(TITLES)})
-    return table.assign(cells_per_edge=1 / table["edges_per_cell"]).sort_values("h_over_H", kind="stable")
+    data = read(path, COLUMNS, {"kind": tuple(TITLES)})
+    return data.assign(cells_per_edge=1 / data["edges_per_cell"]).sort_values("h_over_H", kind="stable")
 
 
-def _looks(kind: str, table: pd.DataFrame) -> dict[str, dict[str, Any]]:
+def _looks(kind: str, data: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """How the labels of a kind look, in the order of the table."""
-    labels = table.sort_index().loc[table["kind"] == kind, "label"].unique()
+    labels = data.sort_index().loc[data["kind"] == kind, "label"].unique()
     markers = WORST_MARKERS if kind == "worst" else MARKERS
     looks: dict[str, dict[str, Any]] = {
         "uniform": {"ms": 4.2, "mew": 0.5, "lw": 1.1, "mec": "white"},
@@ -91,23 +112,23 @@ def _looks(kind: str, table: pd.DataFrame) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _uniform(axes: Axes, table: pd.DataFrame, looks: dict[str, dict[str, dict[str, Any]]]) -> None:
+def _uniform(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, dict[str, Any]]]) -> None:
     """A line per scene and H at the lower bounds, and a band up to the upper ones."""
     for label, look in looks["uniform"].items():
-        for _, line in table[(table["kind"] == "uniform") & (table["label"] == label)].groupby("H"):
+        for _, line in data[(data["kind"] == "uniform") & (data["label"] == label)].groupby("H"):
             bounds = line["beta_lower"], line["beta_upper"]
             axes.fill_between(line["h_over_H"], *bounds, color=look["color"], alpha=0.35, lw=0)
             axes.plot(line["h_over_H"], line["beta_lower"], **look)
 
 
-def _all_kinds(axes: Axes, table: pd.DataFrame, looks: dict[str, dict[str, dict[str, Any]]], x: str) -> None:
+def _all_kinds(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, dict[str, Any]]], x: str) -> None:
     """The others as markers at the lower bounds, with bars up to the upper ones, on the uniform lines."""
-    uniform = table[table["kind"] == "uniform"].sort_values(x, kind="stable")
+    uniform = data[data["kind"] == "uniform"].sort_values(x, kind="stable")
     for _, line in uniform.groupby(["label", "H"], sort=False):
         axes.plot(line[x], line["beta_lower"], **BACKGROUND)
     for kind in ("local", "worst"):
         for label, look in looks[kind].items():
-            rows = table[(table["kind"] == kind) & (table["label"] == label)]
+            rows = data[(data["kind"] == kind) & (data["label"] == label)]
             axes.vlines(rows[x], rows["beta_lower"], rows["beta_upper"], color=look["color"], lw=0.8)
             axes.plot(rows[x], rows["beta_lower"], **look)
     axes.tick_params(labelleft=False)
@@ -139,8 +160,7 @@ def _log_axis(axes: Axes, x: pd.Series) -> None:
 
 def _beta_axis(axes: Axes) -> None:
     axes.set_ylim(-0.03, 1.03)
-    axes.grid(which="major", color="0.9", lw=0.5)
-    axes.set_axisbelow(True)
+    light_grid(axes)
 
 
 def _legend(figure: Figure, kind: str, looks: dict[str, dict[str, Any]], left: float, top: float) -> None:
@@ -161,11 +181,11 @@ def _legend(figure: Figure, kind: str, looks: dict[str, dict[str, Any]], left: f
     legend.get_title().set_fontsize(9.5)
 
 
-def _note(table: pd.DataFrame) -> str:
-    sizes = table.loc[table["kind"] == "uniform", "H"]
+def _note(data: pd.DataFrame) -> str:
+    sizes = data.loc[data["kind"] == "uniform", "H"]
     low, high = (f"${as_fraction(size)}$" for size in (sizes.min(), sizes.max()))
     note = f"Uniform meshes: $H$ = {low}" + (f" to {high}." if low != high else ".")
     note += r" Markers: guaranteed lower bounds of $\beta$; bars reach up to the upper bounds"
-    if "widest" in table:
-        note += f", at most {100 * table['widest'].max():.2g} % higher"
+    if "widest" in data:
+        note += f", at most {100 * data['widest'].max():.2g} % higher"
     return note + "."

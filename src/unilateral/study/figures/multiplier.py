@@ -2,30 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
+import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MultipleLocator
 
 from unilateral.errors import InputError
+from unilateral.formulas.formula import real
+from unilateral.study import tables
 from unilateral.study.figures.style import COLOURS, SMALL, WIDTH, FilePath, axes_at, figure_in, read
 
-MULTIPLIER_COLUMNS = ("h_over_H", "beta", "side", "s", "end", "mu")
+COLUMNS = ("h_over_H", "beta", "side", "s", "end", "mu")
 SIDES = ("bottom", "right", "top", "left")
 STRIP, GAP, LEFT, FOOT = 2.15, 0.45, 1.25, 1.1
 
 
-def multiplier(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(survey: FilePath, h_over_H: Sequence[object]) -> pd.DataFrame:
+    """One row per h/H and cell of the survey's first partition: the worst multiplier on it.
+
+    Raises InputError for a ratio that the survey does not have.
+    """
+    of = tables.load(survey).isel(partition=0)
+    return pd.concat([_worst(of, real(ratio, "h_over_H")) for ratio in h_over_H])
+
+
+def _worst(of: xr.Dataset, ratio: float) -> pd.DataFrame:
+    same = np.flatnonzero(np.isclose(of["h_over_H"].values, ratio, rtol=1e-9))
+    if not same.size:
+        raise InputError(f"survey '{of.attrs['scene']}' has no mesh with h/H = {ratio:g} to draw")
+    mesh, points = of.isel(mesh=int(same[0])), of["points"].values
+    points = points[np.isfinite(points)]
+    m = len(points) - 1
+    whole = {
+        "h_over_H": float(mesh["h_over_H"]),
+        "beta": float(0.5 * (mesh["beta_lower"] + mesh["beta_upper"])),
+    }
+    cells = {"side": of["side"].values[:m].astype(int), "s": points[:-1], "end": points[1:]}
+    return pd.DataFrame({**whole, **cells, "mu": mesh["worst"].values[:m]})
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """The worst mu in P0(T_H) over arc length, a strip for each h/H, with its beta.
 
     Columns: h_over_H, beta, side (0 to 3), and for each cell, from s to end, mu (largest absolute value 1).
     Raises InputError for a table without them.
     """
-    table = read(csv_path, MULTIPLIER_COLUMNS)
-    if not table["side"].isin(range(len(SIDES))).all():
+    data = read(csv_path, COLUMNS)
+    if not data["side"].isin(range(len(SIDES))).all():
         raise InputError(f"{csv_path}, column 'side': the sides have to be numbered from 0 to 3")
-    strips = [rows for _, rows in table.groupby("h_over_H")]
+    strips = [rows for _, rows in data.groupby("h_over_H")]
     with figure_in(svg_path, FOOT + len(strips) * (STRIP + GAP) + 0.15) as figure:
         for i, rows in enumerate(strips):
             axes = axes_at(figure, LEFT, FOOT + i * (STRIP + GAP), WIDTH - LEFT - 2.3, STRIP)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
+from numpy.typing import NDArray
 
+from unilateral.discrete import Solution, discretise, solve
 from unilateral.errors import InputError
+from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh, structured
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import named
+from unilateral.problems.case import Case, load
+from unilateral.problems.certificate import certify
 from unilateral.study.figures.style import (
     COLOURS,
     SMALL,
@@ -26,8 +35,10 @@ from unilateral.study.figures.style import (
     read,
 )
 
+Array = NDArray[np.float64]
 MESH_COLUMNS = ("triangle", "x", "y", "u_h", "h", "H")
 BOUNDARY_COLUMNS = ("kind", "side", "s", "end", "computed", "exact", "contact", "x", "y")
+SAMPLES_PER_SIDE = 200
 COMPUTED: dict[str, Any] = {"color": COLOURS[0], "lw": 1.6}
 ANALYTIC: dict[str, Any] = {"color": "black", "lw": 1.0, "ls": (0, (4, 2))}
 CONTACT: dict[str, Any] = {
@@ -38,7 +49,68 @@ CONTACT: dict[str, Any] = {
 }
 
 
-def portrait(mesh_csv: FilePath, boundary_csv: FilePath, svg_path: FilePath) -> None:
+def table(polygon: str, case: str, h: str, H: str, side: int = 0) -> dict[str, pd.DataFrame]:
+    """`mesh`: u_h on the triangles; `boundary`: u_h - g, lambda_H and what they approximate."""
+    domain = named(polygon)
+    solved, mesh, cells = (
+        load(case, domain, side),
+        structured(domain, real(h, "h")),
+        uniform(domain, real(H, "H")),
+    )
+    solution = _solve(solved, mesh, cells)
+    trace = np.append(solution.u_h[mesh.boundary], solution.u_h[mesh.boundary[0]])
+    exact = _along_boundary(solved, lambda s: np.interp(s, mesh.s, trace))
+    multiplier = {
+        "kind": "multiplier",
+        "s": cells.points[:-1],
+        "end": cells.points[1:],
+        "side": cells.side,
+        "computed": solution.lambda_H,
+    }
+    boundary = pd.concat([*exact, pd.DataFrame(multiplier)])[list(BOUNDARY_COLUMNS)]
+    return {"mesh": _on_triangles(mesh, solution.u_h).assign(H=cells.H), "boundary": boundary}
+
+
+def _solve(case: Case, mesh: Mesh, cells: Partition) -> Solution:
+    return solve(discretise(case, mesh, cells))
+
+
+def _on_triangles(mesh: Mesh, u_h: Array) -> pd.DataFrame:
+    """Three rows for each triangle."""
+    corners = mesh.triangles.ravel()
+    return pd.DataFrame(
+        {
+            "triangle": np.repeat(np.arange(len(mesh.triangles)), 3),
+            "x": mesh.points[corners, 0],
+            "y": mesh.points[corners, 1],
+            "u_h": u_h[corners],
+            "h": mesh.h,
+        }
+    )
+
+
+def _along_boundary(case: Case, trace: Callable[[Array], Array]) -> list[pd.DataFrame]:
+    """Rows `trace` and `flux` at points of every side, its ends included; `trace` gives u_h there."""
+    polygon = case.polygon
+    side = np.repeat(np.arange(polygon.n_sides), SAMPLES_PER_SIDE + 1)
+    s = np.tile(np.linspace(0, 1, SAMPLES_PER_SIDE + 1), polygon.n_sides) * polygon.lengths[side]
+    position = polygon.starts[side] + s
+    u, flux, gap = case.boundary(side, s)
+    x, y = polygon.at(side, s).T
+    along = {"s": position, "side": side, "contact": _in_contact(case, side, s), "x": x, "y": y}
+    return [
+        pd.DataFrame({"kind": "trace", **along, "computed": trace(position) - (u - gap), "exact": gap}),
+        pd.DataFrame({"kind": "flux", **along, "exact": flux}),
+    ]
+
+
+def _in_contact(case: Case, side: NDArray[np.intp], s: Array) -> NDArray[np.intp]:
+    t = s / case.polygon.lengths[side]
+    held = [(side == i) & (t >= a) & (t <= b) for i, a, b in certify(case).contact]
+    return np.any(held, axis=0).astype(int) if held else np.zeros(len(s), dtype=int)
+
+
+def draw(mesh_csv: FilePath, boundary_csv: FilePath, svg_path: FilePath) -> None:
     """u_h on its mesh with the contact set; along the boundary, u_h - g and lambda_H against the exact ones.
 
     `mesh_csv`: triangle, x, y, u_h, h, H, three rows per triangle. `boundary_csv`: kind, side, s, end,

@@ -6,13 +6,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from matplotlib.ticker import LogLocator, NullLocator
 
+from unilateral.errors import InputError
+from unilateral.study import tables
 from unilateral.study.figures.style import (
     COLOURS,
     ERROR_COLUMNS,
+    FAMILIAR,
+    LINES,
+    MARKERS,
     NORMS,
     SMALL,
     WIDTH,
@@ -20,31 +26,74 @@ from unilateral.study.figures.style import (
     as_fraction,
     axes_at,
     figure_in,
+    light_grid,
     read,
 )
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
-FAMILIAR = ("natural", "smooth", "thirds", "full_contact", "no_contact")  # they look alike in all figures
-LINES = ("-", (0, (4, 1.6)), (0, (1, 1.4)))
 EXACT = {"h1": r"$u_h=u$ exactly", "hm12": r"$\lambda_H=0$ exactly", "l2": r"$\lambda_H=0$ exactly"}
-RATE_COLUMNS = (*ERROR_COLUMNS, "scene", "asymptotic", "rate", "proved", "expected")
+COLUMNS = (*ERROR_COLUMNS, "scene", "asymptotic", "rate", "proved", "expected")
 
 
-def rates(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(errors: FilePath, rates: FilePath) -> pd.DataFrame:
+    """One row per case, norm, h/H and level: the error, whether it is asymptotic, and the fitted rate.
+
+    Raises InputError if no level has one of the ratios h/H.
+    """
+    found, fitted = tables.load(errors), tables.load(rates)
+    rows = [
+        row
+        for case in fitted["case"].values
+        for norm in NORMS
+        for ratio in fitted["h_over_H"].values
+        for row in _levels(found.sel(case=case), norm, fitted.sel(case=case, norm=norm, h_over_H=ratio))
+    ]
+    if not rows:
+        ratios = ", ".join(f"{ratio:g}" for ratio in fitted["h_over_H"].values)
+        raise InputError(
+            f"scene '{found.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
+        )
+    return pd.DataFrame(rows)
+
+
+def _levels(errors: xr.Dataset, norm: str, of: xr.Dataset) -> list[dict[str, object]]:
+    """A row for each level with the ratio h/H of the rate `of`."""
+    error = tables.error_in(errors, norm).values
+    pairs = of["asymptotic"].values == 1
+    asymptotic = {*of["h_coarse"].values[pairs], *of["h_fine"].values[pairs]}
+    same = np.argwhere(np.isclose(errors["h_over_H"].values, float(of["h_over_H"]), rtol=1e-9))
+    return [
+        {
+            "scene": errors.attrs["scene"],
+            "case": str(of["case"].values),
+            "norm": norm,
+            "h_over_H": float(of["h_over_H"]),
+            "h": float(errors["h"][i]),
+            "H": float(errors["H"][j]),
+            "error": float(error[i, j]),
+            "asymptotic": int(float(errors["h"][i]) in asymptotic),
+            "rate": float(of["fitted"]),
+            "proved": float(of["proved"]),
+            "expected": float(of["expected"]),
+        }
+        for i, j in same
+    ]
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Errors over h at fixed h/H in the three norms, with the proved slopes and the observed rates.
 
     Columns: scene, case, norm (h1, hm12, l2), h_over_H, h, H, error, asymptotic (0, 1), rate, proved,
     expected. Raises InputError for a table without them.
     """
-    table = read(csv_path, RATE_COLUMNS, {"norm": NORMS})
-    cases, ratios = _numbered(table["case"]), sorted(table["h_over_H"].unique(), reverse=True)
+    data = read(csv_path, COLUMNS, {"norm": NORMS})
+    cases, ratios = _numbered(data["case"]), sorted(data["h_over_H"].unique(), reverse=True)
     bottom = 2.6 + 0.42 * len(cases)
     with figure_in(svg_path, bottom + 5.9) as figure:
         legend = axes_at(figure, 0, 0, WIDTH, bottom - 0.9)
         legend.set(xlim=(0, WIDTH), ylim=(0, bottom - 0.9))
         legend.axis("off")
         for left, (norm, title) in zip((1.25, 6.8, 12.35), NORMS.items(), strict=True):
-            rows = table[table["norm"] == norm]
+            rows = data[data["norm"] == norm]
             axes = axes_at(figure, left, bottom + 0.2, 4.5, 5.0)
             axes.set_title(title)
             axes.set_xlabel(f"mesh size $h$  ($h/H = {', '.join(map(as_fraction, ratios))}$)")
@@ -76,8 +125,7 @@ def _error_lines(axes: Axes, rows: pd.DataFrame, cases: dict[str, int], ratios: 
     axes.set_xlim(rows["h"].min() / 1.3, rows["h"].max() * 1.3)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_locator(LogLocator(numticks=20))
-    axes.grid(which="major", color="0.9", lw=0.5)
-    axes.set_axisbelow(True)
+    light_grid(axes)
 
 
 def _numbered(column: pd.Series) -> dict[str, int]:

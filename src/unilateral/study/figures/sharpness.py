@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,10 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import ScaledTranslation
+from numpy.typing import NDArray
 
-from unilateral.study.figures.rates import MARKERS
+from unilateral.study import tables
 from unilateral.study.figures.style import (
     COLOURS,
+    MARKERS,
     NORMS,
     SMALL,
     WIDTH,
@@ -23,10 +26,13 @@ from unilateral.study.figures.style import (
     as_fraction,
     axes_at,
     figure_in,
+    light_grid,
     read,
 )
+from unilateral.study.judge import surfaces
 
-SHARPNESS_COLUMNS = ("kind", "norm", "alpha", "gamma", "rate", "before", "jj")
+Array = NDArray[np.float64]
+COLUMNS = ("kind", "norm", "alpha", "gamma", "rate", "before", "jj")
 KINDS = ("measured", "predicted", "left", "proved", "attained")
 TITLES = {**NORMS, "consistency": r"consistency term $\langle\Pi_H\lambda,\,u-g\rangle$"}
 HEIGHT = 15.3
@@ -40,18 +46,57 @@ ATTAINED: dict[str, Any] = {"marker": "o", "ms": 8.5, "mfc": "none", "mec": "bla
 FAILS: dict[str, Any] = {"fc": "0.93", "lw": 0}
 
 
-def sharpness(csv_path: FilePath, svg_path: FilePath) -> None:
+def table(rates: FilePath) -> pd.DataFrame:
+    """Rows by `kind`, in each norm and of the consistency term.
+
+    `measured`: the finest pair's rate with that of the pair `before`, per alpha and gamma, and whether (jj)
+    holds; `predicted`: points of the predicted lines, a line per gamma for the consistency term; `left`: of
+    what the proof leaves; `proved`: ends of the theorem's line; `attained`: where predicted lines meet it.
+    """
+    found, rows = tables.load(rates), []
+    for norm in TITLES:
+        rate = found["consistency_rate"] if norm == "consistency" else found["rate"].sel(norm=norm)
+        for a, c in np.ndindex(found.sizes["alpha"], found.sizes["gamma"]):
+            last, before = (float(rate[{"pair": k, "alpha": a, "gamma": c}]) for k in (-1, -2))
+            where = {"alpha": float(found["alpha"][a]), "gamma": float(found["gamma"][c])}
+            jj = int(found["jj"][a, c])
+            rows.append({"kind": "measured", "norm": norm, **where, "rate": last, "before": before, "jj": jj})
+        rows += _theory(norm, found["alpha"].values, found["gamma"].values)
+    return pd.DataFrame(rows)
+
+
+def _theory(norm: str, alphas: Array, gammas: Array) -> list[dict[str, object]]:
+    """The predicted lines, bends included, and the theorem's."""
+    proved = surfaces.PROVED[norm]
+    found = [{"kind": "proved", "norm": norm, "alpha": x, "rate": proved} for x in (0.0, max(alphas))]
+    if norm == "consistency":
+        found.append({"kind": "attained", "norm": norm, "alpha": 0.0, "gamma": 1.0, "rate": proved})
+        lines = [("predicted", gamma, alphas, surfaces.of_consistency(alphas, gamma)) for gamma in gammas]
+    else:
+        found.append({"kind": "attained", "norm": norm, "alpha": 0.0, "rate": proved})
+        bends = np.unique([*alphas, 0.0, surfaces.bend(norm)])
+        lines = [("predicted", np.nan, bends, surfaces.predicted(norm, bends))]
+        for gamma in gammas:
+            x = np.unique([*bends, np.clip(surfaces.bend_left(norm, gamma), min(alphas), max(alphas))])
+            lines.append(("left", gamma, x, surfaces.left_by_proof(norm, x, gamma)))
+    for kind, gamma, x, y in lines:
+        points = zip(x, y, strict=True)
+        found += [{"kind": kind, "norm": norm, "alpha": p, "gamma": gamma, "rate": q} for p, q in points]
+    return found
+
+
+def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Rates over alpha in the three norms and of the consistency term, a colour and marker per gamma.
 
     Columns: kind (measured, predicted, left, proved, attained), norm (h1, hm12, l2, consistency), alpha,
     gamma (empty for lines of all gamma), rate; of measured rates also before (that of the pair before) and
     jj (0, 1: whether (jj) holds). Raises InputError for a table without them.
     """
-    table = read(csv_path, SHARPNESS_COLUMNS, {"kind": KINDS, "norm": TITLES})
-    gammas = sorted(table.loc[table["kind"] == "measured", "gamma"].unique())
+    data = read(csv_path, COLUMNS, {"kind": KINDS, "norm": TITLES})
+    gammas = sorted(data.loc[data["kind"] == "measured", "gamma"].unique())
     with figure_in(svg_path, HEIGHT) as figure:
         for norm, (left, bottom) in PLACES.items():
-            rows = table[table["norm"] == norm]
+            rows = data[data["norm"] == norm]
             axes = axes_at(figure, left, bottom, 7.0, 4.8)
             axes.set_title(TITLES[norm])
             axes.set_ylabel("rate")
@@ -112,8 +157,7 @@ def _scales(axes: Axes, rows: pd.DataFrame) -> None:
     axes.xaxis.set_major_locator(MultipleLocator(0.5))
     axes.xaxis.set_minor_locator(MultipleLocator(0.25))
     axes.xaxis.set_major_formatter(lambda alpha, _: f"${Fraction(alpha).limit_denominator(2)}$")
-    axes.grid(which="major", color="0.88", lw=0.5)
-    axes.set_axisbelow(True)
+    light_grid(axes, "0.88")
 
 
 def _legend(figure: Figure, gammas: list[float]) -> None:

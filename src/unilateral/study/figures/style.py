@@ -1,4 +1,4 @@
-"""What the figures share: the page, the text, the colours, and the reading of their tables.
+"""What the figures share: the page, the text, the looks of lines, and the reading of their tables.
 
 Lengths are in cm on a page 17 cm wide, so that the text, 8 points or more, has the size it has in print.
 """
@@ -41,6 +41,10 @@ STYLE = {
     "svg.hashsalt": "unilateral",
 }
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
+LINES = ("-", (0, (4, 1.6)), (0, (1, 1.4)))
+FAMILIAR = ("natural", "smooth", "thirds", "full_contact", "no_contact")
+"""Cases that look alike in all figures."""
 NORMS = {
     "h1": r"$\Vert u-u_h\Vert_1$",
     "hm12": r"$\Vert\lambda-\lambda_H\Vert_{-1/2}$",
@@ -51,9 +55,15 @@ ERROR_COLUMNS = ("case", "norm", "h", "H", "h_over_H", "error")
 
 
 def read(
-    path: FilePath, columns: Collection[str], words: Mapping[str, Collection[str]] | None = None
+    path: FilePath,
+    columns: Collection[str],
+    words: Mapping[str, Collection[str]] | None = None,
+    kinds: Collection[str] = (),
 ) -> pd.DataFrame:
-    """A table with these columns: numbers, except for text; those in `words` hold all of their words."""
+    """A table with these columns: numbers, except for text.
+
+    Columns in `words` hold all of their words and no other; the column `kind` has no others than `kinds`.
+    """
     try:
         table = pd.read_csv(path)
     except FileNotFoundError:
@@ -72,6 +82,9 @@ def read(
             raise InputError(
                 f"{path}, column '{column}': it has to hold all of {', '.join(allowed)} and no other word"
             )
+    unknown = set(table["kind"]) - set(kinds) if kinds else set()
+    if unknown:
+        raise InputError(f"{path}, column 'kind': '{min(unknown)}' is none of {', '.join(kinds)}")
     return table
 
 
@@ -88,6 +101,12 @@ def figure_in(path: FilePath, height: float) -> Iterator[Figure]:
 def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
     total = figure.get_figheight() / CM
     return figure.add_axes((left / WIDTH, bottom / total, width / WIDTH, height / total))
+
+
+def light_grid(axes: Axes, grey: str = "0.9") -> None:
+    """Lines at the major ticks, below all that is drawn."""
+    axes.grid(which="major", color=grey, lw=0.5)
+    axes.set_axisbelow(True)
 
 
 def as_fraction(value: float) -> str:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 
-from unilateral.study.figures.rates import MARKERS
+from unilateral.formulas.formula import real
+from unilateral.study import tables
 from unilateral.study.figures.style import (
     COLOURS,
+    MARKERS,
     NORMS,
     SMALL,
     WIDTH,
@@ -20,13 +25,18 @@ from unilateral.study.figures.style import (
     as_fraction,
     axes_at,
     figure_in,
+    light_grid,
     read,
 )
+from unilateral.study.judge import cost
+from unilateral.study.runs.cost.variants import Variant
 
-WORK_COLUMNS = (
-    *("kind", "norm", "label", "H_over_h", "H", "unknowns", "stop"),
+COLUMNS = (
+    *("kind", "norm", "label", "H_over_h", "h", "H", "unknowns", "stop"),
     *("work", "error", "steps", "slope", "excess"),
 )
+UNFITTED = ("barzilai_borwein", "newton")
+"""Algorithms whose steps follow no power of H: they change with rounding, or are a few."""
 KINDS = ("front", "line", "steps", "step", "stop")
 ALGORITHMS: dict[str, tuple[str, dict[str, Any]]] = {
     "uzawa": (r"Uzawa, $\rho=1.9/\lambda_{\max}(S)$", {"color": COLOURS[0], "marker": "o", "ms": 5.2}),
@@ -54,15 +64,93 @@ LAST_STOP = 1e-5
 """What is below it is drawn nowhere: all errors are then those of the discrete solution."""
 
 
-def work_precision(csv_path: FilePath, svg_path: FilePath, work: str = "operations") -> None:
+def table(
+    crossed: FilePath,
+    cases: FilePath,
+    algebra: FilePath,
+    base: Mapping[str, Any],
+    coarsest: object,
+    timings: FilePath | None = None,
+) -> pd.DataFrame:
+    """Work and relative errors, and what is behind them; work in seconds where timings are given.
+
+    kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
+    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
+    the exponent fitted up to the `coarsest` H; step: work of one, or of the set-up, by matrix; stop: the
+    largest excess at a level.
+    """
+    runs, of_cases, of_matrix = (tables.load(path) for path in (crossed, cases, algebra))
+    config = Variant(**{**base, "H_over_h": real(base["H_over_h"], "H_over_h")})
+    if timings:
+        runs, of_matrix = _in_seconds(runs, of_matrix, tables.load(timings), config)
+    largest = real(coarsest, "coarsest")
+    parts = [_of_norm(runs, of_cases, norm, largest) for norm in NORMS]
+    parts += [_of_steps(runs, config.H_over_h, largest), _of_matrices(of_matrix)]
+    return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
+
+
+def _in_seconds(
+    crossed: xr.Dataset, algebra: xr.Dataset, timings: xr.Dataset, base: Variant
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """The same tables with seconds in the place of operations."""
+    axes = [str(name) for name in crossed["operations"].dims if name in Variant._fields]
+    seconds, of_matrix = cost.along(timings, base, axes), cost.along(timings, base, ["algebra"])
+    step, setup = of_matrix["seconds_per_step"], of_matrix["setup_seconds"]
+    return (
+        crossed.assign(operations=seconds["seconds"]),
+        algebra.assign(step_operations=step, setup_operations=setup),
+    )
+
+
+def _of_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> pd.DataFrame:
+    at = cost.best(crossed, norm, cost.enough(cases.isel(case=[0]), norm, coarsest))
+    lines = at.to_dataframe().reset_index().dropna()
+    worst = cost.excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
+    stops = pd.DataFrame({"kind": "stop", "stop": worst["stop"], "excess": worst})
+    return pd.concat([front(crossed, norm), lines.assign(kind="line"), stops]).assign(norm=norm)
+
+
+def front(crossed: xr.Dataset, norm: str) -> pd.DataFrame:
+    """The runs that no cheaper one beats in a norm."""
+    crossed = crossed.sel(stop=crossed["stop"] < 1)
+    of = {"error": cost.relative(crossed, norm), "work": crossed["operations"], "h": crossed["h"]}
+    points = xr.Dataset(of).to_dataframe().reset_index().rename(columns={"algorithm": "label"})
+    kept = points.iloc[cost.front(points["work"].to_numpy(), points["error"].to_numpy())]
+    return kept.assign(kind="front")
+
+
+def _of_steps(crossed: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
+    parts = []
+    for algorithm in crossed["algorithm"].values:
+        steps = crossed["steps"].sel(H_over_h=H_over_h, algorithm=algorithm)
+        last = steps.sel(stop=cost.SHOWN, method="nearest")
+        fitted = algorithm not in UNFITTED
+        slope = round(cost.growth(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
+        line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
+        parts.append(pd.DataFrame(line))
+    return pd.concat(parts)
+
+
+def _of_matrices(algebra: xr.Dataset) -> pd.DataFrame:
+    lines = {name: algebra["step_operations"].sel(algebra=name) for name in algebra["algebra"].values}
+    lines |= {f"setup_{name}": algebra["setup_operations"].sel(algebra=name) for name in ("S", "A")}
+    unknowns = algebra["unknowns"].sel(algebra="S")
+    parts = [
+        pd.DataFrame({"kind": "step", "label": label, "unknowns": unknowns, "work": values})
+        for label, values in lines.items()
+    ]
+    return pd.concat(parts)
+
+
+def draw(csv_path: FilePath, svg_path: FilePath, work: str = "operations") -> None:
     """Above: relative errors over work at fixed H/h, and the front of all. Below: steps, one step, stops.
 
     Columns: kind (front, line, steps, step, stop), norm, label (algorithm or matrix), H_over_h, H, unknowns,
     stop, work, error, steps, slope (p of steps ~ H^-p), excess. `work` is "operations" or "seconds". Raises
     InputError for a table without them.
     """
-    table = read(csv_path, WORK_COLUMNS, {"kind": KINDS})
-    parts = {kind: rows for kind, rows in table.groupby("kind")}
+    data = read(csv_path, COLUMNS, {"kind": KINDS})
+    parts = {kind: rows for kind, rows in data.groupby("kind")}
     ratios = sorted(parts["line"]["H_over_h"].unique())
     with figure_in(svg_path, HEIGHT) as figure:
         for left, (norm, title) in zip(LEFT, NORMS.items(), strict=True):
@@ -93,8 +181,7 @@ def _look(ratios: list[float], ratio: float) -> dict[str, Any]:
 def _line(axes: Axes, x: pd.Series, y: pd.Series, look: dict[str, Any]) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.grid(which="major", color="0.9", lw=0.5)
-    axes.set_axisbelow(True)
+    light_grid(axes)
     axes.plot(x, y, **look)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
@@ -39,6 +38,17 @@ def of_consistency(alpha: ArrayLike, gamma: ArrayLike) -> Array:
 def left_by_proof(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
     """The prediction or, where smaller, the rate of the consistency term's root, as (4.10) adds them."""
     return np.minimum(predicted(norm, alpha), of_consistency(alpha, gamma) / 2 - INVERSE[norm])
+
+
+def bend(norm: str) -> float:
+    """The alpha at which the regularity no longer limits the predicted rate."""
+    most, smoothness = BEST[norm]
+    return most - smoothness
+
+
+def bend_left(norm: str, gamma: float) -> float:
+    """The alpha at which the root of the consistency term has the best of the predicted rates."""
+    return 2 * (BEST[norm][0] + INVERSE[norm]) - gamma - 1
 
 
 def along_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -114,46 +124,3 @@ def _share(errors: xr.Dataset, norm: str) -> Array:
     to_norm = {"h1": xr.ones_like(beta), "hm12": beta, "l2": lambda_min**0.5}[norm]
     share = errors["algebraic_bound"] / to_norm / error_in(errors, norm, "lower")
     return _of_levels(share.max("position", skipna=False))
-
-
-def sharpness_frame(rates: xr.Dataset) -> pd.DataFrame:
-    """What the figure of sharpness is drawn from, in long form by `kind`.
-
-    `measured`: the finest pair's rate with that of the pair `before`, per norm (or consistency), alpha and
-    gamma, and whether (jj) holds; `predicted`: points of the predicted lines, a line per gamma for the
-    consistency term; `left`: of what the proof leaves; `proved`: ends of the theorem's line; `attained`:
-    where the predicted lines meet it.
-    """
-    rows = []
-    for norm in (*NORMS, "consistency"):
-        rate = rates["consistency_rate"] if norm == "consistency" else rates["rate"].sel(norm=norm)
-        for a, c in np.ndindex(rates.sizes["alpha"], rates.sizes["gamma"]):
-            last, before = (float(rate[{"pair": k, "alpha": a, "gamma": c}]) for k in (-1, -2))
-            where = {"alpha": float(rates["alpha"][a]), "gamma": float(rates["gamma"][c])}
-            jj = int(rates["jj"][a, c])
-            rows.append({"kind": "measured", "norm": norm, **where, "rate": last, "before": before, "jj": jj})
-        rows += _lines(norm, rates["alpha"].values, rates["gamma"].values)
-    return pd.DataFrame(rows)
-
-
-def _lines(norm: str, alphas: Array, gammas: Array) -> list[dict[str, object]]:
-    """The predicted lines, bends included, and the theorem's."""
-    ends = np.array([0.0, max(alphas)])
-    found = [{"kind": "proved", "norm": norm, "alpha": x, "rate": PROVED[norm]} for x in ends]
-    if norm == "consistency":
-        found.append({"kind": "attained", "norm": norm, "alpha": 0.0, "gamma": 1.0, "rate": PROVED[norm]})
-        lines = [("predicted", gamma, alphas, of_consistency(alphas, gamma)) for gamma in gammas]
-    else:
-        found.append({"kind": "attained", "norm": norm, "alpha": 0.0, "rate": PROVED[norm]})
-        bends = np.unique([*alphas, 0.0, BEST[norm][0] - BEST[norm][1]])
-        lines = [("predicted", np.nan, bends, predicted(norm, bends))]
-        for gamma in gammas:
-            of_root = 2 * (BEST[norm][0] + INVERSE[norm]) - gamma - 1
-            x = np.unique([*bends, np.clip(of_root, min(alphas), max(alphas))])
-            lines.append(("left", gamma, x, left_by_proof(norm, x, gamma)))
-    for kind, gamma, x, y in lines:
-        found += [
-            {"kind": kind, "norm": norm, "alpha": p, "gamma": gamma, "rate": q}
-            for p, q in zip(x, y, strict=True)
-        ]
-    return found

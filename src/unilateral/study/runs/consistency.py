@@ -8,17 +8,13 @@ fraction theta of its cell, of length H,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isclose
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.geometry.partition import Partition, uniform
-from unilateral.norms.exact import cell_means
+from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
 from unilateral.problems.polar import Polar
 
@@ -55,46 +51,3 @@ def leading(transition: Transition, partition: Partition) -> tuple[float, float]
     size = float(partition.lengths[cell] / polygon.lengths[side])
     means = theta ** (gamma + 1) * (1 - theta) ** (alpha + 1) / ((alpha + 1) * (gamma + 1))
     return float(polygon.lengths[side]) * size**transition.rate * means, theta
-
-
-def consistency_frame(
-    case: Case, partition: Partition, studies: Sequence[tuple[Sequence[Case], xr.Dataset]]
-) -> pd.DataFrame:
-    """The cells of the side with the case's transition; and, over H, totals beside what is predicted.
-
-    `studies` are cases with their scene's table of errors. The kind `elsewhere` is the part of a total that
-    cells without a transition add; all terms stand in one column, so that they are rounded alike.
-    """
-    rows = [row for cases, errors in studies for each in cases for row in _totals(each, errors)]
-    return pd.concat([_cells(case, partition), pd.DataFrame(rows)])
-
-
-def _cells(case: Case, partition: Partition) -> pd.DataFrame:
-    side, found = first_transition(case).side, cell_means(case, partition)
-    here, start = partition.side == side, partition.polygon.starts[side]
-    return pd.DataFrame(
-        {
-            "kind": "cell",
-            "case": case.name,
-            "H": partition.H,
-            "s": partition.points[:-1][here] - start,
-            "end": partition.points[1:][here] - start,
-            "lambda_mean": found.lambda_means[here],
-            "gap_mean": found.gap_means[here],
-            "term": found.consistency_terms[here],
-        }
-    )
-
-
-def _totals(case: Case, errors: xr.Dataset) -> list[dict[str, object]]:
-    transition, of, rows = first_transition(case), errors.sel(case=case.name), []
-    for k, H in enumerate(errors["H"].values):
-        predicted, theta = leading(transition, uniform(case.polygon, H))
-        terms = {
-            "total": float(of["consistency"][k]),
-            "elsewhere": float(of["consistency_elsewhere"][k]),
-            "predicted": predicted,
-        }
-        same = {"case": case.name, "H": float(H), "theta": theta, "rate": transition.rate}
-        rows += [{"kind": kind, **same, "term": term, "over_H2": term / H**2} for kind, term in terms.items()]
-    return rows

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.figures.extremes_data import RESCUED, kinds
+from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.text.formats import shown
 
 ALWAYS, NEVER, NO_TOOL = "–", "none", "no tool"

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.figures.extremes_data import RESCUED, kinds
 from unilateral.study.judge import cost as trade
+from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.runs import extremes as runs
 from unilateral.study.runs.cost.variants import REFRESH
 from unilateral.study.text import cost_tables, extremes_tables

@@ -13,7 +13,7 @@ import xarray as xr
 from unilateral.files import replacing
 from unilateral.formulas.formula import real
 from unilateral.study import tables
-from unilateral.study.text import verdicts
+from unilateral.study.judge import records
 
 TABLES = ("algorithm", "case", "scene", "algebra", "precision", "floors", "sharpness", "extremes")
 
@@ -46,7 +46,7 @@ def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
         for what, scenes in (("rates", "judged"), ("totals", "bounded"))
     )
     of = {name: tables.load(paths[name]) for name in TABLES}
-    return Sources(of, rates, totals, pd.read_csv(paths["pairs"]), verdicts.read(paths["claims"]), study)
+    return Sources(of, rates, totals, pd.read_csv(paths["pairs"]), records.read(paths["claims"]), study)
 
 
 def write(values: Mapping[str, Any], path: str | os.PathLike[str]) -> None:

@@ -1,21 +1,16 @@
-"""The ledger's verdicts for readers: tables, which claims hold, and the rows of the figure of all."""
+"""The ledger's verdicts for readers: tables, and which claims hold."""
 
 from __future__ import annotations
 
-import json
-import os
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from unilateral.errors import StorageError
+from unilateral.study.judge.records import LEAST, PLENTY
 
 ROUND_OFF = 1e-12
-LEAST, PLENTY = 1e-4, 10.0
-"""Margins that are told apart."""
 NO_MARGIN = "–"
 FAILS = "fails"
 LETTERS = {
@@ -31,21 +26,6 @@ LETTERS = {
     "pi": "π",
     "Pi": "Π",
 }
-KINDS = {
-    FAILS: FAILS,
-    "is an error": "is an error of the source",
-    "needs": "needs a condition that is left out",
-    "is supported": "supported beyond the paper",
-    "is not contradicted": "not contradicted",
-}
-
-
-def read(path: str | os.PathLike[str]) -> Any:
-    """What a JSON file of the results holds. Raises StorageError for a file that is damaged."""
-    try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except ValueError:
-        raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
 
 
 def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
@@ -96,19 +76,3 @@ def _percent(margin: float) -> str:
         return f"< {100 * LEAST:g} %"
     digits = 2 if abs(margin) < 0.01 else 0
     return f"{100 * margin:.{digits}f} %"
-
-
-def verdict_frame(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """One row per claim, for the figure of all: label, kind of its verdict, margin within limits."""
-    rows = []
-    for each in records:
-        margin = min(max(each["margin"], LEAST), PLENTY)
-        rows.append({"label": each["id"], "kind": _kind(each["verdict"]), "margin": margin})
-    return pd.DataFrame(rows)
-
-
-def _kind(verdict: str) -> str:
-    for start, kind in KINDS.items():
-        if verdict.startswith(start):
-            return kind
-    return "holds, and is sharp" if re.search(r"(?<!not )\bsharp\b", verdict) else "holds"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -44,10 +43,3 @@ def cases(scene: Mapping[str, Any]) -> list[Case]:
 
 def partitions(scene: Mapping[str, Any]) -> list[Partition]:
     return [partition.uniform(domain(scene), real(H, "H")) for H in scene["H"]]
-
-
-def limits(scene: Mapping[str, Any]) -> tuple[float, float]:
-    """The smallest and the largest H/h."""
-    given = scene["H_over_h"]
-    largest = real(given["max"], "H_over_h.max") if "max" in given else math.inf
-    return real(given.get("min", 0), "H_over_h.min"), largest
