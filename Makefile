@@ -27,6 +27,7 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	ruff check
 	ruff format --check
 	mypy
+	lint-imports --no-cache
 	snakefmt --check Snakefile workflow/rules
 	pytest
 	@changes=$$(git status --porcelain -- figures README.md paper.md docs) || exit 1; \
