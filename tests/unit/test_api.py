@@ -37,20 +37,25 @@ def test_all_that_is_public_is_there_and_typed():
         _ = ul.solv
 
 
-def readme(kind):
-    return re.findall(rf"^```{kind}\n(.*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+def programs():
+    """Those of README and the page on Python."""
+    for name in ("README.md", "docs/python.md"):
+        text = (ROOT / name).read_text()
+        found = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        assert found
+        yield from found
 
 
-def test_the_programs_of_readme_run(tmp_path):
-    """As they are, from the project's folder; what they write is moved to a folder of its own."""
-    programs = readme("python")
-    assert programs
-    for program in programs:
-        for name in re.findall(r'"(shelter\.\w+)"', program):
-            program = program.replace(f'"{name}"', repr(str(tmp_path / name)))
-        subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, timeout=120)
-    assert (tmp_path / "shelter.vtu").exists()
-    assert (tmp_path / "shelter.png").exists()
+def test_the_programs_that_readers_see_run(tmp_path):
+    """As they are, in a folder with the example and a mesh of one's own."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    mesh = structured(square(), 1 / 8)
+    in_space = np.column_stack([mesh.points, np.zeros(mesh.n_nodes)])
+    own = meshio.Mesh(in_space, [("triangle", mesh.triangles)])
+    own.write(tmp_path / "own.msh", file_format="gmsh")
+    for program in programs():
+        subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=120)
+    assert {"shelter.vtu", "shelter.png"} <= {file.name for file in tmp_path.iterdir()}
 
 
 def test_functions_give_the_solution_of_their_formulas():
