@@ -173,7 +173,6 @@ def test_defaults_are_filled_in():
         ("extremes.axes.ratio.values", [1, -1]),
         ("extremes.axes.ratio.steps", 3),
         ("extremes.jobs.cells", []),
-        ("deep.memory", 0),
         ("figures.natural.parameters.levels", 3),
         ("figures.natural.parameters.H", REMOVED),
         ("rates.judged_ratio", "0"),
@@ -212,7 +211,7 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of algorithm, cost, deep, extremes, paper, sharpness",
+        "letter first, and none of algorithm, cost, extremes, paper, sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import condensed, coupled, discrete, load
 
+from unilateral.discrete import solve
 from unilateral.fem.condense import dissected
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -88,7 +89,7 @@ def test_the_pair_is_a_saddle_point_and_no_other_is():
 def test_what_is_not_constant_on_the_cells_by_a_finer_sum():
     """natural: midpoints of 2000 pieces a cell, u_h from the solve of the pair."""
     made = discrete("natural", 16, 8)
-    solution, case, mesh = made.solve(), load("natural"), condensed("square", 16).mesh
+    solution, case, mesh = solve(made), load("natural"), condensed("square", 16).mesh
     n = 2000 * made.spaces.partition.n_cells
     s = (np.arange(n) + 0.5) * 4 / n
     side = np.floor(s).astype(int)

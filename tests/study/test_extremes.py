@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tracemalloc
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -17,15 +16,14 @@ import xarray as xr
 import yaml
 from conftest import ROOT
 
-from unilateral.discrete import pair, solve
+from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import CONSTANTS, condense
-from unilateral.fem.p1 import stiffness_and_mass
-from unilateral.fem.spaces import DualOperator
+from unilateral.fem.spaces import DualOperator, mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.norms.exact import cell_means, ritz_projection
+from unilateral.norms.exact import cell_means, exact, ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.solvers import uzawa
@@ -34,15 +32,6 @@ from unilateral.solvers.iterate import Stop, iterate
 from unilateral.study.judge.checks import extremes as checks
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import KINDS, Budget, cells, contact, precision, shapes, steps, trial
-from unilateral.study.runs.extremes.deep import (
-    ASSEMBLED,
-    FILL,
-    HELD,
-    OF_BOUNDARY,
-    WORD,
-    finest,
-    predicted_bytes,
-)
 from unilateral.study.runs.extremes.outcome import (
     NO_TOOL,
     NOT_CONVERGED,
@@ -66,13 +55,13 @@ def problem(h: float = 1 / 8, H: float = 1 / 4, contact=waves, times: float = 1.
 
 def interior_point(of: Problem) -> np.ndarray:
     """lambda_H by clarabel: min mu . D mu / 2 + <mu, F(0)> over mu >= 0."""
-    operator, m = of.spaces.operator, len(of.offset)
+    operator, m = of.spaces.operator, len(of.discrete.offset)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     D, bounds = sp.csc_matrix(np.triu(operator.D)), -sp.identity(m, format="csc")
     cone = [clarabel.NonnegativeConeT(m)]
-    solver = clarabel.DefaultSolver(D, operator.H_i * of.offset, bounds, np.zeros(m), cone, settings)
+    solver = clarabel.DefaultSolver(D, operator.H_i * of.discrete.offset, bounds, np.zeros(m), cone, settings)
     return np.asarray(solver.solve().x)
 
 
@@ -86,7 +75,7 @@ def test_the_known_solution_is_that_of_an_interior_point_code(contact) -> None:
 def test_the_known_solution_satisfies_the_discrete_problem() -> None:
     of = problem()
     assert of.error(of.lambda_H) < 1e-12 * of.size
-    gap = of.spaces.operator.gap(of.lambda_H, of.offset)
+    gap = of.spaces.operator.gap(of.lambda_H, of.discrete.offset)
     assert np.abs(np.minimum(gap, of.lambda_H)).max() < 1e-12
     assert of.error(np.zeros(len(gap))) == pytest.approx(of.size, rel=1e-12)
 
@@ -95,7 +84,7 @@ def test_a_bound_below_the_error_is_wrong_and_so_is_a_false_claim_of_convergence
     """Controls of the judgement."""
     of = problem()
     tolerance = 1e-6 * of.size
-    result = active_set(of.spaces.operator, of.offset, tolerance)
+    result = active_set(of.spaces.operator, of.discrete.offset, tolerance)
     assert judge(of, result, tolerance).outcome == RIGHT
     off = replace(result, lambda_H=result.lambda_H + 1e-4)
     assert judge(of, off, tolerance).outcome == WRONG
@@ -112,7 +101,7 @@ def test_a_wrong_solver_makes_the_point_wrong(monkeypatch: pytest.MonkeyPatch) -
     of = problem()
     assert attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition).outcome == RIGHT
     monkeypatch.setattr(
-        trial, "active_set", lambda *_: replace(active_set(*_), lambda_H=np.zeros(len(of.offset)))
+        trial, "active_set", lambda *_: replace(active_set(*_), lambda_H=np.zeros(len(of.discrete.offset)))
     )
     row = attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition)
     assert (row.outcome, row.tool) == (WRONG, WRONG)
@@ -146,7 +135,8 @@ def test_a_solver_may_refuse_and_the_others_are_still_judged(monkeypatch: pytest
 
 
 def test_what_all_refuse_has_no_number() -> None:
-    of = replace(problem(), offset=np.full(16, np.inf))
+    sound = problem()
+    of = replace(sound, discrete=replace(sound.discrete, offset=np.full(16, np.inf)))
     row = attempt(1.0, lambda _: of, BUDGET, lambda *_: 7.0)
     assert (row.outcome, row.tool) == (REFUSED, REFUSED)
     assert np.isnan([row.true_error, row.guaranteed, row.measured]).all()
@@ -190,7 +180,7 @@ def test_in_partial_contact_the_held_cells_decide_near_the_solution_only() -> No
     for share, near in ((0.97 * limit, True), (1.03 * limit, False)):
         rho = share * 2 / operator.lambda_max
         with nullcontext() if near else pytest.warns(RuntimeWarning):
-            found = uzawa.uzawa(operator, of.offset, 1e-13, rho, of.lambda_H * (1 + 1e-6), 2000)
+            found = uzawa.uzawa(operator, of.discrete.offset, 1e-13, rho, of.lambda_H * (1 + 1e-6), 2000)
         assert found.converged == near
         assert (of.error(found.lambda_H) < 1e-11 * of.size) == near
     table = extremes.survey(
@@ -240,7 +230,7 @@ def test_rounding_of_coordinates_is_not_allowed_for() -> None:
     partition = uniform(far, 1 / 4)
     of = made(meshes.unstructured(far, 1 / 8), partition, *waves(partition))
     assert of.rounding < 1e-11
-    found = active_set(of.spaces.operator, of.offset, 1e-6 * of.size)
+    found = active_set(of.spaces.operator, of.discrete.offset, 1e-6 * of.size)
     assert of.error(found.lambda_H) < of.rounding * of.norm(of.u)
 
 
@@ -387,7 +377,7 @@ def test_the_allowance_scales_with_the_data() -> None:
 def test_rounding_of_A3_is_within_what_is_allowed(n: int) -> None:
     """Of the active set's u. What constants lose is of the order of eps tr(K) / |Omega| = 4 eps n^2."""
     of = problem(1 / n, 1 / 8, full)
-    assert of.error(active_set(of.spaces.operator, of.offset, 1e-6).lambda_H) <= of.allowance
+    assert of.error(active_set(of.spaces.operator, of.discrete.offset, 1e-6).lambda_H) <= of.allowance
     assert 1e-12 <= of.rounding <= max(1e-12, np.finfo(float).eps * 4 * n**2)
 
 
@@ -402,7 +392,7 @@ def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition() -> No
     _, vectors = np.linalg.eigh(operator.S)
     for e in [*vectors.T, *rng.standard_normal((20, 16))]:
         mu = of.lambda_H + 1e-5 * in_L2 * e / np.linalg.norm(e) / np.sqrt(operator.H_i)
-        bound = uzawa.residual_bound(operator, of.offset, mu, 1 / operator.lambda_max)
+        bound = uzawa.residual_bound(operator, of.discrete.offset, mu, 1 / operator.lambda_max)
         assert bound <= 1.0001e-5 * precision._bound_of_floor(of) * of.size
 
 
@@ -426,7 +416,7 @@ def test_what_the_floor_has_above_its_prediction_is_the_rounding_of_the_factors(
         rounded.append(floor_of(of, after))
         computed.append(floor_of(of, single))
     root = np.sqrt(exact.H_i)
-    solved = np.linalg.solve(single.S.astype(float), -root * of.offset)
+    solved = np.linalg.solve(single.S.astype(float), -root * of.discrete.offset)
     error = np.linalg.norm(solved - root * of.lambda_H) / np.linalg.norm(root * of.lambda_H)
     assert error == pytest.approx(computed[-1] * 2.0**-24 * of.condition, rel=0.1)
     assert max(rounded) < 1
@@ -462,37 +452,6 @@ def test_no_loss_of_constants_is_near_where_it_is_refused(kind: str, monkeypatch
     assert not np.any((share > 1 / 3) & (share < 3))
 
 
-@pytest.mark.parametrize("n", [32, 64])
-def test_the_factors_have_as_many_numbers_as_nested_dissection_predicts(n: int) -> None:
-    """George's 31/8 n log2 n is asymptotic: a quarter either way."""
-    lu = condense(meshes.structured(square(), 1 / n)).lu
-    unknowns = (n + 1) ** 2
-    assert lu.L.nnz + lu.U.nnz == pytest.approx(2 * FILL * unknowns * math.log2(unknowns), rel=0.25)
-
-
-def test_the_memory_of_a_node_is_what_the_arrays_have() -> None:
-    """Counted by sizes, and by tracemalloc while K and M are assembled; 5 % for the nodes of the boundary."""
-    mesh = meshes.structured(square(), 1 / 64)
-    condensed = condense(mesh)
-    tracemalloc.start()
-    stiffness_and_mass(mesh)
-    assembled = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    of_A = (condensed.A.data, condensed.A.indices, condensed.A.indptr)
-    held = sum(each.nbytes for each in (mesh.points, mesh.triangles, *of_A, *3 * [condensed.order]))
-    assert held == pytest.approx(HELD * WORD * mesh.n_nodes, rel=0.05)
-    assert assembled == pytest.approx(ASSEMBLED * WORD * mesh.n_nodes, rel=0.05)
-    assert condensed.A_3.nbytes + condensed.cholesky.nbytes == OF_BOUNDARY * 256**2
-    assert condensed.lu.U.indices.itemsize == WORD // 2
-
-
-def test_the_finest_mesh_fills_the_memory() -> None:
-    assert predicted_bytes(finest(16e9)) == pytest.approx(16e9, rel=1e-9)
-    table = extremes.deep(1 / 16, 1 / 8, 16e9, BUDGET)
-    assert table["outcome"] == RIGHT
-    assert int(table["unknowns"]) == 289
-
-
 def test_rectangles_between_ticks() -> None:
     mesh = meshes.tensor(np.array([0, 1e-4, 0.5, 1]))
     assert mesh.n_nodes == 16
@@ -509,24 +468,26 @@ def test_solvers_scale_with_the_data(size: float, H: float) -> None:
     """H = 1/8 is h, where S is singular: below 1e-160 bound and lambda_H were 0, as the square of g was."""
     of = problem(H=H)
     operator = of.spaces.operator
-    found = active_set(operator, size * of.offset, size * 1e-5)
+    found = active_set(operator, size * of.discrete.offset, size * 1e-5)
     assert found.converged
-    expected = active_set(operator, of.offset, 1e-5).lambda_H
+    expected = active_set(operator, of.discrete.offset, 1e-5).lambda_H
     difference = np.linalg.norm(operator.half @ (found.lambda_H / size - expected))
     assert difference <= found.bound / size + 1e-7 * of.size
-    assert uzawa.energy_bound(operator, size * of.offset, 0 * expected) >= size * of.size
+    assert uzawa.energy_bound(operator, size * of.discrete.offset, 0 * expected) >= size * of.size
 
 
 @pytest.mark.parametrize("size", [1e-290, 1e-155, 1.0, 1e152, 1e290])
 def test_uzawa_scales_with_the_data(size: float) -> None:
     """Steps and bounds do not depend on the size; 1e152 was said to have diverged."""
     of = problem()
-    ours = uzawa.uzawa(of.spaces.operator, of.offset, 1e-6)
-    scaled = uzawa.uzawa(of.spaces.operator, size * of.offset, size * 1e-6)
+    ours = uzawa.uzawa(of.spaces.operator, of.discrete.offset, 1e-6)
+    scaled = uzawa.uzawa(of.spaces.operator, size * of.discrete.offset, size * 1e-6)
     assert scaled.converged
     assert abs(scaled.iterations - ours.iterations) <= 1
     assert scaled.bound == pytest.approx(size * ours.bound, rel=0.1)
-    residual = uzawa.residual_bound(of.spaces.operator, size * of.offset, scaled.lambda_H, scaled.rho)
+    residual = uzawa.residual_bound(
+        of.spaces.operator, size * of.discrete.offset, scaled.lambda_H, scaled.rho
+    )
     assert residual == pytest.approx(scaled.bound, rel=1e-6)
 
 
@@ -536,10 +497,10 @@ def test_a_start_beyond_the_range_is_refused(method: str, start: float) -> None:
     """They ended after 0 steps with an infinite bound, and at 1e308 nothing was told at all."""
     of = problem()
     with pytest.raises(InputError, match=r"is not below 1e\+300; scale the data to about 1, start from"):
-        uzawa.uzawa(of.spaces.operator, of.offset, 1e-6, start=np.full(16, start), method=method)
+        uzawa.uzawa(of.spaces.operator, of.discrete.offset, 1e-6, start=np.full(16, start), method=method)
     with pytest.raises(InputError, match="the first residual"):
-        iterate(of.spaces.operator, of.offset, 1e-6, Stop(), np.full(16, start))
-    assert uzawa.uzawa(of.spaces.operator, of.offset, 1e-6, start=np.full(16, 4.9e299)).converged
+        iterate(of.spaces.operator, of.discrete.offset, 1e-6, Stop(), np.full(16, start))
+    assert uzawa.uzawa(of.spaces.operator, of.discrete.offset, 1e-6, start=np.full(16, 4.9e299)).converged
 
 
 @pytest.mark.parametrize(("size", "refused"), [(4.3e300, False), (4.5e300, True), (5e307, True)])
@@ -548,8 +509,8 @@ def test_data_beyond_the_range_are_refused(size: float, refused: bool) -> None:
     of = problem()
     assert contact._first_residual(of) == pytest.approx(1e300 / 4.3748e300, rel=1e-4)
     with pytest.raises(InputError, match="scale the data") if refused else nullcontext():
-        assert uzawa.uzawa(of.spaces.operator, size * of.offset, 1e-6 * size).converged
-    assert active_set(of.spaces.operator, size * of.offset, 1e-6 * size).converged
+        assert uzawa.uzawa(of.spaces.operator, size * of.discrete.offset, 1e-6 * size).converged
+    assert active_set(of.spaces.operator, size * of.discrete.offset, 1e-6 * size).converged
 
 
 @pytest.mark.parametrize("size", [1e-310, 1e-320])
@@ -558,9 +519,9 @@ def test_data_that_have_lost_digits_are_refused(size: float) -> None:
     of = problem()
     for solver in (uzawa.uzawa, active_set):
         with pytest.raises(InputError, match="has lost digits of double precision; scale the data"):
-            solver(of.spaces.operator, size * of.offset, 1e-6 * size)
-        assert solver(of.spaces.operator, 1e-307 * of.offset, 1e-312).converged
-        assert solver(of.spaces.operator, 0 * of.offset, 0.0).converged
+            solver(of.spaces.operator, size * of.discrete.offset, 1e-6 * size)
+        assert solver(of.spaces.operator, 1e-307 * of.discrete.offset, 1e-312).converged
+        assert solver(of.spaces.operator, 0 * of.discrete.offset, 0.0).converged
 
 
 @pytest.mark.parametrize("size", [1e-290, 1e-155, 1e152, 1e290])
@@ -569,7 +530,7 @@ def test_every_method_scales_with_the_data(method: str, size: float) -> None:
     """Squares of 1e200 overflowed in the steps of Barzilai and Borwein, which left NaN."""
     of = problem()
     ours, scaled = (
-        uzawa.uzawa(of.spaces.operator, factor * of.offset, factor * 1e-6, method=method)
+        uzawa.uzawa(of.spaces.operator, factor * of.discrete.offset, factor * 1e-6, method=method)
         for factor in (1.0, size)
     )
     assert scaled.converged
@@ -602,11 +563,11 @@ def test_cases_of_any_size_are_certified_and_solved_alike(name: str, factor: str
     errors = []
     for each in (case, cases.load(name, square())):
         cells = cell_means(each, of.spaces.partition)
-        errors.append(solve(ritz_projection(each, of.condensed), cells, of.spaces, 0.5, Stop()))
+        errors.append(solve(with_solution(of.spaces, exact(each, of.spaces)), beta=0.5))
         assert cells.lambda_is_zero == (name == "no_contact")
     scaled, plain = errors
     assert scaled.result.iterations == plain.result.iterations
-    assert scaled.h1_error == pytest.approx(float(factor) * plain.h1_error, rel=1e-9)
+    assert scaled.errors.h1 == pytest.approx(float(factor) * plain.errors.h1, rel=1e-9)
 
 
 def test_a_small_negative_multiplier_is_noticed(tmp_path: Path) -> None:
@@ -624,7 +585,7 @@ def test_cases_whose_errors_have_no_square_are_refused(factor: str, tmp_path: Pa
     """Their errors were printed as 0, or the tolerance was infinite."""
     case = scaled_case("full_contact", factor, tmp_path)
     with pytest.raises(InputError, match="squares of its errors leave double precision; scale the data"):
-        ritz_projection(case, problem().condensed)
+        ritz_projection(case, problem().spaces.condensed)
 
 
 def test_a_polygon_far_away_is_refused_before_its_nodes_move() -> None:
@@ -646,7 +607,7 @@ def test_ends_of_cells_next_to_mesh_vertices_do_no_harm() -> None:
     """The operator changes by what the cells change, down to the last bit of an arc length."""
     mesh, cells = meshes.structured(square(), 1 / 8), uniform(square(), 1 / 4)
     inside = ~np.isin(cells.points, square().starts)
-    D = pair(condense(mesh), cells).operator.D
+    D = mixed_spaces(condense(mesh), cells).operator.D
     for distance in (1e-8, 1e-12, 1e-15):
-        near = pair(condense(mesh), Partition(square(), cells.points + distance * inside)).operator.D
+        near = mixed_spaces(condense(mesh), Partition(square(), cells.points + distance * inside)).operator.D
         assert 0 < np.abs(near - D).max() <= max(8 * distance, 1e-14) * np.abs(D).max()

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import sympy
 import xarray as xr
-from conftest import condensed, coupled
+from conftest import coupled
 
-from unilateral.discrete import solve
+from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.formulas.formula import pos
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import cell_means, ritz_projection
+from unilateral.norms.exact import cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.polar import harmonic
@@ -132,26 +132,27 @@ def measured() -> xr.Dataset:
 @pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
 def test_a_measurement_is_the_solve_of_its_member(a: int, c: int, k: int) -> None:
     """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
-    both, case = coupled("square", 8, 4), transition(SQUARE, AT[k], ALPHAS[a], GAMMAS[c])
-    cells = cell_means(case, both.partition)
-    problem = ritz_projection(case, condensed("square", 8))
+    spaces, case = coupled("square", 8, 4), transition(SQUARE, AT[k], ALPHAS[a], GAMMAS[c])
+    discrete = with_solution(spaces, exact(case, spaces))
     found = measured().isel(alpha=a, gamma=c, position=k)
-    solution = solve(problem, cells, both, float(found["beta_lower"]))
+    solution = solve(discrete, beta=float(found["beta_lower"]))
     expected = {
-        "h1_error": solution.h1_error,
-        "l2_error": solution.l2_error,
-        "consistency": cells.consistency,
+        "h1_error": solution.errors.h1,
+        "l2_error": solution.errors.l2,
+        "consistency": discrete.exact.means.consistency,
         "algebraic_bound": solution.result.bound,
         "converged": 1.0,
     }
     for name, value in expected.items():
         np.testing.assert_allclose(found[name], value, rtol=1e-9, err_msg=name)
     family = [transition(SQUARE, x, alpha, GAMMAS[0]) for alpha in ALPHAS for x in AT]
-    lower, upper = dual_norm(both.partition, family).of_error(case, solution.lambda_H[None])
-    np.testing.assert_allclose(found["hm12_error_lower"], max(lower[0], solution.hm12_discrete), rtol=1e-8)
+    lower, upper = dual_norm(spaces.partition, family).of_error(case, solution.lambda_H[None])
+    np.testing.assert_allclose(
+        found["hm12_error_lower"], max(lower[0], solution.errors.hm12_discrete), rtol=1e-8
+    )
     np.testing.assert_allclose(found["hm12_error_upper"], upper[0], rtol=1e-8)
     other = measured().isel(alpha=a, gamma=c, position=1 - k)
-    assert abs(float(other["h1_error"]) / solution.h1_error - 1) > 1e-4
+    assert abs(float(other["h1_error"]) / solution.errors.h1 - 1) > 1e-4
 
 
 def test_every_variable_is_described() -> None:

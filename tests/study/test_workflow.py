@@ -97,14 +97,12 @@ def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     assert built(text) == {"sharpness"}
 
 
-def test_the_extremes_plan_their_own_jobs_and_the_deep_mesh_is_planned_by_nothing(tree):
+def test_the_extremes_plan_their_own_jobs(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
     parts = len(STUDY["extremes"]["jobs"])
     chain = ("extremes", "figure_table", "figure")
     assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
     assert built(text) == {"extremes"}
-    rules = "".join(file.read_text() for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk")])
-    assert rules.count("results/deep") == 1
 
 
 def test_every_axis_of_the_extremes_is_in_one_job():

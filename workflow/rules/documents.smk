@@ -23,7 +23,7 @@ rule numbers:
         numbers="results/numbers.json",
         blocks="results/blocks.json",
     params:
-        **{name: config[name] for name in ("cost", "extremes", "deep", "infsup")},
+        **{name: config[name] for name in ("cost", "extremes", "infsup")},
         judged=JUDGED,
         bounded=list(config["totals"]["scenes"]),
         judged_ratio=config["rates"]["judged_ratio"],

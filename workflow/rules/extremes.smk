@@ -30,16 +30,3 @@ rule extremes:
         "extremes: the table"
     script:
         "../scripts/collect_extremes.py"
-
-
-rule deep:
-    input:
-        code("measure_deep"),
-    output:
-        "results/deep/deep.nc",
-    params:
-        study=config["deep"],
-    message:
-        "deep: the finest mesh that is asked for"
-    script:
-        "../scripts/measure_deep.py"

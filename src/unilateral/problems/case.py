@@ -91,7 +91,7 @@ class Case:
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
         """g on all sides, enclosed."""
-        return enclosed(self, cuts=self.singular())
+        return enclosed(self.polygon, self.obstacle_model, cuts=self.singular())
 
     def boundary(
         self, side: NDArray[np.intp], s: Array, near: tuple[Array, Array] | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import sympy
@@ -12,9 +12,7 @@ from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-
-if TYPE_CHECKING:
-    from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle import Obstacle
 
 
 class Data(Protocol):

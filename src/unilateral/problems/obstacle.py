@@ -6,7 +6,7 @@ that no peak of g can hide; at a kink pieces become short. This is done once for
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from unilateral.formulas.taylor import EPS, Model, affine, basis, number
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import Data
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+ObstacleModel = Callable[[Index, Model], Model]
+"""g on intervals of the sides (k,), from the arc length in side lengths."""
 ORDER = 7
 SHARP = 1e-10
 """Of what g varies by above the least value that u can have: how far it may be from the polynomial."""
@@ -113,19 +114,23 @@ def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
 
 
 def enclosed(
-    data: Data, free: Sequence[int] = (), least: float = -np.inf, cuts: Iterable[Singular] = ()
+    polygon: Polygon,
+    model: ObstacleModel,
+    free: Sequence[int] = (),
+    least: float = -np.inf,
+    cuts: Iterable[Singular] = (),
 ) -> Obstacle:
     """g on the sides that are not `free`; below `least`, which u exceeds, it need not be known as well.
 
     It takes fewer pieces if these begin and end at the points where g is known not to be smooth.
     """
-    side, start, end = _first_intervals(data.polygon, free, cuts)
+    side, start, end = _first_intervals(polygon, free, cuts)
     done, left = [_without(np.array(free, dtype=np.intp))], MOST_PIECES
     while len(side):
-        now, left = _on_intervals(data, side, start, end), left - len(side)
+        now, left = _on_intervals(model, side, start, end), left - len(side)
         wide = _too_wide(_together([now, *done]), least)[: len(side)] & (end - start > SHORTEST)
         if wide.any():
-            wide[wide] = ~_only_rounded(data, now.of(wide))
+            wide[wide] = ~_only_rounded(model, now.of(wide))
         if 2 * np.count_nonzero(wide) > left:
             wide[:] = False
         done.append(now.of(~wide))
@@ -134,7 +139,7 @@ def enclosed(
             np.concatenate([first[wide], second[wide]])
             for first, second in ((side, side), (start, middle), (middle, end))
         )
-    return _joined(data.polygon, _together(done))
+    return _joined(polygon, _together(done))
 
 
 def _first_intervals(
@@ -151,16 +156,16 @@ def _first_intervals(
     return side[:-1][within], t[:-1][within], t[1:][within]
 
 
-def _only_rounded(data: Data, pieces: _Pieces) -> NDArray[np.bool_]:
+def _only_rounded(model: ObstacleModel, pieces: _Pieces) -> NDArray[np.bool_]:
     """Where g is hardly better known in the middle of a piece than on all of it: shorter ones are in vain."""
     middle = 0.5 * (pieces.start + pieces.end)
-    at_points = _on_intervals(data, pieces.side, middle, middle)
+    at_points = _on_intervals(model, pieces.side, middle, middle)
     return np.asarray(pieces.rad <= IN_VAIN * at_points.rad)
 
 
-def _on_intervals(data: Data, side: Index, start: Array, end: Array) -> _Pieces:
+def _on_intervals(model: ObstacleModel, side: Index, start: Array, end: Array) -> _Pieces:
     t = affine(basis(1, ORDER), 0.5 * (start + end), 0.5 * (end - start)[None], (start, end))
-    g = data.obstacle_model(side, t)
+    g = model(side, t)
     return _Pieces(side, start, end, g.c, g.rad, *g.range)
 
 

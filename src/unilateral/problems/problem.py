@@ -65,7 +65,7 @@ class Problem:
         Below c = inf f less precisely: as u >= c, see `idle_sides`, u is also the solution for any other
         obstacle that is at most c where g is.
         """
-        return enclosed(self, self.free_sides, self.range_of_f[0])
+        return enclosed(self.polygon, self.obstacle_model, self.free_sides, self.range_of_f[0])
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:

@@ -72,11 +72,3 @@ def test_multipliers_and_their_beta_are_those_of_the_table(
         assert edges == pytest.approx([*of_ratio["s"], 4.0])
         others = table.loc[table["h_over_H"] != ratio, "mu"].to_numpy()
         assert values != pytest.approx(others, rel=1e-12)
-
-
-def test_a_side_beyond_the_square_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"multiplier\.csv, column 'side': the sides have to be numbered from 0"
-    ):
-        drawn_from("multiplier", tmp_path, multiplier=multiplier_table().replace({"side": {3: 4}}))
-    assert not (tmp_path / "figure.svg").exists()

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from math import sqrt, tanh
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from conftest import discrete
 
-from examples import drawn_from, mesh_table
-from unilateral.errors import InputError
+from unilateral.discrete import solve
 from unilateral.geometry.mesh import structured
 from unilateral.geometry.polygon import named
 from unilateral.study.figures import portrait
@@ -41,7 +39,7 @@ def test_the_portrait_s_triangles(natural: Tables) -> None:
 def test_the_portrait_s_u_h_is_the_solution_s(natural: Tables) -> None:
     field = natural["mesh"]
     nodes = structured(named("square"), 1 / 16).triangles.ravel()
-    expected = discrete("natural", 16, 8).solve().u_h[nodes]
+    expected = solve(discrete("natural", 16, 8)).u_h[nodes]
     np.testing.assert_allclose(field["u_h"], expected, rtol=1e-9, atol=1e-12)
 
 
@@ -64,10 +62,10 @@ def test_the_portrait_s_traces(natural: Tables) -> None:
 def test_the_portrait_s_errors_are_those_of_the_solution(natural: Tables) -> None:
     """int |u - u_h|^2 on the boundary <= ||u - u_h||_1^2 / sigma_1; on the square sigma_1 is known."""
     boundary = natural["boundary"]
-    solution = discrete("natural", 16, 8).solve()
+    solution = solve(discrete("natural", 16, 8))
     trace = boundary[boundary["kind"] == "trace"]
     mean_square = np.mean((trace["computed"] - trace["exact"]) ** 2)
-    assert sqrt(4 * mean_square) <= solution.h1_error / sqrt(tanh(1 / (2 * sqrt(2))) / sqrt(2))
+    assert sqrt(4 * mean_square) <= solution.errors.h1 / sqrt(tanh(1 / (2 * sqrt(2))) / sqrt(2))
     cells = boundary[boundary["kind"] == "multiplier"]
     np.testing.assert_allclose(cells["computed"], solution.lambda_H, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(cells["end"] - cells["s"], 1 / 8, rtol=1e-12)
@@ -78,11 +76,3 @@ def test_no_contact_has_none() -> None:
     boundary = portrait.table("square", "no_contact", "1/8", "1/4")["boundary"]
     assert set(boundary["contact"].dropna()) == {0}
     assert np.all(boundary["computed"][boundary["kind"] == "multiplier"] == 0)
-
-
-def test_a_triangle_without_a_corner_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"mesh\.csv, column 'triangle': every triangle has to have three rows"
-    ):
-        drawn_from("portrait", tmp_path, mesh=mesh_table()[:-1])
-    assert not (tmp_path / "figure.svg").exists()

@@ -19,6 +19,7 @@ from unilateral.bounds import total as bounds
 from unilateral.bounds.feasible import constraint
 from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.total import TotalBound
+from unilateral.discrete import solve
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
@@ -72,13 +73,16 @@ class Manufactured:
     def source_model(self, x, y, steps):
         return evaluate(self.formulas[0], {X: x, Y: y})
 
+    def enclosed(self, free=()):
+        return obstacle.enclosed(self.polygon, self.obstacle_model, free)
+
     def obstacle_model(self, side, t):
         x, y = obstacle.places(self.polygon, side, t)
         return evaluate(self.formulas[1], {X: x, Y: y})
 
 
 def total_bound(problem, mesh, cells, u_h, lambda_H, free=()):
-    g = problem.enclosed_obstacle if isinstance(problem, Case) else obstacle.enclosed(problem, free)
+    g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
     return bounds.total_bound(source.enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
 
 
@@ -168,7 +172,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     spaces = spaces_of(problem, mesh)
     every = np.ones(3, dtype=bool)
-    g = constraint(obstacle.enclosed(problem), mesh, spaces.on_edges, spaces.p2.N, every)
+    g = constraint(problem.enclosed(), mesh, spaces.on_edges, spaces.p2.N, every)
     missing = g.missing(g.at_unknowns, every, spaces.triangle, np.ones((3, 2)))
     s, squares = sympy.Symbol("s"), 0.0
     for i in range(3):
@@ -207,19 +211,19 @@ ROUNDING = 1e-13
 def judged(name: str, n: int, polygon: str = "square", crude: str | None = None) -> Judged:
     """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
     d = discrete(name, n, n // 2, polygon)
-    mesh, solution = d.problem.condensed.mesh, d.solve()
+    mesh, solution = d.mesh, solve(d)
     lambda_H, rng = solution.lambda_H, np.random.default_rng(n)
     if crude == "zero":
         lambda_H = np.zeros_like(lambda_H)
     elif crude == "noise":
         lambda_H = np.maximum(lambda_H + rng.normal(0, 0.3 * lambda_H.max() + 0.01, len(lambda_H)), 0)
     of_lambda = d.spaces.B.T @ lambda_H
-    load = d.problem.load.copy()
+    load = d.exact.ritz.load.copy()
     load[mesh.boundary] += of_lambda
-    u_h = d.problem.condensed.solve(load)
-    bound = total_bound(d.problem.case, mesh, d.cells.partition, u_h, lambda_H)
-    dual = norm_for(name, n // 2, polygon).of_error(d.problem.case, lambda_H[None])
-    h1_error = d.problem.h1_error(d.problem.flux_load - of_lambda)[0]
+    u_h = d.spaces.condensed.solve(load)
+    bound = total_bound(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H)
+    dual = norm_for(name, n // 2, polygon).of_error(d.exact.ritz.case, lambda_H[None])
+    h1_error = d.exact.ritz.h1_error(d.exact.ritz.flux_load - of_lambda)[0]
     return Judged(bound, h1_error, float(dual.lower[0]), float(dual.upper[0]))
 
 
@@ -393,7 +397,7 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     Against sums; they miss r' near kinks by less than 1e-3. Control: they are not much less either.
     """
     d = discrete(name, 8, 4)
-    mesh, case = d.problem.condensed.mesh, d.problem.case
+    mesh, case = d.mesh, d.exact.ritz.case
     spaces = hypercircle(mesh, np.zeros((len(mesh.triangles), 3)))
     on = np.ones(len(mesh.boundary), dtype=bool)
     g = constraint(case.enclosed_obstacle, mesh, spaces.on_edges, spaces.p2.N, on)
@@ -428,7 +432,7 @@ def test_without_feasibility_the_bound_is_too_small(monkeypatch):
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is a fifth too large."""
     d = discrete("full_contact", 8, 4)
-    case, mesh, cells, solution = d.problem.case, d.problem.condensed.mesh, d.cells.partition, d.solve()
+    case, mesh, cells, solution = d.exact.ritz.case, d.mesh, d.spaces.partition, solve(d)
     wrong, own = 1.2 * solution.lambda_H, bounds._on_edges
     lower = float(norm_for("full_contact", 4, "square").of_error(case, wrong[None]).lower[0])
     assert lower <= total_bound(case, mesh, cells, solution.u_h, wrong).lambda_
@@ -560,7 +564,7 @@ def test_the_rounding_of_v_is_allowed_for():
     mesh = meshes.structured(square(), 1 / 2)
     problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
     spaces = spaces_of(problem, mesh)
-    g = constraint(obstacle.enclosed(problem), mesh, spaces.on_edges, spaces.p2.N, every)
+    g = constraint(problem.enclosed(), mesh, spaces.on_edges, spaces.p2.N, every)
     steep = np.zeros(spaces.p2.N)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
     v = np.maximum(steep, g.at_unknowns)

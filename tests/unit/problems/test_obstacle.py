@@ -13,7 +13,6 @@ from unilateral.formulas.formula import parse
 from unilateral.geometry.polygon import square
 from unilateral.problems import obstacle, problem_file
 from unilateral.problems.atoms import T
-from unilateral.problems.obstacle import enclosed
 
 
 class OnBottom:
@@ -31,6 +30,13 @@ class OnBottom:
 
 
 FREE = (1, 2, 3)
+
+
+def enclosed(of, free, least=-np.inf):
+    """g of such an object."""
+    return obstacle.enclosed(of.polygon, of.obstacle_model, free, least)
+
+
 FORMULAS = [
     "sin(20*t)",
     "4*exp(-((t - 3/10)*1000)**2) - 1",

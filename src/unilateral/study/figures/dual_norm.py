@@ -34,7 +34,6 @@ from unilateral.study.figures.style import (
 from unilateral.study.scenes import partitions
 from unilateral.study.sizes import normed
 
-COLUMNS = ("kind", "case", "h", "H", "h_over_H", "lower", "upper", "mean", "gap", "shortcut")
 FUNCTIONS = {"one": r"$\mu=1$", "alternating": r"$\mu=\pm 1$, cell by cell"}
 KINDS = ("error", *FUNCTIONS)
 NEGLIGIBLE = 1e-12
@@ -97,9 +96,9 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
 
     Columns: kind (error, one, alternating), case, h and h_over_H (of errors), H, lower, upper, mean (of the
     bounds), gap (upper/lower - 1), shortcut (H^{1/2} ||.||_0). The shortcut is drawn for both functions and
-    the first two cases. Raises InputError for a table without them.
+    the first two cases.
     """
-    data = read(csv_path, COLUMNS, {"kind": KINDS})
+    data = read(csv_path)
     name = data["case"].where(data["kind"] == "error", data["kind"])
     lines = {str(of): rows.sort_values("H") for of, rows in data.groupby(name, sort=False)}
     lines = {of: lines[of] for of in sorted(lines, key=lambda of: of in FUNCTIONS)}

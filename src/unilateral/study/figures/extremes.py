@@ -13,7 +13,6 @@ from unilateral.study.figures.style import COLOURS, SMALL, FilePath, as_fraction
 from unilateral.study.judge.extremes import RESCUED, kinds
 
 Array = NDArray[np.float64]
-COLUMNS = ("label", "kind", "log10_value", "log10_limit", "log10_tool_limit")
 KINDS = {
     "right": ("o", COLOURS[2]),
     RESCUED: ("o", "white"),
@@ -56,9 +55,9 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Two columns of strips, each an axis on a logarithmic scale from mild, at the left, to extreme.
 
     Columns: label (the axis), kind (of outcome), log10_value, and log10_limit and log10_tool_limit (as
-    predicted, or empty). Raises InputError for a table without them.
+    predicted, or empty).
     """
-    data = read(csv_path, COLUMNS, kinds=KINDS)
+    data = read(csv_path)
     groups = list(data.groupby("label", sort=False))
     rows = -(-len(groups) // 2)
     height = TOP + STEP * rows + FOOT

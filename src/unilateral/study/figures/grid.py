@@ -18,7 +18,6 @@ from matplotlib.patheffects import withStroke
 
 from unilateral.study import tables
 from unilateral.study.figures.style import (
-    ERROR_COLUMNS,
     NORMS,
     SMALL,
     FilePath,
@@ -29,7 +28,6 @@ from unilateral.study.figures.style import (
     read,
 )
 
-COLUMNS = (*ERROR_COLUMNS, "beta_zero")
 WHITE_READS_BETTER = 0.179  # the luminance at which black and white contrast equally (WCAG 2.1, 1.4.3)
 DIAGONALS = (0.5, 1.0, 2.0)
 
@@ -60,9 +58,8 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """Maps of the errors over (h, H): a row of maps per case, a column per norm.
 
     Columns: case, norm (h1, hm12, l2), h, H, h_over_H, error (empty if not computed), beta_zero (0, 1).
-    Raises InputError for a table without them.
     """
-    data = read(csv_path, COLUMNS, {"norm": NORMS})
+    data = read(csv_path)
     cases = data["case"].unique()
     h, H = (np.sort(data[name].unique())[::-1] for name in ("h", "H"))
     width, height, gap = 4.6, 0.53 * len(H), 0.62

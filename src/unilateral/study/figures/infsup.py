@@ -28,8 +28,6 @@ from unilateral.study.figures.style import (
 )
 
 PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle", "beta_lower", "beta_upper")
-NUMBERS = ("H", "h_over_H", "edges_per_cell", "beta_lower", "beta_upper")
-COLUMNS = ("scene", "label", "kind", *NUMBERS)
 TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
 UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(COLOURS) if i != 1)
 WORST_MARKERS = ("x", "+", (6, 2, 0), "1", "2", "3")
@@ -60,7 +58,7 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
 
     Columns: scene, label (a line or a marker each), kind (uniform, local, worst), H, h_over_H,
     edges_per_cell (the smallest over the cells), beta_lower, beta_upper; and, for the note, widest (largest
-    beta_upper/beta_lower - 1), if known. Raises InputError for a table without them.
+    beta_upper/beta_lower - 1), if known.
     """
     data = _read(csv_path)
     looks = {kind: _looks(kind, data) for kind in TITLES}
@@ -84,7 +82,7 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
 
 
 def _read(path: FilePath) -> pd.DataFrame:
-    data = read(path, COLUMNS, {"kind": tuple(TITLES)})
+    data = read(path)
     return data.assign(cells_per_edge=1 / data["edges_per_cell"]).sort_values("h_over_H", kind="stable")
 
 

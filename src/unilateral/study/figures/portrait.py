@@ -16,7 +16,6 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from unilateral.discrete import Solution, discretise, solve
-from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh, structured
 from unilateral.geometry.partition import Partition, uniform
@@ -36,7 +35,6 @@ from unilateral.study.figures.style import (
 )
 
 Array = NDArray[np.float64]
-MESH_COLUMNS = ("triangle", "x", "y", "u_h", "h", "H")
 BOUNDARY_COLUMNS = ("kind", "side", "s", "end", "computed", "exact", "contact", "x", "y")
 SAMPLES_PER_SIDE = 200
 COMPUTED: dict[str, Any] = {"color": COLOURS[0], "lw": 1.6}
@@ -116,12 +114,10 @@ def draw(mesh_csv: FilePath, boundary_csv: FilePath, svg_path: FilePath) -> None
     `mesh_csv`: triangle, x, y, u_h, h, H, three rows per triangle. `boundary_csv`: kind, side, s, end,
     computed, exact, contact, x, y. Rows `trace` are points in the order of s, a vertex once for either
     side: u_h - g, u - g, contact (0, 1), and where the point lies; `multiplier` are cells from s to end:
-    lambda_H; `flux` are points: lambda. Raises InputError for tables without them.
+    lambda_H; `flux` are points: lambda.
     """
-    triangles = read(mesh_csv, MESH_COLUMNS)
-    if (triangles["triangle"].value_counts() != 3).any():
-        raise InputError(f"{mesh_csv}, column 'triangle': every triangle has to have three rows")
-    boundary = read(boundary_csv, BOUNDARY_COLUMNS, {"kind": ("trace", "multiplier", "flux")})
+    triangles = read(mesh_csv)
+    boundary = read(boundary_csv)
     with figure_in(svg_path, 7.5) as figure:
         _solution(figure, triangles, boundary[boundary["kind"] == "trace"])
         upper, lower = (axes_at(figure, 9.45, bottom, 7.3, 2.425) for bottom in (3.875, 1.15))

@@ -32,7 +32,6 @@ from unilateral.study.figures.style import (
 from unilateral.study.judge import surfaces
 
 Array = NDArray[np.float64]
-COLUMNS = ("kind", "norm", "alpha", "gamma", "rate", "before", "jj")
 KINDS = ("measured", "predicted", "left", "proved", "attained")
 TITLES = {**NORMS, "consistency": r"consistency term $\langle\Pi_H\lambda,\,u-g\rangle$"}
 HEIGHT = 15.3
@@ -90,9 +89,9 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
 
     Columns: kind (measured, predicted, left, proved, attained), norm (h1, hm12, l2, consistency), alpha,
     gamma (empty for lines of all gamma), rate; of measured rates also before (that of the pair before) and
-    jj (0, 1: whether (jj) holds). Raises InputError for a table without them.
+    jj (0, 1: whether (jj) holds).
     """
-    data = read(csv_path, COLUMNS, {"kind": KINDS, "norm": TITLES})
+    data = read(csv_path)
     gammas = sorted(data.loc[data["kind"] == "measured", "gamma"].unique())
     with figure_in(svg_path, HEIGHT) as figure:
         for norm, (left, bottom) in PLACES.items():

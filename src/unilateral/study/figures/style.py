@@ -6,7 +6,7 @@ Lengths are in cm on a page 17 cm wide, so that the text, 8 points or more, has 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 
@@ -50,42 +50,16 @@ NORMS = {
     "hm12": r"$\Vert\lambda-\lambda_H\Vert_{-1/2}$",
     "l2": r"$\Vert\lambda-\lambda_H\Vert_0$",
 }
-TEXT = ("scene", "case", "norm", "kind", "label")
-ERROR_COLUMNS = ("case", "norm", "h", "H", "h_over_H", "error")
 
 
-def read(
-    path: FilePath,
-    columns: Collection[str],
-    words: Mapping[str, Collection[str]] | None = None,
-    kinds: Collection[str] = (),
-) -> pd.DataFrame:
-    """A table with these columns: numbers, except for text.
-
-    Columns in `words` hold all of their words and no other; the column `kind` has no others than `kinds`.
-    """
+def read(path: FilePath) -> pd.DataFrame:
+    """The table that a figure is drawn from. Raises InputError where there is none."""
     try:
-        table = pd.read_csv(path)
+        return pd.read_csv(path)
     except FileNotFoundError:
         raise InputError(f"there is no table {path}") from None
     except (ValueError, OSError):
         raise InputError(f"{path} is no CSV table") from None
-    if table.empty:
-        raise InputError(f"{path}: there are no rows to draw")
-    for column in columns:
-        if column not in table:
-            raise InputError(f"{path}: the column '{column}' is missing; it has to have {', '.join(columns)}")
-        if column not in TEXT and not pd.api.types.is_numeric_dtype(table[column]):
-            raise InputError(f"{path}, column '{column}': all entries have to be numbers or empty")
-    for column, allowed in (words or {}).items():
-        if set(table[column]) != set(allowed):
-            raise InputError(
-                f"{path}, column '{column}': it has to hold all of {', '.join(allowed)} and no other word"
-            )
-    unknown = set(table["kind"]) - set(kinds) if kinds else set()
-    if unknown:
-        raise InputError(f"{path}, column 'kind': '{min(unknown)}' is none of {', '.join(kinds)}")
-    return table
 
 
 @contextmanager

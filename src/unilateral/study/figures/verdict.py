@@ -23,7 +23,6 @@ from unilateral.study.judge import records
 
 ROW, ABOVE, BELOW = 0.42, 1.6, 1.7
 """Centimetres: of a row, of the legend, of the axis and the note."""
-COLUMNS = ("label", "kind", "margin")
 KINDS = {
     "holds": ("o", COLOURS[0]),
     "holds, and is sharp": ("s", COLOURS[2]),
@@ -62,10 +61,9 @@ def _kind(verdict: str) -> str:
 def draw(csv_path: FilePath, svg_path: FilePath) -> None:
     """A row per claim, its margin on a logarithmic axis, its mark what was found.
 
-    Columns: label (the claim), kind (of the verdict), margin (relative, within the axis). Raises InputError
-    for a table without them.
+    Columns: label (the claim), kind (of the verdict), margin (relative, within the axis).
     """
-    data = read(csv_path, COLUMNS, kinds=KINDS)
+    data = read(csv_path)
     half = (len(data) + 1) // 2
     panel = ROW * half
     height = panel + ABOVE + BELOW

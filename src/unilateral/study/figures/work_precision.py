@@ -149,7 +149,7 @@ def draw(csv_path: FilePath, svg_path: FilePath, work: str = "operations") -> No
     stop, work, error, steps, slope (p of steps ~ H^-p), excess. `work` is "operations" or "seconds". Raises
     InputError for a table without them.
     """
-    data = read(csv_path, COLUMNS, {"kind": KINDS})
+    data = read(csv_path)
     parts = {kind: rows for kind, rows in data.groupby("kind")}
     ratios = sorted(parts["line"]["H_over_h"].unique())
     with figure_in(svg_path, HEIGHT) as figure:

@@ -13,7 +13,6 @@ import xarray as xr
 
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
-from unilateral.study.runs import extremes as runs
 from unilateral.study.runs.cost.variants import REFRESH
 from unilateral.study.text import cost_tables, extremes_tables
 from unilateral.study.text.error_tables import ROUNDED
@@ -46,7 +45,6 @@ def collect(told: Sources) -> dict[str, Value]:
                 "precision": in_precision(of["precision"]),
             },
             "extremes": outcomes(of["extremes"]),
-            "memory": {"finest": math.floor(1 / runs.finest(told.study["deep"]["memory"]))},
         }
     )
 

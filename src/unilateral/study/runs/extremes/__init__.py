@@ -11,10 +11,9 @@ import xarray as xr
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.study.runs.extremes import cells, contact, precision, shapes, steps
-from unilateral.study.runs.extremes.deep import deep, finest
 from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
-__all__ = ["Budget", "deep", "finest", "joined", "survey"]
+__all__ = ["Budget", "joined", "survey"]
 KINDS = {
     name: getattr(module, name)
     for module, names in (
