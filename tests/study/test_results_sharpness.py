@@ -18,6 +18,8 @@ from unilateral.study.judge import floors, surfaces
 from unilateral.study.judge.rates import NORMS
 
 CONFIG = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+JUDGED = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]
+RATIO = real(JUDGED["judged_ratio"], "judged_ratio")
 STUDY = CONFIG["sharpness"]
 ALPHA, GAMMA, H = (np.array([float(Fraction(x)) for x in STUDY[name]]) for name in ("alphas", "gammas", "H"))
 BEST = {
@@ -234,4 +236,4 @@ def test_floors_of_other_laws_would_be_seen(spoil):
     errors = stored("square/errors.nc").copy(deep=True)
     more = 1.1 * errors["h1_error"] if spoil == "h" else np.hypot(errors["h1_error"], 0.5 * errors["H"])
     errors["h1_error"] = more.transpose(*errors["h1_error"].dims)
-    assert not np.any(fits(floors.floors(errors, ASYMPTOTIC), errors))
+    assert not np.any(fits(floors.floors(errors, ASYMPTOTIC, RATIO), errors))
