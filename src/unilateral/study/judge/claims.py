@@ -118,12 +118,12 @@ class Judgement:
         return record | (_numbers(self.evidence) if isinstance(self.evidence, Evidence) else {})
 
 
-def _numbers(of: Evidence) -> dict[str, Any]:
+def _numbers(evidence: Evidence) -> dict[str, Any]:
     return {
-        "quantity": of.quantity,
-        "expected": f"{'>=' if of.at_least else '<='} {of.required:.4g}",
-        "observed": float(f"{of.observed:.4g}"),
-        "margin": float(f"{of.margin:.2g}"),
+        "quantity": evidence.quantity,
+        "expected": f"{'>=' if evidence.at_least else '<='} {evidence.required:.4g}",
+        "observed": float(f"{evidence.observed:.4g}"),
+        "margin": float(f"{evidence.margin:.2g}"),
     }
 
 
@@ -173,31 +173,31 @@ def summary(judgements: Iterable[Judgement]) -> str:
     """A line per claim: id, observed against required, margin, verdict."""
     lines = [f"{'claim':9} {'observed':>10}    {'required':>10} {'margin':>8}  verdict"]
     for each in judgements:
-        numbers, of = f"{'none':>10}    {'none':>10} {'none':>8}", each.evidence
-        if isinstance(of, Evidence):
-            sign = ">=" if of.at_least else "<="
-            numbers = f"{of.observed:10.4g} {sign} {of.required:10.4g} {_percent(of):>8}"
+        numbers, evidence = f"{'none':>10}    {'none':>10} {'none':>8}", each.evidence
+        if isinstance(evidence, Evidence):
+            sign = ">=" if evidence.at_least else "<="
+            numbers = f"{evidence.observed:10.4g} {sign} {evidence.required:10.4g} {_percent(evidence):>8}"
         lines.append(f"{each.claim.id:9} {numbers}  {each.verdict}")
     return "\n".join(lines)
 
 
-def _percent(of: Evidence) -> str:
+def _percent(evidence: Evidence) -> str:
     """The margin; nothing is relative to a requirement of 0."""
-    known = math.isfinite(of.margin) and of.required != 0
-    return f"{100 * of.margin:.3g} %" if known else "none"
+    known = math.isfinite(evidence.margin) and evidence.required != 0
+    return f"{100 * evidence.margin:.3g} %" if known else "none"
 
 
 def explanation(judgement: Judgement) -> str:
     """Everything about one claim, with its numbers."""
-    claim, of = judgement.claim, judgement.evidence
+    claim, evidence = judgement.claim, judgement.evidence
     numbers, rows = [f"check: {claim.check} ({claim.source})"], []
-    if isinstance(of, Evidence):
-        sign = "at least" if of.at_least else "at most"
+    if isinstance(evidence, Evidence):
+        sign = "at least" if evidence.at_least else "at most"
         numbers = [
-            f"check: {of.quantity} has to be {sign} {of.required:.4g} ({claim.source})",
-            f"observed: {of.observed:.4g}, margin {_percent(of)}",
+            f"check: {evidence.quantity} has to be {sign} {evidence.required:.4g} ({claim.source})",
+            f"observed: {evidence.observed:.4g}, margin {_percent(evidence)}",
         ]
-        rows = of.lines
+        rows = evidence.lines
     lines = [
         f"{claim.id}: {plain(claim.statement)}",
         f"where: {claim.where}",

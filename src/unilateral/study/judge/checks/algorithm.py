@@ -16,9 +16,9 @@ def steps(
     tables: Tables, table: str, cases: Sequence[str], shares: Sequence[float], reach: float, at_least: bool
 ) -> Evidence:
     """The distance from lambda_H after the recorded steps, as a share of it."""
-    of = tables[table]["distance"].sel(case=list(cases), variant="as meant")
+    data = tables[table]["distance"].sel(case=list(cases), variant="as meant")
     rows = {
-        f"{case}, rho = {share:g} of 2/lambda_max(S)": float(of.sel(case=case, rho_share=share))
+        f"{case}, rho = {share:g} of 2/lambda_max(S)": float(data.sel(case=case, rho_share=share))
         for case in cases
         for share in shares
     }
@@ -35,8 +35,8 @@ def cycle(
 
 def clip(tables: Tables, table: str, case: str, share: float, least: float) -> Evidence:
     """The distance without the clip over that with it."""
-    of = tables[table]["distance"].sel(case=case, rho_share=share)
-    without, with_clip = (float(of.sel(variant=name)) for name in ("without the clip", "as meant"))
+    data = tables[table]["distance"].sel(case=case, rho_share=share)
+    without, with_clip = (float(data.sel(variant=name)) for name in ("without the clip", "as meant"))
     rows = {"without the clip, over as meant": without / with_clip}
     return worst(rows, f"distances without the clip over those with it, {case}", least, True)
 
@@ -67,10 +67,10 @@ def step_limit(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
 
 def economy(tables: Tables, table: str, least: float) -> Evidence:
     """Operations of a step with A factorised over those with A_3, on every mesh; iterates are the same."""
-    of = tables[table]
-    shares = (of["with_A"] / of["with_A_3"]).values
-    rows = {f"h = {h:g}": float(share) for h, share in zip(of["h"].values, shares, strict=True)}
-    difference = {"difference": float(of["difference"])}
+    data = tables[table]
+    shares = (data["with_A"] / data["with_A_3"]).values
+    rows = {f"h = {h:g}": float(share) for h, share in zip(data["h"].values, shares, strict=True)}
+    difference = {"difference": float(data["difference"])}
     return all_of(
         worst(rows, "operations with A over those with A_3", least, True),
         worst(difference, "how far the iterates are apart, relative", SAME, False),

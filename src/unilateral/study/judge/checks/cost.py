@@ -16,10 +16,11 @@ def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: flo
     share = steps.sel(algorithm=algorithm, H=steps["H"] <= coarsest) / steps.sel(algorithm=than)
     rows: dict[str, float] = {}
     for ratio in share["H_over_h"].values:
-        of = share.sel(H_over_h=ratio).dropna("H")
-        factors = of.values[1:] / of.values[:-1]
+        data = share.sel(H_over_h=ratio).dropna("H")
+        factors = data.values[1:] / data.values[:-1]
         rows |= {
-            f"H/h = {ratio:g}, H = {H:g}": float(f) for H, f in zip(of["H"].values[1:], factors, strict=True)
+            f"H/h = {ratio:g}, H = {H:g}": float(f)
+            for H, f in zip(data["H"].values[1:], factors, strict=True)
         }
     return worst(rows, f"growth of the steps of {algorithm} over that of {than}", most, False)
 

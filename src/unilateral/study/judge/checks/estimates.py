@@ -14,9 +14,9 @@ def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """The largest <Pi_H lambda, u-g> on the cells without a transition inside, in all cases."""
     found = {}
     for scene in scenes:
-        of = abs(tables[f"{scene}/errors"]["consistency_elsewhere"])
-        for case in of["case"].values:
-            found[f"{scene}, {case}"] = float(np.max(of.sel(case=case).values))
+        data = abs(tables[f"{scene}/errors"]["consistency_elsewhere"])
+        for case in data["case"].values:
+            found[f"{scene}, {case}"] = float(np.max(data.sel(case=case).values))
     return worst(found, "the largest <Pi_H lambda, u-g> on these cells", ZERO, False)
 
 
@@ -71,10 +71,10 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
         table = tables[f"{scene}/errors"]
         names = list(tables[f"{scene}/dual_norm"]["case"].values)
         for k, (cells, gram) in enumerate(forms(tables, scene)):
-            of = table.isel(partition=k)
-            assert np.isclose(float(of["H"]), cells.H)
+            data = table.isel(partition=k)
+            assert np.isclose(float(data["H"]), cells.H)
             for case in sorted(set(cases) & set(names)):
-                run = of.sel(case=case)
+                run = data.sel(case=case)
                 E, L = run["h1_error"].values, run["hm12_error_upper"].values
                 m = gram.error(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
                 right = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])

@@ -21,11 +21,11 @@ def rate(
     Raises Unjudged where it is reached, but a rate is not judged to hold.
     """
     judged = _judged(tables, scenes, cases, [norm], H_over_h)
-    rows = {name: of for name, of in judged.items() if of["verdict"].item() != "exact"}
+    rows = {name: row for name, row in judged.items() if row["verdict"].item() != "exact"}
     if not rows:
         raise Unjudged("there is no rate: all errors are 0")
-    smallest = {name: smallest_rate(of) for name, of in rows.items()}
-    proved = max(float(of["proved"]) for of in rows.values())
+    smallest = {name: smallest_rate(row) for name, row in rows.items()}
+    proved = max(float(row["proved"]) for row in rows.values())
     return provided(worst(smallest, "the smallest rate", proved - tolerance, True), _faults(rows))
 
 
@@ -34,8 +34,8 @@ def not_faster(
 ) -> Evidence:
     """The largest rate of the finest pair of levels."""
     found = {}
-    for name, of in _judged(tables, scenes, cases, [norm], H_over_h).items():
-        rates = of["rate"].values
+    for name, row in _judged(tables, scenes, cases, [norm], H_over_h).items():
+        rates = row["rate"].values
         found[name] = float(rates[np.isfinite(rates)][-1])
     return worst(found, "the largest rate of the finest pair", most, False)
 
@@ -55,9 +55,9 @@ def _judged(
 def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
     """Of rates that are not judged to hold, why not."""
     return [
-        f"{name}: {of['why'].item() or of['verdict'].item()}"
-        for name, of in rows.items()
-        if of["verdict"].item() != "holds"
+        f"{name}: {row['why'].item() or row['verdict'].item()}"
+        for name, row in rows.items()
+        if row["verdict"].item() != "holds"
     ]
 
 
@@ -73,10 +73,10 @@ def expected(
     Raises Unjudged where there is none below, but a rate is judged to fail.
     """
     judged = _judged(tables, scenes, cases, tolerances, H_over_h)
-    rows = {name: of for name, of in judged.items() if of["verdict"].item() in ("holds", "fails")}
+    rows = {name: row for name, row in judged.items() if row["verdict"].item() in ("holds", "fails")}
     excess = {
-        name: smallest_rate(of) - float(of["expected"]) + tolerances[of["norm"].item()]
-        for name, of in rows.items()
+        name: smallest_rate(row) - float(row["expected"]) + tolerances[row["norm"].item()]
+        for name, row in rows.items()
     }
     quantity = "the smallest rate less the expected one, with its tolerance"
     return provided(worst(excess, quantity, 0.0, True), _faults(rows))
@@ -104,9 +104,9 @@ def _last_rates(
 ) -> dict[str, float]:
     found = {}
     for scene in scenes:
-        of = tables[f"{scene}/errors"][variable]
-        for case in sorted(set(cases) & set(of["case"].values)):
-            errors = of.sel(case=case).values
+        data = tables[f"{scene}/errors"][variable]
+        for case in sorted(set(cases) & set(data["case"].values)):
+            errors = data.sel(case=case).values
             found[f"{scene}, {case}"] = float(np.log(errors[-3] / errors[-1]) / np.log(4))
     return found
 
@@ -115,11 +115,11 @@ def surface(
     tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
 ) -> Evidence:
     """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
-    of = tables[table].sel(norm=norm, gamma=list(gammas))
-    excess = (of["rate"] - of["predicted"]).isel(pair=[-2, -1]).min("pair")
+    data = tables[table].sel(norm=norm, gamma=list(gammas))
+    excess = (data["rate"] - data["predicted"]).isel(pair=[-2, -1]).min("pair")
     rows = {
         f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
-        for alpha in of["alpha"].values
+        for alpha in data["alpha"].values
         for gamma in gammas
         if alpha >= least_alpha
     }
@@ -128,11 +128,11 @@ def surface(
 
 def consistency_surface(tables: Tables, table: str, most: float) -> Evidence:
     """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
-    of = tables[table]
-    distance = abs(of["consistency_rate"].isel(pair=-1) - of["consistency_predicted"])
+    data = tables[table]
+    distance = abs(data["consistency_rate"].isel(pair=-1) - data["consistency_predicted"])
     rows = {
         f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
-        for alpha in of["alpha"].values
-        for gamma in of["gamma"].values
+        for alpha in data["alpha"].values
+        for gamma in data["gamma"].values
     }
     return worst(rows, "the largest distance from alpha + gamma + 1", most, False)

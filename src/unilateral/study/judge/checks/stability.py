@@ -24,9 +24,9 @@ def values(
     """The worst value of a variable in some tables, where it is known."""
     found = {}
     for scene in scenes:
-        of = tables[table.format(scene=scene)]
-        place = {d: v for d, v in (select or {}).items() if d in of[variable].dims}
-        chosen = of[variable].sel(place).values
+        data = tables[table.format(scene=scene)]
+        place = {d: v for d, v in (select or {}).items() if d in data[variable].dims}
+        chosen = data[variable].sel(place).values
         known = chosen[~np.isnan(chosen)]
         found[scene or table] = float((np.min if at_least else np.max)(known)) if known.size else np.nan
     return worst(found, quantity or variable, required, at_least)
@@ -94,19 +94,19 @@ def local_rule(
     """The smallest beta where edges are short against their cells and triangles are not flat."""
     found = {}
     for scene in scenes:
-        of = tables[f"{scene}/infsup"]
-        fine = (of["cell_over_edge"] >= cell_over_edge * (1 - 1e-9)) & (
-            of["smallest_angle"] >= smallest_angle
+        data = tables[f"{scene}/infsup"]
+        fine = (data["cell_over_edge"] >= cell_over_edge * (1 - 1e-9)) & (
+            data["smallest_angle"] >= smallest_angle
         )
         if fine.any():
-            found[scene] = float(of["beta_lower"].where(fine).min())
+            found[scene] = float(data["beta_lower"].where(fine).min())
     return worst(found, "the smallest beta", least, True)
 
 
 def edges_alone(tables: Tables, scene: str, edges_per_cell: float, most: float) -> Evidence:
     """The smallest beta where every cell has so many boundary edges."""
-    of = tables[f"{scene}/infsup"]
-    counted = of["beta_upper"].where(of["edges_per_cell"] >= edges_per_cell * (1 - 1e-9))
+    data = tables[f"{scene}/infsup"]
+    counted = data["beta_upper"].where(data["edges_per_cell"] >= edges_per_cell * (1 - 1e-9))
     quantity = f"the smallest beta with {edges_per_cell:g} edges in every cell"
     return worst({scene: float(counted.min())}, quantity, most, False)
 
@@ -119,10 +119,10 @@ def near(tables: Tables, table: str, variable: str, value: float, most: float, q
 
 def saddle(tables: Tables, table: str) -> Evidence:
     """The least of L(v, lambda_H) - L(u_h, lambda_H) and of L(u_h, lambda_H) - L(u_h, mu), relative."""
-    of = tables[table]
+    data = tables[table]
     rows = {
-        f"{case}, {name}": float(of[name].sel(case=case))
-        for case in of["case"].values
+        f"{case}, {name}": float(data[name].sel(case=case))
+        for case in data["case"].values
         for name in ("saddle_in_v", "saddle_in_mu")
     }
     return worst(rows, "the least growth away from the saddle", -ZERO, True)
@@ -130,9 +130,9 @@ def saddle(tables: Tables, table: str) -> Evidence:
 
 def two_multipliers(tables: Tables, table: str, apart: float) -> Evidence:
     """How badly the second multiplier solves the problem of the first, and how far both are apart."""
-    of = tables[table]
-    rows = {name: float(of[name]) for name in ("violation", "same_u")}
-    distance = {"multiplier_distance": float(of["multiplier_distance"])}
+    data = tables[table]
+    rows = {name: float(data[name]) for name in ("violation", "same_u")}
+    distance = {"multiplier_distance": float(data["multiplier_distance"])}
     return all_of(
         worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False),
         worst(distance, "the distance of the multipliers, relative", apart, True),
@@ -143,9 +143,9 @@ def gap(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
     """The largest upper/lower - 1 of the errors in the dual norm that are not 0, and the smallest."""
     largest, smallest = {}, {}
     for scene in scenes:
-        of = tables[f"{scene}/errors"]
-        lower, upper = (of[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
-        apart = (upper / lower - 1).where(upper > ZERO * of["u_norm"])
+        data = tables[f"{scene}/errors"]
+        lower, upper = (data[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
+        apart = (upper / lower - 1).where(upper > ZERO * data["u_norm"])
         largest[scene], smallest[scene] = float(apart.max()), float(apart.min())
     return all_of(
         worst(largest, "the largest gap", most, False), worst(smallest, "the smallest gap", 0.0, True)
