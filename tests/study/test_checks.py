@@ -14,7 +14,8 @@ import pytest
 import xarray as xr
 
 from unilateral.geometry.polygon import named, square
-from unilateral.study.judge.checks import algorithm, cost, estimates, extremes, found, stability
+from unilateral.study.judge.checks import algorithm, cost, estimates, evidence, extremes, rates, stability
+from unilateral.study.judge.checks.evidence import Evidence, Unjudged
 
 NAN, INF = math.nan, math.inf
 RUN = ("case", "mesh", "partition")
@@ -41,11 +42,32 @@ def table(variables: Mapping[str, tuple[Any, Any]], **coordinates: Any) -> dict[
     )
 
 
-def test_the_worst_of_nothing_is_not_a_number() -> None:
-    """Which no claim holds with."""
-    assert math.isnan(found.worst({}, "", 0.0, True).observed)
-    assert found.worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
-    assert found.worst({"a": 1.0, "b": 2.0}, "", 0.0, False).observed == 2
+def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged() -> None:
+    with pytest.raises(Unjudged, match="there is nothing of which to find the gap"):
+        evidence.worst({}, "the gap", 0.0, True)
+    with pytest.raises(Unjudged, match="the gap is not known of b; c"):
+        evidence.worst({"a": 1.0, "b": NAN, "c": NAN, "d": INF}, "the gap", 0.0, True)
+    assert evidence.worst({"a": 1.0, "b": INF}, "", 0.0, False).observed == INF
+    assert evidence.worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
+    assert evidence.worst({"a": 1.0, "b": 2.0}, "", 0.0, False).observed == 2
+
+
+def number(observed: float) -> Evidence:
+    """That has to be 1 at least."""
+    return evidence.worst({"a": observed}, "", 1.0, True)
+
+
+def test_of_a_statement_in_parts_the_first_that_fails_is_told() -> None:
+    parts = [number(observed) for observed in (3.0, 2.0, 0.5, 0.25)]
+    assert evidence.all_of(*parts) is parts[2]
+    assert evidence.all_of(*parts[:2]) is parts[0]
+
+
+def test_faults_are_a_verdict_of_their_own_only_where_the_number_would_pass() -> None:
+    assert evidence.provided(number(0.5), ["fault"]).observed == 0.5
+    assert evidence.provided(number(1.0), []).holds
+    with pytest.raises(Unjudged, match=r"^one fault; another$"):
+        evidence.provided(number(1.0), ["one fault", "another"])
 
 
 def test_values_along_a_ratio_are_those_of_the_pairs_with_it() -> None:
@@ -56,8 +78,8 @@ def test_values_along_a_ratio_are_those_of_the_pairs_with_it() -> None:
         "y": ("partition", H),
         "h_over_H": (PAIRS, h[:, None] / H),
     }
-    assert found.along_ratio(table(of)["table"], "x", 2).tolist() == [0, 5]
-    assert found.along_ratio(table(of)["table"], "y", 2).tolist() == [1, 1 / 2]
+    assert evidence.along_ratio(table(of)["table"], "x", 2).tolist() == [0, 5]
+    assert evidence.along_ratio(table(of)["table"], "y", 2).tolist() == [1, 1 / 2]
 
 
 # The algorithm
@@ -76,19 +98,31 @@ def distances(meant: list[float], printed: list[float], clipless: list[float]) -
 
 
 @pytest.mark.parametrize(
-    ("distance", "observed"), [([0.5, 3.0], 0.5), ([0.01, 3.0], 0.01), ([0.5, 11.0], 0.0), ([0.5, INF], 0.0)]
+    ("distance", "observed", "holds"),
+    [
+        ([0.5, 3.0], 0.5, True),
+        ([0.01, 3.0], 0.01, False),
+        ([0.5, 11.0], 11.0, False),
+        ([0.5, INF], INF, False),
+    ],
 )
-def test_a_cycle_is_neither_a_limit_nor_unbounded(distance: list[float], observed: float) -> None:
-    """Between 0.1 and 10: the smallest distance counts, none if the largest is above."""
+def test_a_cycle_is_neither_a_limit_nor_unbounded(
+    distance: list[float], observed: float, holds: bool
+) -> None:
+    """Between 0.1 and 10: the smallest distance counts, but the largest if it is above."""
     of = distances(distance, [1, 1], [1, 1])
-    assert algorithm.cycle(of, "table", ["c"], [0.5, 2.0], 0.1, 10.0).observed == observed
+    made = algorithm.cycle(of, "table", ["c"], [0.5, 2.0], 0.1, 10.0)
+    assert (made.observed, made.holds) == (observed, holds)
 
 
-@pytest.mark.parametrize(("printed", "observed"), [(2.0, 500.0), (2.01, 0.0), (NAN, 0.0)])
-def test_the_printed_index_has_to_converge_below_half_the_limit(printed: float, observed: float) -> None:
+@pytest.mark.parametrize(("printed", "observed", "holds"), [(2.0, 500.0, True), (2.01, 2.01, False)])
+def test_the_printed_index_has_to_converge_below_half_the_limit(
+    printed: float, observed: float, holds: bool
+) -> None:
     """Up to a factor of 2 of the distance as meant, 1; above the quotient is 1000/2."""
     of = distances([1.0, 2.0], [printed, 1000.0], [1, 1])
-    assert algorithm.printed_index(of, "table", ["c"], 0.5, 2.0, 1.0).observed == observed
+    made = algorithm.printed_index(of, "table", ["c"], 0.5, 2.0, 1.0)
+    assert (made.observed, made.holds) == (observed, holds)
 
 
 def test_the_clip_is_told_by_the_distance_without_it() -> None:
@@ -96,18 +130,21 @@ def test_the_clip_is_told_by_the_distance_without_it() -> None:
     assert (made.observed, made.at_least) == (100, True)
 
 
-@pytest.mark.parametrize(("below", "observed"), [(5e-4, 5e-4), (-1e-14, 0.0), (-1e-4, INF)])
-def test_an_eigenvalue_above_the_steklov_bound_is_no_small_distance(below: float, observed: float) -> None:
+@pytest.mark.parametrize(("below", "holds"), [(5e-4, True), (2e-3, False), (-1e-14, True), (-1e-4, False)])
+def test_an_eigenvalue_above_the_steklov_bound_is_no_small_distance(below: float, holds: bool) -> None:
     """lambda_max(S) = (1 - below)/sigma_1 with sqrt(2) sigma_1 = tanh(1/sqrt(8)), on the finer mesh."""
     largest = math.sqrt(2) / math.tanh(1 / math.sqrt(8)) * (1 - below)
     of = table({"lambda_max": (PAIRS, [[0.9 * largest], [largest]])})
-    assert algorithm.step_limit(of, ["a"], 1e-3).observed == pytest.approx(observed, abs=2e-14)
+    made = algorithm.step_limit(of, ["a"], 1e-3)
+    assert made.observed == pytest.approx(below, abs=2e-14)
+    assert made.holds == holds
 
 
-@pytest.mark.parametrize(("difference", "observed"), [(1e-11, 2.5), (1e-9, 0.0), (NAN, 0.0)])
-def test_a_cheaper_step_has_to_be_the_same_step(difference: float, observed: float) -> None:
+@pytest.mark.parametrize(("difference", "observed", "holds"), [(1e-11, 2.5, True), (1e-9, 1e-9, False)])
+def test_a_cheaper_step_has_to_be_the_same_step(difference: float, observed: float, holds: bool) -> None:
     of = {"with_A": ("mesh", [6.0, 10.0]), "with_A_3": ("mesh", [2.0, 4.0]), "difference": ((), difference)}
-    assert algorithm.economy(table(of, h=("mesh", [1, 1 / 2])), "table", 1.0).observed == observed
+    made = algorithm.economy(table(of, h=("mesh", [1, 1 / 2])), "table", 1.0)
+    assert (made.observed, made.holds) == (observed, holds)
 
 
 @pytest.mark.parametrize(("level", "observed"), [(0, 1.0), (1, 1.0), (2, 3.0), (4, 3.0)])
@@ -123,7 +160,7 @@ def test_steps_are_compared_with_their_law_from_H_16_on(level: int, observed: fl
         "h_over_H": (PAIRS, H[:, None] / (2 * H)),
     }
     made = table(of, case=["c"], H=("partition", H))
-    assert algorithm.step_growth(made, "a", "c", 1.25).observed == pytest.approx(observed, rel=1e-12)
+    assert algorithm.step_growth(made, "a", "c", 2, 1.25).observed == pytest.approx(observed, rel=1e-12)
 
 
 # The cost
@@ -152,18 +189,19 @@ def test_the_most_steps_of_all_runs_count() -> None:
 
 
 @pytest.mark.parametrize(
-    ("safe", "optimal", "observed"),
+    ("safe", "optimal", "observed", "holds"),
     [
-        ([12, 23, 34], [10, 20, 30], 1.1),
-        ([12, 26, 34], [10, 20, 30], 1.25),
-        ([12, NAN, 34], [10, 20, 30], INF),
-        ([12, NAN, 34], [10, NAN, 30], 1.1),
-        ([12, 99, 34], [10, 0, 30], 1.1),
+        ([12, 23, 34], [10, 20, 30], 1.1, True),
+        ([12, 26, 34], [10, 20, 30], 1.25, False),
+        ([12, NAN, 34], [10, 20, 30], 1.0, False),
+        ([12, NAN, 34], [10, NAN, 30], 1.1, True),
+        ([12, 99, 34], [10, 0, 30], 1.1, True),
     ],
 )
-def test_the_safe_step_may_not_miss_a_level(safe: list, optimal: list, observed: float) -> None:
-    """Steps but one, where the optimal one took any; unbounded if only that one got there."""
-    assert cost.safe_step(steps_of(safe=safe, optimal=optimal), 1.1).observed == pytest.approx(observed)
+def test_the_safe_step_may_not_miss_a_level(safe: list, optimal: list, observed: float, holds: bool) -> None:
+    """Steps but one, where the optimal one took any; or the number of levels that only that one met."""
+    made = cost.safe_step(steps_of(safe=safe, optimal=optimal), 1.15)
+    assert (made.observed, made.holds) == (pytest.approx(observed), holds)
 
 
 def cases(error: Any, lower: Any = 1.0, ran: Any = True) -> dict[str, xr.Dataset]:
@@ -182,13 +220,18 @@ def cases(error: Any, lower: Any = 1.0, ran: Any = True) -> dict[str, xr.Dataset
     ("error", "ran", "observed"),
     [
         ([9.0, 1.25, 1.0], True, 0.25),
-        ([9.0, NAN, 1.0], True, INF),
-        ([9.0, NAN, 1.5], [True, False, True], 0.5),
+        ([9.0, NAN, 1.5], True, 0.5),
+        ([9.0, NAN, 1.0], [True, False, True], 0.0),
     ],
 )
-def test_a_level_that_is_not_reached_is_not_enough(error: list, ran: Any, observed: float) -> None:
+def test_the_largest_excess_at_a_level_counts(error: list, ran: Any, observed: float) -> None:
     """From H = 1/8 on; what was not run does not count."""
     assert cost.stop_is_enough(cases(error, ran=ran), "h1", 0.1, 0.125, 0.01).observed == observed
+
+
+def test_of_a_level_that_a_run_does_not_reach_nothing_is_said() -> None:
+    with pytest.raises(Unjudged, match=r"a run of c does not reach the level 0\.1"):
+        cost.stop_is_enough(cases([9.0, NAN, 1.0]), "h1", 0.1, 0.125, 0.01)
 
 
 def test_the_least_growth_of_an_error_at_a_level_counts() -> None:
@@ -199,10 +242,10 @@ def test_the_least_growth_of_an_error_at_a_level_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("with_A", "observed"),
-    [([[5], [7]], 1.5), ([[5], [NAN]], 1.5), ([[5], [8]], 0.0), ([[NAN], [NAN]], 0.0)],
+    ("with_A", "same"),
+    [([[5], [7]], True), ([[5], [NAN]], True), ([[5], [8]], False), ([[NAN], [NAN]], False)],
 )
-def test_a_step_by_cells_has_to_be_the_same_step(with_A: list, observed: float) -> None:
+def test_a_step_by_cells_has_to_be_the_same_step(with_A: list, same: bool) -> None:
     """n = e^2, e^4 with quotients of operations 2 and 6, so 6/4 over 2/2; S takes 5 and 7 steps."""
     by_algebra = ("algebra", "H")
     of = {
@@ -211,13 +254,19 @@ def test_a_step_by_cells_has_to_be_the_same_step(with_A: list, observed: float) 
         "h": (by_algebra, [[0.5, 0.25], [0.5, 0.25]]),
         "steps": ((*by_algebra, "stop"), [with_A, [[5], [7]]]),
     }
-    assert cost.economy(table(of, algebra=["A", "S"]), 1.0).observed == pytest.approx(observed, abs=1e-14)
+    made = table(of, algebra=["A", "S"])
+    if same:
+        assert cost.economy(made, 1.0).observed == pytest.approx(1.5)
+    else:
+        assert cost.economy(made, 1.6).observed == pytest.approx(1.5)
+        with pytest.raises(Unjudged, match="steps with A are not known to be as many as those with S"):
+            cost.economy(made, 1.0)
 
 
 # The estimates
 
 
-def rates(rate: list[list[float]], verdict: list[str], **changed: Any) -> dict[str, xr.Dataset]:
+def rates_table(rate: list[list[float]], verdict: list[str], **changed: Any) -> dict[str, xr.Dataset]:
     """Rates (case, pair) where 0.5 is proved and 0.75 expected, all 0 at another h/H.
 
     The first pair is not asymptotic.
@@ -230,53 +279,71 @@ def rates(rate: list[list[float]], verdict: list[str], **changed: Any) -> dict[s
         "rate": (of_pair, both), "asymptotic": (of_pair, counts),
         "proved": (of_case, np.full(shape, 0.5)), "expected": (of_case, np.full(shape, 0.75)),
         "verdict": (of_case, np.broadcast_to(np.array(verdict)[:, None, None], shape)),
+        "why": (of_case, np.full(shape, "")),
     }  # fmt: skip
     return table(of | changed, case=["c", "d"][: len(rate)], norm=["l2"], h_over_H=[0.5, 0.25])
 
 
-@pytest.mark.parametrize(
-    ("verdict", "observed"),
-    [
-        (["holds", "holds"], 0.8),
-        (["holds", "fails"], -INF),
-        (["holds", "not judged"], -INF),
-        (["holds", "exact"], 0.9),
-    ],
-)
-def test_a_rate_counts_only_if_its_judgement_holds(verdict: list[str], observed: float) -> None:
-    """The smallest of both cases on asymptotic pairs, against 0.5 less 0.1; exact errors have none."""
-    made = estimates.rate(
-        rates([[0.1, 1.0, 0.9], [0.1, 0.8, 1.1]], verdict), ["a"], ["c", "d", "e"], "l2", 0.1
-    )
+RATES = [[0.1, 1.0, 0.9], [0.1, 0.8, 1.1]]
+
+
+@pytest.mark.parametrize(("verdict", "observed"), [("holds", 0.8), ("exact", 0.9)])
+def test_the_smallest_rate_of_both_cases_counts(verdict: str, observed: float) -> None:
+    """On asymptotic pairs, against 0.5 less 0.1; exact errors have none."""
+    made = rates.rate(rates_table(RATES, ["holds", verdict]), ["a"], ["c", "d", "e"], "l2", 2, 0.1)
     assert made.observed == observed
     assert made.required == 0.4
     assert made.at_least
 
 
+@pytest.mark.parametrize(
+    ("verdict", "why", "said"),
+    [("fails", "a run did not converge", "a run did not converge"), ("not judged", "", "not judged")],
+)
+def test_a_rate_that_is_not_judged_to_hold_is_no_evidence(verdict: str, why: str, said: str) -> None:
+    """Unless it is slow, which it then is for the claim too: 0.8 where 0.9 is required."""
+    of_case = ("case", "norm", "h_over_H")
+    of = rates_table(RATES, ["holds", verdict], why=(of_case, np.full((2, 1, 2), why)))
+    with pytest.raises(Unjudged, match=f"^a, d, l2: {said}$"):
+        rates.rate(of, ["a"], ["c", "d"], "l2", 2, 0.1)
+    assert not rates.rate(of, ["a"], ["c", "d"], "l2", 2, -0.4).holds
+
+
 def test_exact_errors_alone_are_no_rate() -> None:
-    made = estimates.rate(rates([[1.0, 1.0]], ["exact"]), ["a"], ["c"], "l2", 0.1)
-    assert math.isnan(made.observed)
+    with pytest.raises(Unjudged, match="there is no rate: all errors are 0"):
+        rates.rate(rates_table([[1.0, 1.0]], ["exact"]), ["a"], ["c"], "l2", 2, 0.1)
+
+
+def test_rates_are_those_at_the_judged_ratio() -> None:
+    """At the other one all are 0."""
+    made = rates.rate(rates_table(RATES, ["holds", "holds"]), ["a"], ["c", "d"], "l2", 4, 0.1)
+    assert (made.observed, made.holds) == (0, False)
 
 
 def test_no_faster_rate_is_looked_for_on_the_finest_pair_there_is() -> None:
-    of = rates([[9.0, 1.0, 1.02, NAN], [9.0, 1.1, 0.7, 0.9]], ["holds", "holds"])
-    assert estimates.not_faster(of, ["a"], ["c", "d"], "l2", 1.03).observed == 1.02
+    of = rates_table([[9.0, 1.0, 1.02, NAN], [9.0, 1.1, 0.7, 0.9]], ["holds", "holds"])
+    assert rates.not_faster(of, ["a"], ["c", "d"], "l2", 2, 1.03).observed == 1.02
 
 
 @pytest.mark.parametrize(("verdict", "observed"), [("holds", -0.25), ("fails", -0.25), ("not judged", 0.15)])
 def test_rates_that_fail_are_compared_with_the_expected_ones_too(verdict: str, observed: float) -> None:
     """0.8 and 0.4 against 0.75, with a tolerance of 0.1."""
-    of = rates([[0.0, 0.8], [0.0, 0.4]], ["holds", verdict])
-    assert estimates.expected(of, ["a"], ["c", "d"], {"l2": 0.1}).observed == pytest.approx(observed)
+    of = rates_table([[0.0, 0.8], [0.0, 0.4]], ["holds", verdict])
+    assert rates.expected(of, ["a"], ["c", "d"], 2, {"l2": 0.1}).observed == pytest.approx(observed)
+
+
+def test_an_expected_rate_that_is_judged_to_fail_is_no_evidence() -> None:
+    with pytest.raises(Unjudged, match=r"^a, d, l2: fails$"):
+        rates.expected(rates_table(RATES, ["holds", "fails"]), ["a"], ["c", "d"], 2, {"l2": 0.1})
 
 
 def test_rates_over_the_last_factor_of_four() -> None:
     """8 to 1 and 2 to 1 from the second level to the last, 2^3 and 2^1 over 4."""
     of = table({"x": (("case", "mesh"), [[1.0, 8, 5, 1], [9, 2, 9, 1]])}, case=["c", "d"])
-    assert estimates.rate_of(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(0.5)
-    assert estimates.slow(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(1.5)
+    assert rates.rate_of(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(0.5)
+    assert rates.slow(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(1.5)
     of = table({"consistency": (("case", "partition"), [[1.0, 8, 5, 1], [9, 2, 9, 1]])}, case=["c", "d"])
-    assert estimates.consistency_rate(of, ["a"], ["d"], 1.0).observed == pytest.approx(0.5)
+    assert rates.consistency_rate(of, ["a"], ["d"], 1.0).observed == pytest.approx(0.5)
 
 
 def test_a_negative_consistency_term_is_none() -> None:
@@ -306,13 +373,13 @@ def levels(**errors: list[float]) -> dict[str, xr.Dataset]:
 )
 def test_errors_have_to_fall_on_every_level_in_both_norms(h1: list, lower: list, observed: float) -> None:
     of = levels(h1_error=h1, hm12_error_lower=lower)
-    assert estimates.keeps_falling(of, ["a"], "c").observed == observed
+    assert estimates.keeps_falling(of, ["a"], "c", 2).observed == observed
 
 
 def test_a_decrease_is_from_the_lower_bound_to_the_upper_one() -> None:
     """From at least 8 to at most 2."""
     of = levels(hm12_error_lower=[8, 1, 1], hm12_error_upper=[9, 1, 2])
-    assert estimates.decrease(of, ["a"], ["c", "e"], 0.1).observed == 0.25
+    assert estimates.decrease(of, ["a"], ["c", "e"], 2, 0.1).observed == 0.25
 
 
 def forms_of(lower: Any, upper: Any, **others: tuple[Any, Any]) -> dict[str, tuple[Any, Any]]:
@@ -324,6 +391,7 @@ def forms_of(lower: Any, upper: Any, **others: tuple[Any, Any]) -> dict[str, tup
         "norm_lower": (("functional", "functional_too"), np.diag(lower)),
         "norm_upper": (("functional", "functional_too"), np.diag(upper)),
         "oscillation": ("case", [0.0]),
+        "polygon": ((), "square"),
     }
     return of | others
 
@@ -349,12 +417,12 @@ def test_rates_of_the_projection_count_from_a_size_on(coarsest: float, observed:
 
 
 def test_forms_are_known_on_the_partitions_that_they_refine() -> None:
-    known = found.forms(forms_of_L2(4, [1, 1 / 4, 1 / 8]), "a")
+    known = evidence.forms(forms_of_L2(4, [1, 1 / 4, 1 / 8]), "a")
     assert [cells.n_cells for cells, _ in known] == [4, 16]
     assert {cells.polygon.name for cells, _ in known} == {square().name}
     of = forms_of_L2(4, [1])
-    of["a/dual_norm"] = of["a/dual_norm"].assign(points=("point", np.arange(17) / 2))
-    assert [cells.polygon.name for cells, _ in found.forms(of, "a")] == [named("lshape").name]
+    of["a/dual_norm"] = of["a/dual_norm"].assign(points=("point", np.arange(17) / 2), polygon="lshape")
+    assert [cells.polygon.name for cells, _ in evidence.forms(of, "a")] == [named("lshape").name]
 
 
 @pytest.mark.parametrize(
@@ -464,13 +532,13 @@ def surfaces() -> dict[str, xr.Dataset]:
 
 def test_surfaces_are_judged_on_their_two_finest_pairs() -> None:
     """From alpha = 1/4 on and at gamma = 1 the least is 0.875, on the pair before the last."""
-    assert estimates.surface(surfaces(), "table", "l2", 0.25, [1.0], 0.1).observed == -0.125
-    assert estimates.surface(surfaces(), "table", "l2", 0.5, [1.0], 0.1).observed == -0.0625
-    assert estimates.surface(surfaces(), "table", "l2", 0.25, [1.0, 2.0], 0.1).observed == -0.75
+    assert rates.surface(surfaces(), "table", "l2", 0.25, [1.0], 0.1).observed == -0.125
+    assert rates.surface(surfaces(), "table", "l2", 0.5, [1.0], 0.1).observed == -0.0625
+    assert rates.surface(surfaces(), "table", "l2", 0.25, [1.0, 2.0], 0.1).observed == -0.75
 
 
 def test_rates_of_the_consistency_term_may_not_be_lower_either() -> None:
-    assert estimates.consistency_surface(surfaces(), "table", 0.1).observed == 0.25
+    assert rates.consistency_surface(surfaces(), "table", 0.1).observed == 0.25
 
 
 # The extremes
@@ -486,6 +554,29 @@ def test_the_slope_is_fitted_below_a_value_on_its_axis() -> None:
     assert extremes.power(table(of), "table", "a", 0.25, -2, 0.1).observed == pytest.approx(0, abs=1e-12)
     for exponent in (-1, -3):
         assert extremes.power(table(of), "table", "a", 0.25, exponent, 0.1).observed == pytest.approx(1)
+
+
+def test_a_slope_needs_two_numbers() -> None:
+    of = {"axis_of": ("point", ["a", "a"]), "value": ("point", [0.5, 0.25]), "measured": ("point", [1, NAN])}
+    with pytest.raises(Unjudged, match="fewer than two numbers are known on the axis a"):
+        extremes.power(table(of), "table", "a", 1.0, -2, 0.1)
+
+
+@pytest.mark.parametrize(("last", "wrong"), [(2.0, 0), (1.001, 0), (0.9, 1)])
+def test_a_limit_is_judged_only_if_it_was_tried_next_to_it(last: float, wrong: int) -> None:
+    """0.999 of the limit converges, and a second value does not, which is wrong below the limit."""
+    of = {
+        "axis_of": ("point", ["a", "a"]),
+        "value": ("point", [0.999, last]),
+        "outcome": ("point", ["right", "not converged"]),
+        "predicted_limit": ("axis", [1.0]),
+    }
+    made = table(of, axis=["a"])
+    if last == 2.0:
+        with pytest.raises(Unjudged, match=r"^1\.001 of the limit was not tried on the axis a$"):
+            extremes.step_limit(made, "table", {"a": 0.001})
+    else:
+        assert extremes.step_limit(made, "table", {"a": 0.001}).observed == wrong
 
 
 def test_the_first_step_that_fails_is_the_measured_one() -> None:
@@ -506,7 +597,8 @@ def test_values_that_are_not_known_are_not_judged_unless_none_is() -> None:
     assert stability.values(of, "table", "x", 1.0, True).observed == 3
     assert stability.values(of, "{scene}/errors", "x", 1.0, False, ["a"]).observed == 5
     assert stability.values(of, "table", "x", 1.0, False, select={"case": ["c"], "mesh": 0}).observed == 3
-    assert math.isnan(stability.values(of, "table", "y", 1.0, True).observed)
+    with pytest.raises(Unjudged, match="y is not known of table"):
+        stability.values(of, "table", "y", 1.0, True)
     assert stability.smallest(of, "{scene}/errors", ["a"], ["x"], 1.0, "").observed == 3
 
 
@@ -516,16 +608,20 @@ def test_the_smallest_value_at_a_ratio_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ratio", "observed"), [([0.5, 1.0, 2.0], 0.25), ([0.5, 0.75, 2.0], 0.125), ([0.5, 0.5, 0.5], NAN)]
+    ("ratio", "observed"), [([0.5, 1.0, 2.0], 0.25), ([0.5, 0.75, 2.0], 0.125), ([0.5, 0.5, 0.5], None)]
 )
-def test_eigenvalues_have_to_vanish_from_H_equal_to_h_on(ratio: list[float], observed: float) -> None:
-    """lambda_min/lambda_max is 1, 1/4, 1/8; without such a pair nothing is known."""
+def test_eigenvalues_have_to_vanish_from_H_equal_to_h_on(ratio: list[float], observed: float | None) -> None:
+    """lambda_min/lambda_max is 1, 1/4, 1/8; without such a pair nothing is judged."""
     of = {
         "lambda_min": (PAIRS, [[2.0, 1.0, 0.5]]),
         "lambda_max": (PAIRS, [[2.0, 4.0, 4.0]]),
         "h_over_H": (PAIRS, [ratio]),
     }
-    assert stability.vanishes(table(of), ["a"]).observed == pytest.approx(observed, nan_ok=True)
+    if observed is not None:
+        assert stability.vanishes(table(of), ["a"]).observed == observed
+    else:
+        with pytest.raises(Unjudged, match="at H <= h is not known of a"):
+            stability.vanishes(table(of), ["a"])
 
 
 @pytest.mark.parametrize(
@@ -555,16 +651,27 @@ def test_the_inverse_estimate_in_a_norm_in_which_it_is_known() -> None:
         ([2.0, 2.0, 3.0], [45.0, 20, 19], 0.5),
         ([2.0, 1.9, 3.0], [45.0, 45, 20], 0.25),
         ([2 - 1e-10, 1, 1], [45.0, 45, 45], 0.9),
-        ([1.0, 1, 1], [45.0, 45, 45], NAN),
+        ([1.0, 1, 1], [45.0, 45, 45], None),
     ],
 )
 def test_the_local_rule_asks_for_short_edges_and_no_flat_triangles(
-    ratios: list, angles: list, observed: float
+    ratios: list, angles: list, observed: float | None
 ) -> None:
     """beta is 0.9, 0.5, 0.25; a cell of 2 edges, to round-off, and an angle of 20 degrees are enough."""
     of = {"beta_lower": [[0.9, 0.5, 0.25]], "cell_over_edge": [ratios], "smallest_angle": [angles]}
-    made = stability.local_rule(table({name: (PAIRS, x) for name, x in of.items()}), ["a"], 2.0, 20.0, 0.7)
-    assert made.observed == pytest.approx(observed, nan_ok=True)
+    made = table({name: (PAIRS, x) for name, x in of.items()})
+    if observed is not None:
+        assert stability.local_rule(made, ["a"], 2.0, 20.0, 0.7).observed == observed
+    else:
+        with pytest.raises(Unjudged, match="nothing of which to find the smallest beta"):
+            stability.local_rule(made, ["a"], 2.0, 20.0, 0.7)
+
+
+def test_edges_alone_are_judged_where_every_cell_has_them() -> None:
+    of = table({"beta_upper": (PAIRS, [[0.25, 0.5]]), "edges_per_cell": (PAIRS, [[1.0, 2 - 1e-10]])})
+    assert stability.edges_alone(of, "a", 2.0, 0.35).observed == 0.5
+    with pytest.raises(Unjudged, match="with 3 edges in every cell is not known of a"):
+        stability.edges_alone(of, "a", 3.0, 0.35)
 
 
 def test_near_is_from_either_side() -> None:
@@ -584,34 +691,37 @@ def test_a_saddle_grows_in_both_variables(name: str) -> None:
 @pytest.mark.parametrize(
     ("violation", "same_u", "distance", "observed"),
     [
-        (1e-15, 1e-14, 0.5, 1e-14),
-        (1e-3, 1e-14, 0.5, 1e-3),
-        (1e-15, 1e-14, 0.05, INF),
-        (1e-15, 1e-14, NAN, INF),
+        (1e-15, 1e-14, 0.5, (1e-14, True)),
+        (1e-3, 1e-14, 0.5, (1e-3, False)),
+        (1e-15, 1e-14, 0.05, (0.05, False)),
     ],
 )
 def test_two_multipliers_are_two_only_if_they_are_apart(
-    violation: float, same_u: float, distance: float, observed: float
+    violation: float, same_u: float, distance: float, observed: tuple[float, bool]
 ) -> None:
     of = {"violation": ((), violation), "same_u": ((), same_u), "multiplier_distance": ((), distance)}
-    assert stability.two_multipliers(table(of), "table", 0.1).observed == observed
+    made = stability.two_multipliers(table(of), "table", 0.1)
+    assert (made.observed, made.holds) == observed
 
 
 @pytest.mark.parametrize(
-    ("lower", "upper", "observed"),
+    ("lower", "upper", "observed", "holds"),
     [
-        ([1.0, 1.0], [1.25, 1.5], 0.5),
-        ([1.0, 1.0], [1.25, 0.99], INF),
-        ([1.0, 1e-14], [1.25, 1e-13], 0.25),
-        ([1.0, 1e-10], [1.25, 2e-10], 1.0),
-        ([1.0, NAN], [1.25, NAN], 0.25),
+        ([1.0, 1.0], [1.25, 1.5], 0.5, True),
+        ([1.0, 1.0], [1.25, 0.75], -0.25, False),
+        ([1.0, 1e-14], [1.25, 1e-13], 0.25, True),
+        ([1.0, 1e-10], [1.25, 2e-10], 1.0, False),
+        ([1.0, NAN], [1.25, NAN], 0.25, True),
     ],
 )
-def test_bounds_that_cross_have_no_gap(lower: list[float], upper: list[float], observed: float) -> None:
+def test_bounds_that_cross_have_no_gap(
+    lower: list[float], upper: list[float], observed: float, holds: bool
+) -> None:
     """Errors that are 0 to round-off, or not known, have none that counts."""
     of = {
         "hm12_error_lower": (RUN, [[lower]]),
         "hm12_error_upper": (RUN, [[upper]]),
         "u_norm": (("case", "mesh"), [[1.0]]),
     }
-    assert stability.gap(table(of), ["a"], 0.05).observed == observed
+    made = stability.gap(table(of), ["a"], 0.75)
+    assert (made.observed, made.holds) == (observed, holds)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import nullcontext
 from functools import cache
 
 import numpy as np
 import pytest
+import yaml
 from conftest import ROOT
 
 from unilateral import cli
 from unilateral.errors import InputError
+from unilateral.formulas.formula import real
 from unilateral.norms.dual import Bounds, Gram
-from unilateral.study.judge import claims
-from unilateral.study.judge.checks.found import Found
+from unilateral.study.judge import claims, controls, records
+from unilateral.study.judge.checks.evidence import Evidence
 from unilateral.study.judge.claims import Claim, Judgement, Results
+from unilateral.study.text import marks, verdicts
 
 LEDGER = {claim.id: claim for claim in claims.ledger()}
 STATEMENTS = [  # of the paper, that the ledger must not leave out
@@ -69,20 +74,18 @@ def test_the_claim_has_its_verdict(name):
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_control_turns_it_to_fails(name):
-    spoilt = claims.spoilt(results(), LEDGER[name].control)
+    spoilt = controls.spoilt(results(), LEDGER[name].control)
     judgement = claims.judge(spoilt, [LEDGER[name]])[0]
-    assert judgement.verdict == claims.FAILS, "\n" + claims.explanation(judgement)
+    assert judgement.verdict == records.FAILS, "\n" + claims.explanation(judgement)
 
 
 LIMIT = float(np.sqrt(2) / np.tanh(8**-0.5))
 """Of lambda_max(S) on the unit square, 1/sigma_1."""
 BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own control does not
-    ("1.2", "square/errors", "hm12_error_upper", {"value": np.nan, "at": {"mesh": -1}}),
     ("R1.1", "algorithm/steps", "saddle_in_v", {"value": -1e-9, "at": {"case": 1}}),
     ("3.5", "square/dual_norm", "norm_lower", {"factor": 1.02}),
     ("3.5", "square/dual_norm", "norm_upper", {"factor": 0.98}),
     ("3.th", "algorithm/uniqueness", "multiplier_distance", {"value": 0.01}),
-    ("4.11", "square/rates", "verdict", {"value": "fails", "at": {"case": 1}}),
     ("R4.1b", "irregular/errors", "hm12_error_lower", {"factor": 9, "at": {"mesh": -1}}),
     (
         "5.1",
@@ -97,8 +100,6 @@ BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own cont
     ("5.2c", "square/errors", "lambda_max", {"value": 1.0001 * LIMIT}),
     ("5.A", "algorithm/elimination", "difference", {"value": 1e-9}),
     ("5.G", "cost/algorithm", "steps", {"value": np.nan, "at": {"algorithm": 1, "H": 2, "stop": 3}}),
-    ("5.H", "cost/case", "h1_error", {"value": np.nan, "at": {"case": 0, "H": -2}}),
-    ("5.J", "cost/algebra", "steps", {"factor": 2, "at": {"algebra": 1}}),
     ("F.norm", "square/errors", "hm12_error_upper", {"factor": 0.9, "at": {"mesh": 0}}),
     ("F.total", "corners/totals", "total_index_lambda", {"factor": 0.1}),
     ("S.local", "betasquare/infsup", "cell_over_edge", {"value": 3.0}),
@@ -108,9 +109,137 @@ BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own cont
 @pytest.mark.parametrize(("name", "table", "variable", "spoil"), BRANCHES)
 def test_every_branch_of_a_check_can_turn_its_claim_to_fails(name, table, variable, spoil):
     """One number is spoilt so that only that branch is taken; all else is as it was found."""
-    spoilt = claims.spoilt(results(), {"tables": [table], "variable": variable, **spoil})
+    spoilt = controls.spoilt(results(), {"tables": [table], "variable": variable, **spoil})
     judgement = claims.judge(spoilt, [LEDGER[name]])[0]
-    assert judgement.verdict == claims.FAILS, "\n" + claims.explanation(judgement)
+    assert judgement.verdict == records.FAILS, "\n" + claims.explanation(judgement)
+
+
+UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
+    (
+        "1.2",
+        "square/errors",
+        "hm12_error_upper",
+        {"value": np.nan, "at": {"mesh": -1}},
+        r"the finest error over the coarsest is not known of square, ",
+    ),
+    (
+        "3.1c",
+        "square/errors",
+        "h_over_H",
+        {"value": 0.5},
+        r"the largest lambda_min\(S\)/lambda_max\(S\) at H <= h is not known of square",
+    ),
+    (
+        "4.11",
+        "square/rates",
+        "verdict",
+        {"value": "fails", "at": {"case": 1}},
+        r"square, natural, h1: fails$",
+    ),
+    (
+        "S.12",
+        "lshape/rates",
+        "verdict",
+        {"value": "fails", "at": {"case": 0}},
+        r"lshape, full_contact, hm12: fa",
+    ),
+    (
+        "5.H",
+        "cost/case",
+        "h1_error",
+        {"value": np.nan, "at": {"case": 0, "H": -2}},
+        r"a run of thirds does not reach the level 0\.1",
+    ),
+    (
+        "5.J",
+        "cost/algebra",
+        "steps",
+        {"factor": 2, "at": {"algebra": 1}},
+        r"steps with A are not known to be as many as those with S",
+    ),
+    (
+        "S.edges",
+        "betaworst/infsup",
+        "edges_per_cell",
+        {"value": 1.0},
+        r"the smallest beta with 2 edges in every cell is not known of betaworst",
+    ),
+    (
+        "X.rho",
+        "extremes/extremes",
+        "predicted_limit",
+        {"factor": 1.0001},
+        r"0\.999 of the limit was not tried on the axis step_full",
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "table", "variable", "spoil", "reason"), UNFIT)
+def test_a_claim_whose_check_has_nothing_to_rest_on_is_not_judged(name, table, variable, spoil, reason):
+    spoilt = controls.spoilt(results(), {"tables": [table], "variable": variable, **spoil})
+    judgement = claims.judge(spoilt, [LEDGER[name]])[0]
+    assert re.match(f"not judged: {reason}", judgement.verdict)
+    assert not judgement.holds
+    record = judgement.record()
+    assert record["verdict"] == judgement.verdict
+    assert [record[of] for of in ("quantity", "expected", "observed", "margin")] == 4 * [None]
+    assert verdicts.holding([record]) == {name: False}
+
+
+def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch):
+    spoil = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
+    monkeypatch.setattr(claims, "Results", lambda _: controls.spoilt(results(), spoil))
+    reason = "not judged: the smallest beta with 2 edges in every cell is not known of betaworst"
+    assert cli.main(["claims", "S.edges"]) == 1
+    text = capsys.readouterr().out
+    assert f"\nverdict: {reason}\n" in text
+    assert "observed" not in text
+    assert cli.main(["claims"]) == 1
+    assert re.search(rf"^S\.edges +none +none +none  {reason}$", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
+    """Control: with the study's own records the same sentence is kept."""
+    page = tmp_path / "page.md"
+    page.write_text("It is <!--?S.edges-->not enough.<!--/-->\n")
+    spoil = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
+    for tables, kept in ((results(), True), (controls.spoilt(results(), spoil), False)):
+        found = [claims.judge(tables, [LEDGER["S.edges"]])[0].record()]
+        with nullcontext() if kept else pytest.raises(InputError, match=r"claim S\.edges, on which"):
+            marks.fill(page, {}, {}, verdicts.holding(found))
+
+
+def test_no_claim_that_holds_says_that_it_does_not():
+    for claim in LEDGER.values():
+        assert records.holds(claim.verdict)
+
+
+RATES = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]
+STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+
+
+def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
+    """H/h, also of the study of cost, and the tolerances of rates."""
+    ratios = {"cost": real(STUDY["cost"]["base"]["H_over_h"], "")}
+    tolerances = {norm: declared["tolerance"] for norm, declared in RATES["norms"].items()}
+    found = 0
+    for claim in LEDGER.values():
+        given = claim.parameters
+        if "H_over_h" in given:
+            ratio = ratios.get(claim.section, 1 / real(RATES["judged_ratio"], ""))
+            assert given["H_over_h"] == ratio, claim.id
+        for norm, tolerance in given.get("tolerances", {}).items():
+            assert tolerance == tolerances[norm], claim.id
+        if {"norm", "tolerance"} <= set(given):
+            assert given["tolerance"] == tolerances[given["norm"]], claim.id
+        found += len({"H_over_h", "tolerance", "tolerances"} & set(given))
+    assert found > 20
+
+
+def test_the_rule_for_beta_is_the_study_s_and_judged_on_every_survey():
+    given = LEDGER["S.local"].parameters
+    assert set(given["scenes"]) == set(STUDY["surveys"])
+    assert {name: given[name] for name in STUDY["infsup"]["rule"]} == STUDY["infsup"]["rule"]
 
 
 @pytest.mark.parametrize("name", LEDGER)
@@ -169,7 +298,7 @@ def made_up(observed: float, required: float, at_least: bool) -> Judgement:
         control={"what": "x"},
         **{k: v for k, v in fields.items()},
     )
-    return Judgement(claim, Found("number", observed, required, at_least, []))
+    return Judgement(claim, Evidence("number", observed, required, at_least, []))
 
 
 @pytest.mark.parametrize(
@@ -184,7 +313,7 @@ def made_up(observed: float, required: float, at_least: bool) -> Judgement:
 )
 def test_margins_by_hand(observed, required, at_least, margin):
     found = made_up(observed, required, at_least)
-    assert found.margin == pytest.approx(margin)
+    assert found.evidence.margin == pytest.approx(margin)
     assert found.holds == (margin >= 0)
 
 
@@ -198,8 +327,8 @@ def test_no_margin_is_relative_to_0(required, observed, shown):
 
 
 def test_what_is_not_a_number_does_not_hold():
-    assert made_up(np.nan, 1.0, True).verdict == claims.FAILS
-    assert made_up(np.nan, 1.0, False).verdict == claims.FAILS
+    assert made_up(np.nan, 1.0, True).verdict == records.FAILS
+    assert made_up(np.nan, 1.0, False).verdict == records.FAILS
 
 
 def test_the_table_and_one_claim_on_the_command_line(capsys):
@@ -209,12 +338,12 @@ def test_the_table_and_one_claim_on_the_command_line(capsys):
     assert cli.main(["claims", "4.12", "--results", str(ROOT / "results")]) == 0
     text = capsys.readouterr().out
     assert "Theorem 4.1, (4.12)" in text
-    assert "irregular, borderline_0.05: " in text
+    assert "irregular, borderline_0.05, hm12: " in text
 
 
 def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
     """Control."""
-    spoilt = claims.spoilt(results(), LEDGER["4.14"].control)
+    spoilt = controls.spoilt(results(), LEDGER["4.14"].control)
     monkeypatch.setattr(claims, "Results", lambda _: spoilt)
     assert cli.main(["claims", "4.14"]) == 1
     assert "verdict: fails" in capsys.readouterr().out

@@ -78,12 +78,12 @@ def table() -> xr.Dataset:
 
 
 def test_only_asymptotic_sizes_count_and_lambda_must_not_be_0() -> None:
-    found = floors(table(), {"made_up": 1 / 16, "no_contact": 1 / 16})
+    found = floors(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
     assert list(found["case"].values) == ["made_up"]
     of = found.sel(case="made_up")
     assert [float(of[name]) for name in ("C1", "C2", "s")] == pytest.approx([0.3, 2.0, 1.25], rel=1e-6)
     assert int(of["pairs"]) == 5 * 6 - 1
     assert float(of["start"]) == 1 / 16
     assert set(found.variables) - {"case"} <= set(VARIABLES)
-    wrong = floors(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}).sel(case="made_up")
+    wrong = floors(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
     assert abs(float(wrong["s"]) - 1.25) > 0.1

@@ -19,6 +19,7 @@ H1 = Expectation(
     power=0,
     bound=2,
     algebraic_share=0.01,
+    judged_ratio=1 / 2,
 )
 
 
@@ -237,6 +238,12 @@ def test_the_collected_table_has_what_was_observed_and_expected():
     assert np.isfinite(row["rate"]).sum("pair").values.tolist() == [5, 4, 0]
 
 
+@pytest.mark.parametrize(("ratio", "levels"), [(1 / 2, 5), (1, 4), (1 / 8, 5)])
+def test_a_level_counts_from_an_H_on_that_the_judged_ratio_gives(ratio, levels):
+    """H = 2h and h from 1/8 on, where levels start."""
+    assert judged(table(), expected=changed(judged_ratio=ratio)).asymptotic.sum() == levels
+
+
 def test_the_smallest_rate_is_of_asymptotic_pairs():
     of = xr.Dataset({"rate": ("pair", [0.1, 1.5, 1.2]), "asymptotic": ("pair", [0.0, 1.0, 1.0])})
     assert rates_table.smallest_rate(of) == 1.2
@@ -251,13 +258,14 @@ def test_what_is_expected_is_as_declared():
     }
     study = {
         "algebraic_share": 0.01,
+        "judged_ratio": "1/3",
         "norms": {"l2": general, "h1": general | {"bound": {"reference": "x", "factor": 3}}},
         "cases": {"made_up": {"l2": {"rate": "3/4"}, "h1": {"rate": "exact"}}},
     }
     levels = {"l2": {"from": "1/8", "factor": 4}, "h1": {"from": "1/16"}}
-    expected = Expectation(0.5, 0.75, 0.1, 1 / 8, 4, "x", 0.25, 3, 0.01)
+    expected = Expectation(0.5, 0.75, 0.1, 1 / 8, 4, "x", 0.25, 3, 0.01, 1 / 3)
     assert Expectation.of(study, "made_up", "l2", levels) == expected
-    expected = Expectation(0.5, None, 0.1, 1 / 16, 2, "x", 0, 3, 0.01)
+    expected = Expectation(0.5, None, 0.1, 1 / 16, 2, "x", 0, 3, 0.01, 1 / 3)
     assert Expectation.of(study, "made_up", "h1", levels) == expected
 
 

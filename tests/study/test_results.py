@@ -1,9 +1,10 @@
 """The study's stored results: the rates of every case, and what theory says of every single run.
 
 Nothing is solved here. Expected rates and their sources stand in workflow/config/rates.yaml, the levels
-that count in the cases' own files.
+that count in the cases' own files. What claims of the ledger say of these scenes is judged there.
 """
 
+from dataclasses import replace
 from functools import cache
 from math import sqrt, tanh
 
@@ -16,7 +17,7 @@ from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import tables
-from unilateral.study.judge import rates
+from unilateral.study.judge import claims, rates
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
 EXPECTED = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]
@@ -131,11 +132,9 @@ def test_beta_vanishes_on_structured_squares_where_theory_says():
     assert not singular[solved].all()
 
 
-def test_the_step_limit_of_the_square():
-    """lambda_max(S) <= 1/sigma_1 for every h and H, and nearly so on the finest."""
-    largest = runs(errors_of("square"), "lambda_max")
-    assert np.all(largest <= (1 + 1e-12) / SIGMA_1)
-    assert largest.max() >= (1 - 1e-4) / SIGMA_1
+def test_the_step_limit_of_the_square_is_nearly_reached():
+    """On the finest meshes, more nearly than claim 5.2c says."""
+    assert runs(errors_of("square"), "lambda_max").max() >= (1 - 1e-4) / SIGMA_1
 
 
 def test_the_global_balance_of_every_run(errors):
@@ -144,10 +143,26 @@ def test_the_global_balance_of_every_run(errors):
     assert np.all(runs(errors.assign(share=errors["balance"] / scale), "share") <= 1e-10)
 
 
-def test_the_exact_split_of_every_run(errors):
-    """||u-u_h||^2 = ||u-z_h||^2 + ||lambda-lambda_H||^2_{-1/2,h}, but for quadrature's share."""
+ELSEWHERE = [
+    (name, scene)
+    for name in ("4.6", "F.norm", "F.share")
+    for scene in SCENES
+    if scene not in claims.find(name).parameters["scenes"]
+]
+
+
+@pytest.mark.parametrize(("name", "scene"), ELSEWHERE)
+def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, scene):
+    """By the claim's own check, with its own number; the ledger's controls are those of the check."""
+    claim = claims.find(name)
+    claim = replace(claim, parameters={**claim.parameters, "scenes": [scene]})
+    judgement = claims.judge(claims.Results(ROOT / "results"), [claim])[0]
+    assert judgement.holds, "\n" + claims.explanation(judgement)
+
+
+def test_the_exact_split_of_smooth_runs(errors):
+    """||u-u_h||^2 = ||u-z_h||^2 + ||lambda-lambda_H||^2_{-1/2,h}, to round-off where data are smooth."""
     share = errors["quadrature_share"]
-    assert np.all(runs(errors, "quadrature_share") <= 1e-4)
     smooth = errors["case"].isin(["full_contact", "no_contact"])
     absolute = (share * errors["h1_error"] ** 2 / errors["u_norm"] ** 2).where(smooth, 0)
     assert float(absolute.max()) <= 1e-10
@@ -171,14 +186,12 @@ def both_bounds(errors):
     return lower[np.isfinite(upper)], upper[np.isfinite(upper)]
 
 
-def test_the_bounds_of_the_dual_norm_are_close_and_do_not_cross(errors):
-    """Upper / lower - 1 at most 5 %, its median at most 1.5 %, wherever the error is not 0."""
+def test_most_bounds_of_the_dual_norm_are_close_and_none_cross(errors):
+    """The median of upper / lower - 1 is at most 1.5 % where the error is not 0."""
     lower, upper = both_bounds(errors)
     assert np.all(lower <= upper)
     zero = 1e-12 * errors["u_norm"].max().item()
-    gap = upper[upper > zero] / lower[upper > zero] - 1
-    assert gap.max() <= 0.05
-    assert np.median(gap) <= 0.015
+    assert np.median(upper[upper > zero] / lower[upper > zero] - 1) <= 0.015
 
 
 def test_the_shortcut_is_no_bound_of_the_dual_norm(errors):
@@ -214,21 +227,6 @@ def test_beta_does_not_fall_when_the_mesh_is_refined(scene):
     table = infsup_of(scene)
     coarse, fine = table["beta_lower"].values[:-1], table["beta_upper"].values[1:]
     assert np.all((coarse <= fine) | np.isnan(coarse) | np.isnan(fine))
-
-
-@pytest.mark.parametrize("scene", SCENES)
-def test_lemma_4_3_with_its_constants_in_every_run(scene):
-    """(4.6) with 1 + 1/beta and 1/beta, all factors on their unfavourable side."""
-    ratio = infsup_of(scene)["lemma_4_3"].values
-    assert np.isfinite(ratio).any()
-    assert np.nanmax(ratio) <= 1
-
-
-def test_lemma_4_3_would_fail_with_the_constants_1_and_0():
-    """Control: lambda_H is not the best approximation itself."""
-    errors = errors_of("square")
-    worst = (errors["hm12_error_lower"] / errors["hm12_best"]).sel(case=["natural", "thirds"])
-    assert float(worst.max()) > 1.05
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -168,17 +168,6 @@ def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u() -> None:
         assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
 
 
-def test_the_cases_that_need_a_lower_level_are_counted_by_value() -> None:
-    """Control: with the errors of level 1 at a tenth more cases than one need a lower level."""
-    few = cost_tables.prices(cost_tables.by_case(stored("case")), 2, COARSEST)["hm12"]
-    assert [name for name, price in few.items() if price.stop < 0.1] == ["natural"]
-    spoilt = stored("case").copy(deep=True)
-    for name in ("hm12_error_lower", "hm12_error_upper"):
-        spoilt[name].loc[{"stop": 0.1}] = spoilt[name].sel(stop=1.0).values
-    more = cost_tables.prices(cost_tables.by_case(spoilt), 2, COARSEST)["hm12"]
-    assert len([name for name, price in more.items() if price.stop < 0.1]) > 1
-
-
 def test_cheapest_is_met_and_nothing_cheaper_is() -> None:
     crossed = stored("algorithm").sel(algorithm="uzawa", stop=stored("algorithm")["stop"] < 1)
     for norm in NORMS:

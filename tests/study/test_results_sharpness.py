@@ -18,6 +18,8 @@ from unilateral.study.judge import floors, surfaces
 from unilateral.study.judge.rates import NORMS
 
 CONFIG = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+JUDGED = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]
+RATIO = real(JUDGED["judged_ratio"], "judged_ratio")
 STUDY = CONFIG["sharpness"]
 ALPHA, GAMMA, H = (np.array([float(Fraction(x)) for x in STUDY[name]]) for name in ("alphas", "gammas", "H"))
 BEST = {
@@ -211,13 +213,12 @@ def test_other_consistency_rates_would_be_seen():
 
 
 def fits(found, errors):
-    """Per case, whether C1 h is what P1 leaves, ||u - z_h||_1, and s the rate of P0 in H^{-1/2}, one-sided.
+    """Per case, whether C1 h is what P1 leaves, ||u - z_h||_1; s is judged by claim S.floor.
 
-    5 %: the coarsest h of the fits is that far from its limit; 0.1 is the tolerance of rates in H^{-1/2}.
+    5 %: the coarsest h of the fits is that far from its limit.
     """
     ritz = (errors["ritz_error"] / errors["h"]).isel(mesh=-1).sel(case=found["case"])
-    near = np.abs(found["C1"] / ritz - 1) <= 0.05
-    return (near & (found["s"] >= 1.5 - 0.1 - 2 * found["s_uncertainty"])).values
+    return (np.abs(found["C1"] / ritz - 1) <= 0.05).values
 
 
 def test_floors():
@@ -228,10 +229,8 @@ def test_floors():
     assert np.all(fits(found, stored("square/errors.nc")))
 
 
-@pytest.mark.parametrize("spoil", ["h", "H"])
-def test_floors_of_other_laws_would_be_seen(spoil):
-    """Control: all errors a tenth larger; or half of H, a term of first order, added."""
+def test_a_floor_of_larger_errors_would_be_seen():
+    """Control: all errors a tenth larger."""
     errors = stored("square/errors.nc").copy(deep=True)
-    more = 1.1 * errors["h1_error"] if spoil == "h" else np.hypot(errors["h1_error"], 0.5 * errors["H"])
-    errors["h1_error"] = more.transpose(*errors["h1_error"].dims)
-    assert not np.any(fits(floors.floors(errors, ASYMPTOTIC), errors))
+    errors["h1_error"] *= 1.1
+    assert not np.any(fits(floors.floors(errors, ASYMPTOTIC, RATIO), errors))

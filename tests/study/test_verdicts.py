@@ -39,7 +39,8 @@ def test_a_table_per_section_with_a_row_per_claim() -> None:
 
 def test_a_claim_holds_unless_it_fails() -> None:
     records = [record(), record(id="1.8", verdict="is an error"), record(id="9", verdict="fails")]
-    assert verdicts.holding(records) == {"4.1": True, "1.8": True, "9": False}
+    records.append(record(id="10", verdict="not judged: nothing is known"))
+    assert verdicts.holding(records) == {"4.1": True, "1.8": True, "9": False, "10": False}
 
 
 @pytest.mark.parametrize(
@@ -56,6 +57,12 @@ def test_a_claim_holds_unless_it_fails() -> None:
 )
 def test_numbers_that_round_off_makes_are_not_shown(changed: dict[str, object], shown: str) -> None:
     assert f"| {shown} |" in f"| {' | '.join(row(**changed))} |"
+
+
+def test_of_what_is_not_judged_the_reason_is_shown_and_no_number() -> None:
+    numbers = dict.fromkeys(("quantity", "expected", "observed", "margin"))
+    shown = row(**numbers, verdict="not judged: beta is not known of square")
+    assert shown[2:] == ["–", "–", "–", "not judged: β is not known of square"]
 
 
 def test_letters_and_signs_are_set_as_such() -> None:

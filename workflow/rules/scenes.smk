@@ -106,6 +106,8 @@ rule floors:
         errors="results/{scene}/errors.nc",
     output:
         "results/{scene}/floors.nc",
+    params:
+        ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the floors that h and H leave in H1"
     script:

@@ -3,7 +3,8 @@
 The statements are declared in `ledger.yaml`; `checks` holds what is measured. A check gives an observed
 number and the one it has to reach or to stay below; its margin is what is left, relative to the latter. A
 claim whose margin is not negative gets the verdict that the ledger declares for that case, any other one
-fails. A control is a spoilt result on which the check has to fail.
+fails. Where a precondition of the check does not hold the claim is not judged, for that reason, and does not
+hold either. A control is a spoilt result on which the check has to fail.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ import xarray as xr
 import yaml
 
 from unilateral.errors import InputError
-from unilateral.study.judge.checks import algorithm, cost, estimates, extremes, stability
-from unilateral.study.judge.checks.found import Found, Tables
+from unilateral.study.judge.checks import algorithm, cost, estimates, extremes, rates, stability
+from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
+from unilateral.study.judge.records import FAILS, UNJUDGED
 from unilateral.study.tables import load
 
-FAILS = "fails"
 LETTERS = {
     r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
     r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
@@ -38,6 +39,7 @@ CHECKS = {
     "cost": cost,
     "estimates": estimates,
     "extremes": extremes,
+    "rates": rates,
     "stability": stability,
 }
 
@@ -72,53 +74,57 @@ class Claim:
     source: str
     control: Mapping[str, Any]
 
-    def measure(self, results: Tables) -> Found:
-        """The check's finding. Raises InputError for a table that is missing."""
+    def measure(self, results: Tables) -> Evidence:
+        """The check's evidence. Raises Unjudged, and InputError for a table that is missing."""
         module, function = self.check.split(".")
-        found: Found = getattr(CHECKS[module], function)(results, **self.parameters)
-        return found
+        evidence: Evidence = getattr(CHECKS[module], function)(results, **self.parameters)
+        return evidence
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A claim with what was found."""
+    """A claim with the evidence, or with why there is none."""
 
     claim: Claim
-    found: Found
+    evidence: Evidence | Unjudged
 
     @property
     def holds(self) -> bool:
-        return self.margin >= 0
-
-    @property
-    def margin(self) -> float:
-        """NaN, which is no pass, where the observed number is."""
-        slack = self.found.observed - self.found.required
-        slack = (slack if self.found.at_least else -slack) + 0.0
-        return slack / abs(self.found.required) if self.found.required else slack
+        return isinstance(self.evidence, Evidence) and self.evidence.holds
 
     @property
     def verdict(self) -> str:
+        if isinstance(self.evidence, Unjudged):
+            return f"{UNJUDGED}: {self.evidence}"
         return self.claim.verdict if self.holds else FAILS
 
     def record(self) -> dict[str, Any]:
-        """What `results/claims.json` holds of a claim."""
-        found, claim = self.found, self.claim
-        sign = ">=" if found.at_least else "<="
-        return {
+        """What `results/claims.json` holds of a claim; without numbers if it is not judged."""
+        claim = self.claim
+        record = {
             "id": claim.id,
             "section": claim.section,
             "statement": claim.statement,
             "where": claim.where,
             "scene": sorted({name.split("/")[0] for name in claim.reads}),
-            "quantity": found.quantity,
-            "expected": f"{sign} {found.required:.4g}",
+            "quantity": None,
+            "expected": None,
             "source": claim.source,
-            "observed": float(f"{found.observed:.4g}"),
-            "margin": float(f"{self.margin:.2g}"),
+            "observed": None,
+            "margin": None,
             "verdict": self.verdict,
             "control": claim.control["what"],
         }
+        return record | (_numbers(self.evidence) if isinstance(self.evidence, Evidence) else {})
+
+
+def _numbers(evidence: Evidence) -> dict[str, Any]:
+    return {
+        "quantity": evidence.quantity,
+        "expected": f"{'>=' if evidence.at_least else '<='} {evidence.required:.4g}",
+        "observed": float(f"{evidence.observed:.4g}"),
+        "margin": float(f"{evidence.margin:.2g}"),
+    }
 
 
 @cache
@@ -137,34 +143,14 @@ def ledger() -> tuple[Claim, ...]:
 
 def judge(results: Tables, claims: Iterable[Claim] | None = None) -> list[Judgement]:
     """The claims' judgements by those tables."""
-    return [Judgement(claim, claim.measure(results)) for claim in claims or ledger()]
+    return [_judgement(results, claim) for claim in claims or ledger()]
 
 
-def spoilt(results: Results, control: Mapping[str, Any]) -> Results:
-    """The results with some tables changed, as a control says.
-
-    `tables` names them. They are replaced `by` another table; or their `variable` is multiplied by a
-    `factor`, put to a `value` everywhere or `at` the positions given by dimension, replaced `from` another
-    variable, or `to` some labels from other `labels`.
-    """
-    changed = Results(results.folder, results)
-    for name in control["tables"]:
-        table = (results[control["by"]] if "by" in control else results[name]).copy(deep=True)
-        if "variable" in control:
-            _spoil(table, control)
-        changed[name] = table
-    return changed
-
-
-def _spoil(table: xr.Dataset, control: Mapping[str, Any]) -> None:
-    here = table[control["variable"]]
-    place = {d: i for d, i in control.get("at", {}).items() if d in here.dims}
-    if "labels" in control:
-        here.loc[control["to"]] = here.sel(control["labels"]).values
-    elif "from" in control:
-        here[:] = table[control["from"]].values
-    else:
-        here[place] = control["value"] if "value" in control else here[place] * control["factor"]
+def _judgement(results: Tables, claim: Claim) -> Judgement:
+    try:
+        return Judgement(claim, claim.measure(results))
+    except Unjudged as reason:
+        return Judgement(claim, reason)
 
 
 def find(wanted: str) -> Claim:
@@ -187,31 +173,38 @@ def summary(judgements: Iterable[Judgement]) -> str:
     """A line per claim: id, observed against required, margin, verdict."""
     lines = [f"{'claim':9} {'observed':>10}    {'required':>10} {'margin':>8}  verdict"]
     for each in judgements:
-        found = each.found
-        sign = ">=" if found.at_least else "<="
-        numbers = f"{found.observed:10.4g} {sign} {found.required:10.4g} {_percent(each):>8}"
+        numbers, evidence = f"{'none':>10}    {'none':>10} {'none':>8}", each.evidence
+        if isinstance(evidence, Evidence):
+            sign = ">=" if evidence.at_least else "<="
+            numbers = f"{evidence.observed:10.4g} {sign} {evidence.required:10.4g} {_percent(evidence):>8}"
         lines.append(f"{each.claim.id:9} {numbers}  {each.verdict}")
     return "\n".join(lines)
 
 
-def _percent(judgement: Judgement) -> str:
+def _percent(evidence: Evidence) -> str:
     """The margin; nothing is relative to a requirement of 0."""
-    known = math.isfinite(judgement.margin) and judgement.found.required != 0
-    return f"{100 * judgement.margin:.3g} %" if known else "none"
+    known = math.isfinite(evidence.margin) and evidence.required != 0
+    return f"{100 * evidence.margin:.3g} %" if known else "none"
 
 
 def explanation(judgement: Judgement) -> str:
     """Everything about one claim, with its numbers."""
-    claim, found = judgement.claim, judgement.found
-    sign = "at least" if found.at_least else "at most"
+    claim, evidence = judgement.claim, judgement.evidence
+    numbers, rows = [f"check: {claim.check} ({claim.source})"], []
+    if isinstance(evidence, Evidence):
+        sign = "at least" if evidence.at_least else "at most"
+        numbers = [
+            f"check: {evidence.quantity} has to be {sign} {evidence.required:.4g} ({claim.source})",
+            f"observed: {evidence.observed:.4g}, margin {_percent(evidence)}",
+        ]
+        rows = evidence.lines
     lines = [
         f"{claim.id}: {plain(claim.statement)}",
         f"where: {claim.where}",
-        f"check: {found.quantity} has to be {sign} {found.required:.4g} ({claim.source})",
-        f"observed: {found.observed:.4g}, margin {_percent(judgement)}",
+        *numbers,
         f"verdict: {judgement.verdict}",
         f"control: {claim.control['what']}",
         f"tables: {', '.join(claim.reads)}",
-        *found.lines,
+        *rows,
     ]
     return "\n".join(lines)

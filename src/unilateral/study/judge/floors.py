@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from unilateral.errors import InputError
-from unilateral.study.judge.rates import USUAL_H_OVER_H, ZERO
+from unilateral.study.judge.rates import ZERO
 
 Array = NDArray[np.float64]
 FIRST_S = 1.5
@@ -61,20 +61,20 @@ def _misfit(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> 
     return np.asarray(model - log_error)
 
 
-def floors(errors: xr.Dataset, starts: Mapping[str, float]) -> xr.Dataset:
-    """The fits by case, over its asymptotic sizes: h <= its start, H <= twice that, as rates are judged.
+def floors(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float) -> xr.Dataset:
+    """The fits by case, over its asymptotic sizes, as rates are judged: h and H times that at most its start.
 
     Cases with lambda = 0 are left out: nothing of their error depends on H.
     """
     zero = errors["projection_error"].max("partition") <= ZERO * errors["u_norm"].max("mesh")
     cases = [str(case) for case in errors["case"].values if not zero.sel(case=case)]
-    found = [_of_case(errors.sel(case=case), starts[case]) for case in cases]
+    found = [_of_case(errors.sel(case=case), starts[case], judged_ratio) for case in cases]
     table = {name: ("case", [getattr(each, name) for each in found]) for name in Floor._fields}
     return xr.Dataset(table | {"start": ("case", [starts[case] for case in cases])}, coords={"case": cases})
 
 
-def _of_case(errors: xr.Dataset, start: float) -> Floor:
+def _of_case(errors: xr.Dataset, start: float, judged_ratio: float) -> Floor:
     error = errors["h1_error"].transpose("mesh", "partition").values
     h, H = np.broadcast_arrays(errors["h"].values[:, None], errors["H"].values[None])
-    counts = np.isfinite(error) & (np.maximum(h, H / USUAL_H_OVER_H) <= start * (1 + 1e-9))
+    counts = np.isfinite(error) & (np.maximum(h, H * judged_ratio) <= start * (1 + 1e-9))
     return fit(h[counts], H[counts], error[counts])

@@ -27,7 +27,6 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
 NORMS = ("h1", "hm12", "l2")
 FEWEST_PAIRS = 3
-USUAL_H_OVER_H = 2
 ZERO = 1e-12
 
 
@@ -36,8 +35,9 @@ class Expectation:
     """What is expected of a case in a norm, and how it is judged.
 
     `rate` is None where the exact error is 0, and NaN where nothing is judged, and no level counts; a level
-    is asymptotic if h <= `start` and H <= 2 `start`; rates compare levels a factor `factor` (2 or 4) apart;
-    the finest error may be `bound` times (H ** `power`) times the table's variable `reference`.
+    is asymptotic if h and H times `judged_ratio` are at most `start`; rates compare levels a factor `factor`
+    (2 or 4) apart; the finest error may be `bound` times (H ** `power`) times the table's variable
+    `reference`.
     """
 
     proved: float
@@ -49,6 +49,7 @@ class Expectation:
     power: float
     bound: float
     algebraic_share: float
+    judged_ratio: float
 
     @classmethod
     def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
@@ -70,6 +71,7 @@ class Expectation:
             power=real(bound.get("power_of_H", 0), where),
             bound=real(bound["factor"], where),
             algebraic_share=real(study["algebraic_share"], where),
+            judged_ratio=real(study["judged_ratio"], where),
         )
 
 
@@ -115,7 +117,7 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
     coarse, fine = _pairs(h, expected.factor)
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
-    levels = np.maximum(h, H / USUAL_H_OVER_H) <= expected.start * (1 + 1e-9)
+    levels = np.maximum(h, H * expected.judged_ratio) <= expected.start * (1 + 1e-9)
     if expected.rate is not None and math.isnan(expected.rate):
         levels = np.zeros_like(levels)
     asymptotic = levels[coarse]

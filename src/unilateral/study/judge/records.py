@@ -9,8 +9,15 @@ from typing import Any
 
 from unilateral.errors import StorageError
 
+FAILS, UNJUDGED = "fails", "not judged"
+"""Verdicts that no document may rest on; the second one goes on with its reason."""
 LEAST, PLENTY = 1e-4, 10.0
 """Margins below and above are told as these."""
+
+
+def holds(verdict: str) -> bool:
+    """Whether a sentence may rest on a claim with that verdict."""
+    return not verdict.startswith((FAILS, UNJUDGED))
 
 
 def read(path: str | os.PathLike[str]) -> list[dict[str, Any]]:

@@ -8,11 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from unilateral.study.judge.records import LEAST, PLENTY
+from unilateral.study.judge.records import LEAST, PLENTY, holds
 
 ROUND_OFF = 1e-12
-NO_MARGIN = "–"
-FAILS = "fails"
+NONE = "–"
 LETTERS = {
     "alpha": "α",
     "beta": "β",
@@ -30,7 +29,7 @@ LETTERS = {
 
 def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
     """Of each claim by its id whether it holds; from `results/claims.json`."""
-    return {each["id"]: each["verdict"] != FAILS for each in records}
+    return {each["id"]: holds(each["verdict"]) for each in records}
 
 
 def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFrame]:
@@ -40,13 +39,22 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
         row = {
             "claim": each["id"],
             "statement": f"{each['statement']} [{_letters(each['where'])}]",
-            "what counts": _letters(each["quantity"]),
-            "observed": f"{_observed(each)} {each['expected']}".replace(">=", "≥").replace("<=", "≤"),
-            "margin": NO_MARGIN if _requires_0(each) else _percent(each["margin"]),
+            **_numbers(each),
             "verdict": _letters(each["verdict"]),
         }
         rows.setdefault(f"claims-{each['section']}", []).append(row)
     return {name: pd.DataFrame(of) for name, of in rows.items()}
+
+
+def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
+    """What is shown of the evidence; nothing of what is not judged."""
+    if record["observed"] is None:
+        return dict.fromkeys(("what counts", "observed", "margin"), NONE)
+    return {
+        "what counts": _letters(record["quantity"]),
+        "observed": f"{_observed(record)} {record['expected']}".replace(">=", "≥").replace("<=", "≤"),
+        "margin": NONE if _requires_0(record) else _percent(record["margin"]),
+    }
 
 
 def _letters(text: str) -> str:

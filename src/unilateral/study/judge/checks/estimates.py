@@ -1,4 +1,4 @@
-"""Checks of section 4: Lemmas 4.2 to 4.4, Theorem 4.1 and its steps."""
+"""Checks of section 4: Lemmas 4.2 to 4.4, and the steps of Theorem 4.1."""
 
 from __future__ import annotations
 
@@ -7,113 +7,41 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from unilateral.norms.infsup import of_runs
-from unilateral.study.judge.checks.found import ZERO, Found, Tables, along_ratio, forms, worst
-from unilateral.study.judge.rates_table import smallest_rate
-
-LAST = "the rate over the last factor of 4"
+from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, along_ratio, forms, worst
 
 
-def rate(tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, tolerance: float) -> Found:
-    """The smallest asymptotic rate of the cases, against what the theorem proves less a tolerance."""
-    found, proved = {}, np.nan
-    for scene in scenes:
-        rates = tables[f"{scene}/rates"]
-        judged = rates.sel(norm=norm, h_over_H=0.5)
-        for case in sorted(set(cases) & set(judged["case"].values)):
-            of = judged.sel(case=case)
-            if of["verdict"].item() != "exact":
-                smallest = smallest_rate(of)
-                fit = of["verdict"].item() == "holds"
-                found[f"{scene}, {case}"] = smallest if fit else -np.inf
-                proved = float(of["proved"])
-    return worst(found, "the smallest rate", proved - tolerance, True)
-
-
-def not_faster(tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, most: float) -> Found:
-    """The largest rate of the finest pair of levels."""
-    found = {}
-    for scene in scenes:
-        rates = tables[f"{scene}/rates"].sel(norm=norm, h_over_H=0.5)
-        for case in sorted(set(cases) & set(rates["case"].values)):
-            of = rates["rate"].sel(case=case).values
-            found[f"{scene}, {case}"] = float(of[np.isfinite(of)][-1])
-    return worst(found, "the largest rate of the finest pair", most, False)
-
-
-def rate_of(
-    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
-) -> Found:
-    """The smallest rate over the last two pairs of levels (a factor of 4) of something over (case, mesh)."""
-    return worst(_last_rates(tables, scenes, variable, cases), LAST, least, True)
-
-
-def slow(tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], most: float) -> Found:
-    """The largest of the same rates."""
-    return worst(_last_rates(tables, scenes, variable, cases), LAST, most, False)
-
-
-def consistency_rate(tables: Tables, scenes: Sequence[str], cases: Sequence[str], least: float) -> Found:
-    """The rate of <Pi_H lambda, u-g> over the last two pairs of partitions."""
-    return worst(_last_rates(tables, scenes, "consistency", cases), LAST, least, True)
-
-
-def _last_rates(
-    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str]
-) -> dict[str, float]:
-    found = {}
-    for scene in scenes:
-        of = tables[f"{scene}/errors"][variable]
-        for case in sorted(set(cases) & set(of["case"].values)):
-            errors = of.sel(case=case).values
-            found[f"{scene}, {case}"] = float(np.log(errors[-3] / errors[-1]) / np.log(4))
-    return found
-
-
-def no_consistency(tables: Tables, scenes: Sequence[str]) -> Found:
+def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """The largest <Pi_H lambda, u-g> on the cells without a transition inside, in all cases."""
     found = {}
     for scene in scenes:
-        of = abs(tables[f"{scene}/errors"]["consistency_elsewhere"])
-        for case in of["case"].values:
-            found[f"{scene}, {case}"] = float(np.max(of.sel(case=case).values))
+        data = abs(tables[f"{scene}/errors"]["consistency_elsewhere"])
+        for case in data["case"].values:
+            found[f"{scene}, {case}"] = float(np.max(data.sel(case=case).values))
     return worst(found, "the largest <Pi_H lambda, u-g> on these cells", ZERO, False)
 
 
-def expected(
-    tables: Tables, scenes: Sequence[str], cases: Sequence[str], tolerances: Mapping[str, float]
-) -> Found:
-    """The least excess of the observed rates over the expected ones, less a tolerance by norm."""
-    found = {}
-    for scene in scenes:
-        rates = tables[f"{scene}/rates"].sel(h_over_H=0.5)
-        for case in sorted(set(cases) & set(rates["case"].values)):
-            for norm, tolerance in tolerances.items():
-                of = rates.sel(case=case, norm=norm)
-                if of["verdict"].item() in ("holds", "fails"):
-                    excess = smallest_rate(of) - float(of["expected"]) + tolerance
-                    found[f"{scene}, {case}, {norm}"] = excess
-    return worst(found, "the smallest rate less the expected one, with its tolerance", 0.0, True)
-
-
-def keeps_falling(tables: Tables, scenes: Sequence[str], case: str) -> Found:
-    """The largest quotient of errors on neighbouring levels at H = 2h, in H1 and in H^{-1/2} from below."""
+def keeps_falling(tables: Tables, scenes: Sequence[str], case: str, H_over_h: float) -> Evidence:
+    """The largest quotient of errors on neighbouring levels, in H1 and in H^{-1/2} from below."""
     found = {}
     for scene in scenes:
         table = tables[f"{scene}/errors"].sel(case=case)
         for name in ("h1_error", "hm12_error_lower"):
-            errors = along_ratio(table, name, 2)
+            errors = along_ratio(table, name, H_over_h)
             found[f"{scene}, {name}"] = float(np.max(errors[1:] / errors[:-1]))
     return worst(found, "the largest quotient of neighbouring levels", 1.0, False)
 
 
-def decrease(tables: Tables, scenes: Sequence[str], cases: Sequence[str], most: float) -> Found:
-    """||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest, at H = 2h."""
+def decrease(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], H_over_h: float, most: float
+) -> Evidence:
+    """||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
     found = {}
     for scene in scenes:
         errors = tables[f"{scene}/errors"]
         for case in sorted(set(cases) & set(errors["case"].values)):
             lower, upper = (
-                along_ratio(errors.sel(case=case), f"hm12_error_{bound}", 2) for bound in ("lower", "upper")
+                along_ratio(errors.sel(case=case), f"hm12_error_{bound}", H_over_h)
+                for bound in ("lower", "upper")
             )
             found[f"{scene}, {case}"] = float(upper[-1] / lower[0])
     return worst(found, "the finest error over the coarsest", most, False)
@@ -121,7 +49,7 @@ def decrease(tables: Tables, scenes: Sequence[str], cases: Sequence[str], most: 
 
 def projection(
     tables: Tables, scenes: Sequence[str], expected: Mapping[str, float], coarsest: float, tolerance: float
-) -> Found:
+) -> Evidence:
     """The least excess of the rates of ||lambda - Pi_H lambda||_{-1/2} over factors of 4, by case."""
     found = {}
     for scene in scenes:
@@ -136,17 +64,17 @@ def projection(
     return worst(found, quantity, -tolerance, True)
 
 
-def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) -> Found:
+def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) -> Evidence:
     """(4.5) with v = z_h and mu = Pi_H lambda: ||u-u_h||^2 over the right side, by Cauchy and Schwarz."""
     found = {}
     for scene in scenes:
         table = tables[f"{scene}/errors"]
         names = list(tables[f"{scene}/dual_norm"]["case"].values)
         for k, (cells, gram) in enumerate(forms(tables, scene)):
-            of = table.isel(partition=k)
-            assert np.isclose(float(of["H"]), cells.H)
+            data = table.isel(partition=k)
+            assert np.isclose(float(data["H"]), cells.H)
             for case in sorted(set(cases) & set(names)):
-                run = of.sel(case=case)
+                run = data.sel(case=case)
                 E, L = run["h1_error"].values, run["hm12_error_upper"].values
                 m = gram.error(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
                 right = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])
@@ -156,13 +84,13 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
     return worst(found, "the left side over the right one", 1.0, False)
 
 
-def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Found:
+def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """(4.6) with the constants of its proof: the left side over the right one, see infsup.of_runs."""
     found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
     return worst(found, "the left side over the right one", 1.0, False)
 
 
-def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Found:
+def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """(4.7) with its constants: 1, and 1/beta_0 before H^{-1/2} (||u-u_h||_1 + inf ||lambda-mu||_{-1/2})."""
     found = {}
     for scene in scenes:
@@ -174,7 +102,7 @@ def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Found:
     return worst(found, "the left side over the right one", 1.0, False)
 
 
-def quasi_optimal(tables: Tables, scenes: Sequence[str], most: float) -> Found:
+def quasi_optimal(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
     """(4.10): the constant, ||u-u_h||^2 over inf||u-v||^2 + inf||lambda-mu||^2 + <Pi_H lambda, u-g>."""
     found = {}
     for scene in scenes:
@@ -182,30 +110,3 @@ def quasi_optimal(tables: Tables, scenes: Sequence[str], most: float) -> Found:
         right = table["ritz_error"] ** 2 + table["hm12_best"] ** 2 + table["consistency"]
         found[scene] = float((table["h1_error"] ** 2 / right).where(table["beta_lower"] > 0.5).max())
     return worst(found, "the largest constant c of (4.10)", most, False)
-
-
-def surface(
-    tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
-) -> Found:
-    """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
-    of = tables[table].sel(norm=norm, gamma=list(gammas))
-    excess = (of["rate"] - of["predicted"]).isel(pair=[-2, -1]).min("pair")
-    rows = {
-        f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
-        for alpha in of["alpha"].values
-        for gamma in gammas
-        if alpha >= least_alpha
-    }
-    return worst(rows, "the smallest rate less the predicted one", -tolerance, True)
-
-
-def consistency_surface(tables: Tables, table: str, most: float) -> Found:
-    """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
-    of = tables[table]
-    distance = abs(of["consistency_rate"].isel(pair=-1) - of["consistency_predicted"])
-    rows = {
-        f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
-        for alpha in of["alpha"].values
-        for gamma in of["gamma"].values
-    }
-    return worst(rows, "the largest distance from alpha + gamma + 1", most, False)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from unilateral.norms.dual import Gram
-from unilateral.study.judge.checks.found import ZERO, Found, Tables, along_ratio, forms, worst
+from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, all_of, along_ratio, forms, worst
 
 
 def values(
@@ -20,13 +20,13 @@ def values(
     scenes: Sequence[str] = ("",),
     select: Mapping[str, object] | None = None,
     quantity: str = "",
-) -> Found:
-    """The worst value of a variable in some tables; NaN, what is not known, is not judged."""
+) -> Evidence:
+    """The worst value of a variable in some tables, where it is known."""
     found = {}
     for scene in scenes:
-        of = tables[table.format(scene=scene)]
-        place = {d: v for d, v in (select or {}).items() if d in of[variable].dims}
-        chosen = of[variable].sel(place).values
+        data = tables[table.format(scene=scene)]
+        place = {d: v for d, v in (select or {}).items() if d in data[variable].dims}
+        chosen = data[variable].sel(place).values
         known = chosen[~np.isnan(chosen)]
         found[scene or table] = float((np.min if at_least else np.max)(known)) if known.size else np.nan
     return worst(found, quantity or variable, required, at_least)
@@ -34,7 +34,7 @@ def values(
 
 def smallest(
     tables: Tables, table: str, scenes: Sequence[str], variables: Sequence[str], least: float, quantity: str
-) -> Found:
+) -> Evidence:
     """The smallest value of several variables, where they are known."""
     found = {
         f"{scene}, {name}": float(tables[table.format(scene=scene)][name].min())
@@ -46,7 +46,7 @@ def smallest(
 
 def at_ratio(
     tables: Tables, table: str, scenes: Sequence[str], variable: str, H_over_h: float, least: float
-) -> Found:
+) -> Evidence:
     """The smallest value over the levels at one H/h."""
     found = {}
     for scene in scenes:
@@ -54,7 +54,7 @@ def at_ratio(
     return worst(found, f"the smallest {variable} at H = {H_over_h:g}h", least, True)
 
 
-def vanishes(tables: Tables, scenes: Sequence[str]) -> Found:
+def vanishes(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """lambda_min(S) / lambda_max(S) where H <= h, on structured meshes: beta = 0."""
     found = {}
     for scene in scenes:
@@ -65,7 +65,7 @@ def vanishes(tables: Tables, scenes: Sequence[str]) -> Found:
     return worst(found, "the largest lambda_min(S)/lambda_max(S) at H <= h", ZERO, False)
 
 
-def closed_form(tables: Tables, scene: str) -> Found:
+def closed_form(tables: Tables, scene: str) -> Evidence:
     """||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds."""
     gram = Gram.of_table(tables[f"{scene}/dual_norm"])
     one = np.ones(gram.n_cells)
@@ -73,10 +73,10 @@ def closed_form(tables: Tables, scene: str) -> Found:
     lower, upper = (np.sqrt(one @ form @ one) for form in gram.p0)
     lines = [f"  {lower:.10g} <= {exact:.10g} <= {upper:.10g}"]
     outside = max(lower / exact - 1, 1 - upper / exact, upper / lower - 1)
-    return Found("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
+    return Evidence("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
 
 
-def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Found:
+def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
     """The constant C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by the largest eigenvalue."""
     found = {}
     for scene in scenes:
@@ -90,58 +90,63 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Foun
 
 def local_rule(
     tables: Tables, scenes: Sequence[str], cell_over_edge: float, smallest_angle: float, least: float
-) -> Found:
+) -> Evidence:
     """The smallest beta where edges are short against their cells and triangles are not flat."""
     found = {}
     for scene in scenes:
-        of = tables[f"{scene}/infsup"]
-        fine = (of["cell_over_edge"] >= cell_over_edge * (1 - 1e-9)) & (
-            of["smallest_angle"] >= smallest_angle
+        data = tables[f"{scene}/infsup"]
+        fine = (data["cell_over_edge"] >= cell_over_edge * (1 - 1e-9)) & (
+            data["smallest_angle"] >= smallest_angle
         )
         if fine.any():
-            found[scene] = float(of["beta_lower"].where(fine).min())
+            found[scene] = float(data["beta_lower"].where(fine).min())
     return worst(found, "the smallest beta", least, True)
 
 
-def edges_alone(tables: Tables, scene: str, edges_per_cell: float, most: float) -> Found:
-    """The smallest beta where every cell has so many boundary edges; NaN if there is no such pair."""
-    of = tables[f"{scene}/infsup"]
-    counted = of["beta_upper"].where(of["edges_per_cell"] >= edges_per_cell * (1 - 1e-9))
+def edges_alone(tables: Tables, scene: str, edges_per_cell: float, most: float) -> Evidence:
+    """The smallest beta where every cell has so many boundary edges."""
+    data = tables[f"{scene}/infsup"]
+    counted = data["beta_upper"].where(data["edges_per_cell"] >= edges_per_cell * (1 - 1e-9))
     quantity = f"the smallest beta with {edges_per_cell:g} edges in every cell"
     return worst({scene: float(counted.min())}, quantity, most, False)
 
 
-def near(tables: Tables, table: str, variable: str, value: float, most: float, quantity: str) -> Found:
+def near(tables: Tables, table: str, variable: str, value: float, most: float, quantity: str) -> Evidence:
     """How far a variable is from a value, relative to it."""
     found = tables[table][variable].values
     return worst({variable: float(np.max(np.abs(found / value - 1)))}, quantity, most, False)
 
 
-def saddle(tables: Tables, table: str) -> Found:
+def saddle(tables: Tables, table: str) -> Evidence:
     """The least of L(v, lambda_H) - L(u_h, lambda_H) and of L(u_h, lambda_H) - L(u_h, mu), relative."""
-    of = tables[table]
+    data = tables[table]
     rows = {
-        f"{case}, {name}": float(of[name].sel(case=case))
-        for case in of["case"].values
+        f"{case}, {name}": float(data[name].sel(case=case))
+        for case in data["case"].values
         for name in ("saddle_in_v", "saddle_in_mu")
     }
     return worst(rows, "the least growth away from the saddle", -ZERO, True)
 
 
-def two_multipliers(tables: Tables, table: str, apart: float) -> Found:
-    """How badly the second multiplier solves the problem of the first; inf unless both are apart."""
-    of = tables[table]
-    rows = {name: float(of[name]) for name in ("violation", "same_u")}
-    found = worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False)
-    return found if float(of["multiplier_distance"]) >= apart else found._replace(observed=np.inf)
+def two_multipliers(tables: Tables, table: str, apart: float) -> Evidence:
+    """How badly the second multiplier solves the problem of the first, and how far both are apart."""
+    data = tables[table]
+    rows = {name: float(data[name]) for name in ("violation", "same_u")}
+    distance = {"multiplier_distance": float(data["multiplier_distance"])}
+    return all_of(
+        worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False),
+        worst(distance, "the distance of the multipliers, relative", apart, True),
+    )
 
 
-def gap(tables: Tables, scenes: Sequence[str], most: float) -> Found:
-    """The largest upper/lower - 1 of the errors in the dual norm that are not 0; inf where bounds cross."""
-    found = {}
+def gap(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
+    """The largest upper/lower - 1 of the errors in the dual norm that are not 0, and the smallest."""
+    largest, smallest = {}, {}
     for scene in scenes:
-        of = tables[f"{scene}/errors"]
-        lower, upper = (of[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
-        apart = (upper / lower - 1).where(upper > ZERO * of["u_norm"])
-        found[scene] = float(apart.max()) if float(apart.min()) >= 0 else np.inf
-    return worst(found, "the largest gap", most, False)
+        data = tables[f"{scene}/errors"]
+        lower, upper = (data[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
+        apart = (upper / lower - 1).where(upper > ZERO * data["u_norm"])
+        largest[scene], smallest[scene] = float(apart.max()), float(apart.min())
+    return all_of(
+        worst(largest, "the largest gap", most, False), worst(smallest, "the smallest gap", 0.0, True)
+    )
