@@ -107,7 +107,7 @@ REFUSED = {
     ),
     "claim fails": (
         "On\nall <!--?5.K-->cases\nbut <!--=label-->x<!--/-->.<!--/-->\n",
-        r"line 2, 'cases but worst found\.': claim 5\.K, on which this sentence rests, fails; rewrite it",
+        r"line 2, 'cases but worst found\.': claim 5\.K, on which this sentence rests, does not hold;",
     ),
     "line's start": (
         "A\n<!--?S.local-->b.<!--/-->\n",

@@ -299,7 +299,7 @@ def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, scrip
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
     data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
-    assert data == {"case.schema.yaml", "ledger.yaml", "variables.yaml"}
+    assert data == {"case.schema.yaml", "ledger.yaml", "polygons.yaml", "variables.yaml"}
 
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):

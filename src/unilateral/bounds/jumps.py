@@ -18,6 +18,8 @@ from unilateral.geometry.mesh import Mesh
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+TINY = 1e-300
+"""Of a triangle's area: what underflows times that."""
 SMALL = 1 / 8
 """Of a circle's radius: the diameter up to which pieces are cut along chords."""
 Jumps = Mapping[sympy.Expr, Kink]
@@ -27,8 +29,8 @@ Steps = dict[sympy.Expr, Array]
 def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
     """The pieces (k, 3, 3), each that a curve crosses cut in three by a chord, and what they are parts of.
 
-    Pieces that are large against a circle are left whole. A part without an area is thinner than coordinates
-    are rounded; the boxes of its neighbours are wider by that (`source`).
+    Pieces that are large against a circle are left whole. A part without an area, or nearly so, is thinner
+    than coordinates are rounded; the boxes of its neighbours are wider by that (`source`).
     """
     owner = np.arange(len(parent))
     for kink in jumps.values():
@@ -133,6 +135,6 @@ def _along(corners: Array, owner: Index, level: Array, crossed: NDArray[np.bool_
     p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
     pieces = [np.stack(piece, axis=1) for piece in ((a, p, q), (p, b, c), (p, c, q))]
     parts = np.concatenate(pieces)
-    proper = shares(parts) > 0
+    proper = shares(parts) > TINY
     of_parts = np.tile(owner[crossed], 3)[proper]
     return np.concatenate([corners[~crossed], parts[proper]]), np.concatenate([owner[~crossed], of_parts])

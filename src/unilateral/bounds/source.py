@@ -117,7 +117,7 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
     while True:
         pieces, owner = _polynomials(mesh, corners, parent, data)
         left -= len(owner)
-        rest = pieces.squares + pieces.integral**2 / _areas(mesh, pieces)
+        rest = _rest(mesh, pieces)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
         unknown, enough, count = _sums(mesh, [*done, pieces])
         wide = squares > (0.5 * enough / count if unknown > enough else np.inf)
@@ -138,12 +138,17 @@ def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
     unknown = norm_squared = integral = 0.0
     for pieces in everything:
         area = _areas(mesh, pieces)
-        unknown += float((pieces.squares + pieces.integral**2 / area).sum())
+        unknown += float(_rest(mesh, pieces).sum())
         norm_squared += float(area @ _quadratic(pieces.c))
         integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
     spread = math.sqrt(max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)) - math.sqrt(unknown)
     enough = max(ENOUGH * mesh.h * spread, FLOOR * (math.sqrt(norm_squared) - math.sqrt(unknown)), 0.0)
     return unknown, enough**2, sum(len(pieces.squares) for pieces in everything)
+
+
+def _rest(mesh: Mesh, pieces: Pieces) -> Array:
+    """(k,) the pieces' E^2, a lack in the integral spread over their triangles."""
+    return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
 
 
 def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:

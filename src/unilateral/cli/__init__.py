@@ -1,8 +1,9 @@
 """The command line: `unilateral cases`, `unilateral solve` and `unilateral claims`.
 
-Exit codes: 0 done, 1 a claim fails, 2 bad input, 3 not converged or out of budget, 4 the system or this
-program failed, 130 interrupted. Results go to standard output, messages, one line each, to standard error.
-Only `main` imports what takes long, so that an interrupt and a library that is broken are told as well.
+Exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, 4 the system or
+this program failed, 130 interrupted. Results go to standard output, messages, one line each, to standard
+error. Only `main` imports what takes long, so that an interrupt and a library that is broken are told as
+well.
 """
 
 from __future__ import annotations

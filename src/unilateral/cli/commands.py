@@ -17,7 +17,7 @@ from unilateral.solvers.iterate import ALGORITHMS, Stop
 
 CLAIM_FAILS = 1
 EXIT_CODES = (
-    "exit codes: 0 done, 1 a claim fails, 2 bad input, 3 not converged or out of budget, "
+    "exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, "
     "4 the system or this program failed, 130 interrupted"
 )
 

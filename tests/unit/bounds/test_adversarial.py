@@ -107,7 +107,7 @@ def least_error_of_lambda(of: Adversary, level: Level) -> float:
     lengths, shapes = np.diff(mesh.s), (1 - x, x)
     first, second = (lengths * (flux * shape).mean(axis=1) for shape in shapes)
     load = first + np.roll(second, 1) - discrete.spaces.B.T @ level.solved.result.lambda_H
-    return float(np.sqrt(max(load @ discrete.condensed.solve_boundary(load), 0.0)))
+    return float(np.sqrt(max(load @ discrete.spaces.condensed.solve_boundary(load), 0.0)))
 
 
 def exact(number: float) -> sympy.Rational:

@@ -94,7 +94,7 @@ def test_solve_prints_a_table(capsys):
     bounds = re.search(r"\|\|lambda - lambda_H\|\|_-1/2 +>= (\S+), <= (\S+)\n", out)
     assert bounds is not None
     lower, upper = map(float, bounds.groups())
-    assert solution.hm12_discrete <= lower * (1 + 1e-4)
+    assert solution.errors.hm12_discrete <= lower * (1 + 1e-4)
     assert lower < upper <= 1.05 * lower
 
 

@@ -30,10 +30,12 @@ KINDS = {
     "is an error of the source": ("X", "black"),
     "supported beyond the paper": ("D", COLOURS[3]),
     "not contradicted": ("v", COLOURS[6]),
+    "not judged": ("P", "red"),
     "fails": ("*", "red"),
 }
 BEGINNINGS = {
-    "fails": "fails",
+    records.FAILS: "fails",
+    records.UNJUDGED: "not judged",
     "is an error": "is an error of the source",
     "needs": "needs a condition that is left out",
     "is supported": "supported beyond the paper",
@@ -43,10 +45,10 @@ BEGINNINGS = {
 
 
 def table(claims: FilePath) -> pd.DataFrame:
-    """One row per claim: label, kind of its verdict, margin within the limits of the axis."""
+    """One row per claim: label, kind of its verdict, margin, within the limits of the axis."""
     rows = []
     for each in records.read(claims):
-        margin = min(max(each["margin"], records.LEAST), records.PLENTY)
+        margin = min(max(each["margin"] or records.LEAST, records.LEAST), records.PLENTY)
         rows.append({"label": each["id"], "kind": _kind(each["verdict"]), "margin": margin})
     return pd.DataFrame(rows)
 

@@ -94,7 +94,7 @@ def _check(path: str, text: str, claims: Mapping[str, bool]) -> None:
         _known(where, "claim", mark["name"], claims)
         if not claims[mark["name"]]:
             raise InputError(
-                f"{where}: claim {mark['name']}, on which this sentence rests, fails; rewrite it"
+                f"{where}: claim {mark['name']}, on which this sentence rests, does not hold; rewrite it"
             )
     others = CLAIM.sub(lambda mark: mark["sentence"], sentences)
     if left := ANY.search(others):
