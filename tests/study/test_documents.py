@@ -80,7 +80,7 @@ def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim):
         copy = tmp_path / Path(document).name
         copy.write_text(text(document), encoding="utf-8")
         with pytest.raises(
-            InputError, match=rf"{copy.name}, line \d+, '.+': claim {re.escape(claim)}, .* fails"
+            InputError, match=rf"{copy.name}, line \d+, '.+': claim {re.escape(claim)}, .* does not hold"
         ):
             marks.fill(copy, found, tables, {**holding, claim: False})
 
