@@ -14,7 +14,7 @@ export MPLBACKEND := Agg
 
 snakemake := snakemake -j2 --workflow-profile workflow/profiles/default
 
-study: .venv/ready  ## the whole study: results/, figures/, README.md (default)
+study: .venv/ready  ## the whole study: results/, figures/, the numbers in documents (default)
 	$(snakemake)
 
 quick: .venv/ready  ## the small scene `quick` only
@@ -27,17 +27,18 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	ruff check
 	ruff format --check
 	mypy
+	lint-imports --no-cache
 	snakefmt --check Snakefile workflow/rules
 	pytest
-	@changes=$$(git status --porcelain -- figures README.md paper.md) || exit 1; \
+	@changes=$$(git status --porcelain -- figures README.md paper.md docs) || exit 1; \
 	if [ -n "$$changes" ]; then \
-	    echo "The study changed files in figures, README.md or paper.md that git does not hold; look at them, then commit:" >&2; \
-	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md >&2; exit 1; \
+	    echo "The study changed files in figures or docs, README.md or paper.md that git does not hold; look at them, then commit:" >&2; \
+	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md docs >&2; exit 1; \
 	fi
-	@echo "figures, README.md and paper.md are as committed."
+	@echo "figures, docs, README.md and paper.md are as committed."
 
 fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (half an hour)
-	UNILATERAL_FUZZ=60 pytest tests/test_adversarial.py
+	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }

@@ -4,12 +4,14 @@ import sys
 
 from snakemake.utils import min_version, update_config
 
-from unilateral import configuration
+from unilateral.study import config as configuration
 from unilateral.errors import InputError
 
 min_version("9.0")
 
-PARAMETERS = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes")]
+PARAMETERS = [
+    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
+]
 
 try:
     given, sources = configuration.read(PARAMETERS)
@@ -47,7 +49,7 @@ def results_of(scene):
         rules.solve,
         rules.errors,
         rules.rates,
-        *([rules.dual_norm] if normed_of(scene) else []),
+        *([rules.dual_norm] if has_norm(scene) else []),
     ]
     return expand(
         [path for kind in kinds for path in kind.output],
@@ -58,7 +60,7 @@ def results_of(scene):
 
 RESULTS = [
     *(path for scene in JUDGED for path in results_of(scene)),
-    *expand(rules.floors.output, scene=GRIDS),
+    *expand(rules.floors.output, scene=config["floors"]),
     *expand(rules.totals.output, scene=config["totals"]["scenes"]),
     *expand(rules.survey.output, survey=SURVEYS),
     *rules.sharpness.input.levels,
@@ -71,6 +73,7 @@ RESULTS = [
     *rules.extremes.input.parts,
     *rules.extremes.output,
     *rules.claims.output,
+    *rules.numbers.output,
 ]
 
 
@@ -79,14 +82,13 @@ rule all:
     input:
         RESULTS,
         FIGURES,
-        "results/cost/work_seconds.svg",
-        "README.md",
+        DOCUMENTS,
         rules.paper.output,
 
 
 rule figures:
     input:
-        FIGURES,
+        COMMITTED,
 
 
 rule quick:

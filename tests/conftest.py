@@ -7,50 +7,37 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from unilateral import case as cases
-from unilateral import mesh as meshes
-from unilateral import partition as partitions
-from unilateral.case import Case
-from unilateral.condense import Condensed, condense
-from unilateral.norms import OnCells, OnMesh, first_steklov, on_cells, on_mesh
-from unilateral.polygon import named
-from unilateral.solve import Pair, Solution, Stop, guarded_beta, pair, solve
+from unilateral.discrete import Discrete, with_solution
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import named
+from unilateral.norms.exact import Exact, cell_means, ritz_projection
+from unilateral.problems import case as cases
+from unilateral.problems.case import Case
 
-NEED_RESULTS = (
-    "test_claims.py",
-    "test_documents.py",
-    "test_results.py",
-    "test_results_cost.py",
-    "test_results_extremes.py",
-    "test_results_sharpness.py",
-    "test_surveys.py",
-)
-RESULTS = Path(__file__).parents[1] / "results"
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "tests/data"
+RESULTS = ROOT / "results"
+NEED_RESULTS = ("test_claims.py", "test_documents.py", "test_surveys.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Without the study's results a run that would judge them ends at once, and says what to run."""
-    if any(item.path.name in NEED_RESULTS for item in items) and not any(RESULTS.glob("*/rates.nc")):
+    if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
 
-class Discrete(NamedTuple):
-    """A case on a mesh and a partition."""
-
-    problem: OnMesh
-    cells: OnCells
-    both: Pair
-    beta: float
-
-    def solve(self, stop: Stop | None = None) -> Solution:
-        return solve(*self, stop or Stop())
+def _needs_results(name: str) -> bool:
+    return name.startswith("test_results") or name in NEED_RESULTS
 
 
 @cache
@@ -59,24 +46,22 @@ def load(name: str, polygon: str = "square", side: int = 0) -> Case:
 
 
 @cache
-def condensed(polygon: str, n: int) -> tuple[Condensed, float]:
-    """A structured mesh with h = 1/n, factorised, and its first Steklov eigenvalue."""
-    on = condense(meshes.structured(named(polygon), 1 / n))
-    return on, first_steklov(on)
+def condensed(polygon: str, n: int) -> Condensed:
+    """A structured mesh with h = 1/n, factorised."""
+    return condense(meshes.structured(named(polygon), 1 / n))
 
 
 @cache
-def coupled(polygon: str, n: int, m: int) -> Pair:
-    return pair(condensed(polygon, n)[0], partitions.uniform(named(polygon), 1 / m))
+def coupled(polygon: str, n: int, m: int) -> MixedSpaces:
+    return mixed_spaces(condensed(polygon, n), partitions.uniform(named(polygon), 1 / m))
 
 
 @cache
 def discrete(name: str, n: int, m: int, polygon: str = "square", degree: int | None = None) -> Discrete:
-    """The case on its first side, h = 1/n, H = 1/m."""
-    case, (on, sigma_1) = load(name, polygon), condensed(polygon, n)
-    both = coupled(polygon, n, m)
-    beta = guarded_beta(both, sigma_1)
-    return Discrete(on_mesh(case, on, degree), on_cells(case, both.partition), both, beta)
+    """The case on its first side, h = 1/n, H = 1/m, and its exact solution."""
+    case, spaces = load(name, polygon), coupled(polygon, n, m)
+    ritz = ritz_projection(case, spaces.condensed, degree)
+    return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
 
 
 @pytest.fixture

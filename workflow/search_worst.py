@@ -21,15 +21,16 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from unilateral.condense import condense, dual_operator
-from unilateral.coupling import coupling
-from unilateral.dual_norm import Bounds, dual_norm
 from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling
+from unilateral.fem.spaces import dual_operator
 from unilateral.files import replacing
-from unilateral.infsup import infsup
-from unilateral.mesh import Mesh, with_boundary
-from unilateral.partition import Partition, from_points
-from unilateral.polygon import square
+from unilateral.geometry.mesh import Mesh, with_boundary
+from unilateral.geometry.partition import Partition, from_points
+from unilateral.geometry.polygon import square
+from unilateral.norms.dual import Bounds, dual_norm
+from unilateral.norms.infsup import infsup
 
 Array = NDArray[np.float64]
 FOUND = Path(__file__).parent / "config" / "worst_infsup.yaml"

@@ -1,15 +1,27 @@
-"""Verification of the mixed finite element method of Haslinger and Lovíšek (1980) for unilateral problems.
+"""The mixed finite element method of Haslinger and Lovíšek (1980) for unilateral problems, verified.
 
-The modules, in the order in which data flows: polygon, partition, mesh; expression, atoms, polar, case,
-certificate, problem; quadrature, forms, coupling, condense; uzawa, active_set, solve; norms, bounds,
-accuracy; rates, tables, plots, cli.
+>>> import unilateral as ul
+>>> s = ul.solve(ul.case("natural"), h=1 / 16, H=1 / 8)
+>>> s.errors.h1 <= s.bounds.u
+True
+
+`__init__.pyi` lists what there is; it is made in `api` and imported when it is asked for. The method is in
+`geometry`, `formulas`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `discrete` and
+`accuracy`. The `study` uses the method, never the other way. `cli` is the command line.
 """
 
+from importlib import import_module
+from typing import Any
 
-def __getattr__(name: str) -> str:
-    """The version, looked up when it is asked for, for that takes longer than all other imports of `cli`."""
-    if name != "__version__":
-        raise AttributeError(f"module 'unilateral' has no attribute '{name}'")
-    from importlib.metadata import version
+PUBLIC = {"InputError": "errors", "Solution": "solution", "Stop": "solvers.iterate"}
+PUBLIC |= dict.fromkeys(("Problem", "case", "load", "mesh", "solve"), "api")
+__all__ = ["InputError", "Problem", "Solution", "Stop", "case", "load", "mesh", "solve"]
 
-    return version("unilateral")
+
+def __getattr__(name: str) -> Any:
+    """The public names, and the version: each takes longer to import than what most callers need."""
+    if name in PUBLIC:
+        return getattr(import_module(f"unilateral.{PUBLIC[name]}"), name)
+    if name == "__version__":
+        return import_module("importlib.metadata").version("unilateral")
+    raise AttributeError(f"module 'unilateral' has no attribute '{name}'")

@@ -1,155 +1,222 @@
-"""The discrete problem of given data f, g, whether or not a solution is known, and its guaranteed errors."""
+"""The discrete problem (P_h*), its solution, and what is known of the errors of that."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature_tri
 
-from unilateral.bounds import SUMS, TotalBound, total_bound
-from unilateral.case import Case
-from unilateral.condense import Condensed, condense
-from unilateral.forms import load
-from unilateral.mesh import Mesh
-from unilateral.norms import first_steklov
-from unilateral.partition import Partition
-from unilateral.problem import Problem
-from unilateral.solve import Pair, Stop, guarded_beta, iterate, joined, pair, response
-from unilateral.source import Source, enclosed
-from unilateral.uzawa import LEAST, DualResult, residual_bound
+from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.total import SUMS, TotalBound, total_bound
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import load as p1_load
+from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import Exact, ExactErrors, exact
+from unilateral.problems.case import Case
+from unilateral.problems.data import Data
+from unilateral.problems.sampled import Sampled
+from unilateral.solvers.iterate import Stop, iterate, joined
+from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
 Array = NDArray[np.float64]
 FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 AIM = 0.5
 """Of the tolerance, when the iteration goes on because the first one missed it."""
+UNKNOWN = 1e-4
+"""Of that residual: what the errors are taken to be where nothing is known of them."""
+SAMPLED = 8
+"""Degree of the rule on triangles for an f that is known in points only."""
 
 
 @dataclass(frozen=True, eq=False)
 class Discrete:
-    """(P_h*) of a problem on one mesh and one partition; `load` (n,) is (f, phi_i), `offset` (m,) is F(0).
+    """(P_h*) on the spaces: `load` (n,) is (f, phi_i), `offset` (m,) is F(0).
 
-    `source` is f on the mesh, from which the load was taken.
+    Errors are known where the solution is `exact`, and bounded where the `data` f and g are formulas;
+    `source` is f enclosed, where the load was made of that.
     """
 
-    problem: Case | Problem
-    free: tuple[int, ...]
-    condensed: Condensed
-    both: Pair
-    source: Source
+    spaces: MixedSpaces
     load: Array
     offset: Array
+    exact: Exact | None = None
+    data: Data | None = None
+    source: Source | None = None
 
     @property
     def mesh(self) -> Mesh:
-        return self.condensed.mesh
-
-    @cached_property
-    def beta(self) -> float:
-        """What serves as beta, see `guarded_beta`."""
-        return guarded_beta(self.both, first_steklov(self.condensed)) if len(self.offset) else 1.0
+        return self.spaces.mesh
 
     @cached_property
     def first_residual(self) -> float:
         """The algebraic bound of lambda = 0."""
-        operator = self.both.operator
+        operator = self.spaces.operator
         zero = np.zeros(len(self.offset))
         return residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max) if len(zero) else 0.0
 
-    def response(self, mu: Array) -> Array:
-        """u(mu) (n,) of (5.1) for mu (m,) on the cells that are not free."""
-        return response(self.condensed, self.both, self.load, mu)
+    def iterated(self, tolerance: float, stop: Stop, start: Array | None = None) -> Solution:
+        """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0."""
+        return self.solution(iterate(self.spaces.operator, self.offset, tolerance, stop, start), tolerance)
 
-    def bounded(self, result: DualResult) -> Bounded:
-        """The solution that belongs to lambda_H, and its guaranteed errors."""
-        u_h = self.response(result.lambda_H)
-        lambda_H = self.both.extended(result.lambda_H)
-        obstacle, cells = self.problem.enclosed_obstacle, self.both.partition
-        bound = total_bound(self.source, obstacle, cells, u_h, lambda_H, self.free)
-        u_norm = math.sqrt(max(float(u_h @ (self.condensed.A @ u_h)), 0.0))
-        lambda_norm = float(np.linalg.norm(self.both.operator.half @ result.lambda_H))
-        return Bounded(self, result, u_h, lambda_H, bound, u_norm, lambda_norm)
+    def solution(self, result: DualResult, tolerance: float) -> Solution:
+        """What belongs to the lambda_H that was found."""
+        u_h = self.spaces.response(self.load, result.lambda_H)
+        return Solution(self, result, tolerance, u_h, self.spaces.extended(result.lambda_H))
 
 
 @dataclass(frozen=True, eq=False)
-class Bounded:
-    """u_h (n,), lambda_H on all cells, and guaranteed bounds of their errors.
-
-    `u_norm` is ||u_h||_1 and `lambda_norm` is ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
-    """
+class Solution:
+    """u_h (n,) and lambda_H on all cells, which `result` has with its algebraic bound."""
 
     discrete: Discrete
     result: DualResult
+    tolerance: float
     u_h: Array
     lambda_H: Array
-    bound: TotalBound
-    u_norm: float
-    lambda_norm: float
 
-    def total(self, norm: str) -> float:
-        """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12")."""
-        return self.bound.u if norm == "h1" else self.bound.lambda_
+    @cached_property
+    def errors(self) -> ExactErrors | None:
+        """The true errors, where the solution is known."""
+        exact = self.discrete.exact
+        return exact.errors(self.discrete.spaces, self.result.lambda_H) if exact else None
+
+    @cached_property
+    def bound(self) -> TotalBound | None:
+        """The guaranteed bounds of the errors, where f and g are formulas."""
+        discrete, data = self.discrete, self.discrete.data
+        if data is None:
+            return None
+        source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.spaces.partition
+        return total_bound(source, data.enclosed_obstacle, cells, self.u_h, self.lambda_H, data.free_sides)
+
+    @cached_property
+    def u_norm(self) -> float:
+        """||u_h||_1."""
+        return h1_norm(self.discrete.mesh, self.u_h)
+
+    @cached_property
+    def lambda_norm(self) -> float:
+        """||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}."""
+        return float(np.linalg.norm(self.discrete.spaces.operator.half @ self.result.lambda_H))
 
     @property
     def u_integral(self) -> float:
-        """The integral of u_h."""
         mesh = self.discrete.mesh
         return float(mesh.areas @ self.u_h[mesh.triangles].mean(axis=1))
 
     @property
     def force(self) -> float:
         """The integral of lambda_H."""
-        return float(self.discrete.both.partition.lengths @ self.lambda_H)
+        return float(self.discrete.spaces.partition.lengths @ self.lambda_H)
+
+    @property
+    def balance(self) -> float:
+        """|int u_h - int f - int lambda_H|, 0 up to rounding: (2.1) for v = 1."""
+        return float(abs(self.u_integral - self.discrete.load.sum() - self.force))
+
+    def total(self, norm: str) -> float:
+        """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
+        if self.bound is None:
+            return math.inf
+        return self.bound.u if norm == "h1" else self.bound.lambda_
 
     def algebraic(self, norm: str) -> float:
         """The part of the iteration in that error: its bound, over beta for lambda."""
-        if norm == "h1" or self.result.bound == 0:
-            return self.result.bound
-        return self.result.bound / self.discrete.beta if self.discrete.beta > 0 else math.inf
+        beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.spaces.beta
+        return self.result.bound / beta if beta > 0 else math.inf
 
     def size(self, norm: str) -> float:
         """A lower bound of the norm of the exact solution, from that of the discrete one."""
         of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
         return max((1 - SUMS) * of_discrete - self.total(norm), 0.0)
 
-
-def discretise(
-    problem: Case | Problem, mesh: Mesh, partition: Partition, free: Sequence[int] = ()
-) -> Discrete:
-    """The discrete problem, factorised, without multipliers on a problem's free sides and those given."""
-    own = problem.free_sides if isinstance(problem, Problem) else ()
-    free = tuple(sorted({*own, *free}))
-    condensed = condense(mesh)
-    both = pair(condensed, partition, free)
-    source = enclosed(mesh, problem)
-    f = load(mesh, source.moments)
-    offset = both.offset(condensed.solve(f)[mesh.boundary], problem.enclosed_obstacle.means(partition.points))
-    if np.max(np.abs(offset), initial=0.0) < LEAST:
-        offset[:] = 0.0  # of data that this mesh does not see
-    return Discrete(problem, free, condensed, both, source, f, offset)
+    def improved(self, tolerance: float, stop: Stop) -> Solution:
+        """The same, iterated on until the algebraic bound is at most `tolerance`."""
+        if self.result.bound <= tolerance or not self.result.converged:
+            return self
+        more = self.discrete.iterated(AIM * tolerance, stop, self.result.lambda_H)
+        return replace(more, result=joined(self.result, more.result))
 
 
-def solve_to_fraction(discrete: Discrete, stop: Stop) -> Bounded:
-    """The solution with an algebraic error of at most `stop.tolerance`, else `stop.fraction` of the bound.
+def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> Discrete:
+    """The problem with a load (n,) and the means (cells,) of g; `trace` (nb,) is A^{-1} f on the boundary."""
+    return Discrete(spaces, load, spaces.B @ trace / spaces.operator.H_i - g_means[spaces.cells])
 
-    That bound is of ||u - u_h||_1; it is known after a first, cruder, solve.
+
+def with_solution(spaces: MixedSpaces, exact: Exact) -> Discrete:
+    """The problem of a case whose solution is seen from these spaces."""
+    discrete = with_load(spaces, exact.ritz.load, exact.ritz.trace, exact.means.g_means)
+    return replace(discrete, exact=exact, data=exact.ritz.case)
+
+
+def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
+    """The problem whose f and g are enclosed; its load is that of the enclosure's polynomials."""
+    source, mesh = enclosed(spaces.mesh, data), spaces.mesh
+    load = p1_load(mesh, source.moments)
+    means = data.enclosed_obstacle.means(spaces.partition.points)
+    discrete = with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means)
+    if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
+        discrete.offset[:] = 0.0  # of data that this mesh does not see
+    return replace(discrete, data=data, source=source)
+
+
+def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
+    """The problem whose f and g are known in points: by Gauss rules, whose errors nobody knows."""
+    mesh, cells = spaces.mesh, spaces.partition
+    reference, weights = get_quadrature_tri(SAMPLED)
+    hats = np.stack([1 - reference.sum(axis=0), *reference], axis=1)
+    f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
+    load = p1_load(mesh, 2 * mesh.areas[:, None] * ((f * weights) @ hats))
+    rule = boundary_rule(mesh.polygon, cells.points)
+    means = rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
+    return with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means)
+
+
+def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:
+    """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
+    spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
+    if isinstance(problem, Case):
+        return with_solution(spaces, exact(problem, spaces))
+    return with_samples(spaces, problem) if isinstance(problem, Sampled) else with_data(spaces, problem)
+
+
+def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) -> Solution:  # noqa: B008
+    """(u_h, lambda_H), its algebraic error at most `stop.tolerance`, else `stop.fraction` of the others.
+
+    Where the solution is exact that holds in every norm that is judged; `beta`, a lower bound of the constant
+    in (3.4), turns the algebraic bound into one in H^{-1/2}. Where there are data it holds for the bound of
+    ||u - u_h||_1, which is known after a first, cruder, solve. Else it is a share of that of lambda = 0.
     """
     if stop.tolerance is not None:
-        return discrete.bounded(iterate(discrete.both.operator, discrete.offset, stop.tolerance, stop, None))
-    solved = discrete.bounded(
-        iterate(discrete.both.operator, discrete.offset, FIRST * discrete.first_residual, stop, None)
-    )
-    return improved(solved, stop.fraction * solved.bound.u, stop)
+        return discrete.iterated(stop.tolerance, stop)
+    if discrete.exact is None and discrete.data is None:
+        return discrete.iterated(stop.fraction * UNKNOWN * discrete.first_residual, stop)
+    if discrete.exact is None:
+        solved = discrete.iterated(FIRST * discrete.first_residual, stop)
+        return solved.improved(stop.fraction * solved.total("h1"), stop)
+    return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 
 
-def improved(solved: Bounded, tolerance: float, stop: Stop) -> Bounded:
-    """The same, iterated on until the algebraic bound is at most `tolerance`."""
-    if solved.result.bound <= tolerance or not solved.result.converged:
+def _to_exact(discrete: Discrete, exact: Exact, stop: Stop, beta: float) -> Solution:
+    """Goes on from lambda_H where the H^{-1/2} error then still misses the fraction."""
+    spaces = discrete.spaces
+    solved = discrete.iterated(stop.fraction * exact.tolerance(spaces), stop)
+    result = solved.result
+    if not result.converged or spaces.operator.singular or exact.means.lambda_is_zero:
         return solved
-    operator, offset = solved.discrete.both.operator, solved.discrete.offset
-    result = iterate(operator, offset, AIM * tolerance, stop, solved.result.lambda_H)
-    return solved.discrete.bounded(joined(solved.result, result))
+    error = exact.ritz.discrete_dual(exact.boundary_load(spaces, result.lambda_H))
+    needed = stop.fraction * error * beta
+    if result.bound <= needed:
+        return solved
+    going_on = replace(stop, algorithm="nesterov") if result.algorithm == "nesterov" else stop
+    more = discrete.iterated(needed, going_on, result.lambda_H)
+    return replace(more, result=joined(result, more.result))

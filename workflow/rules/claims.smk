@@ -3,8 +3,7 @@
 
 rule algorithm:
     input:
-        library("experiments", "trials", "partition", "tables", "expression", "mesh", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("try_algorithm"),
         [f"manufactured/{case}.yaml" for case in config["algorithm"]["cases"]],
     output:
         steps="results/algorithm/steps.nc",
@@ -24,7 +23,7 @@ rule algorithm:
 
 rule claims:
     input:
-        library("claims", "tables"),
+        code("judge_claims"),
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         "results/claims.json",

@@ -1,17 +1,16 @@
-import math
 import re
-from fractions import Fraction
+from functools import cache
 from pathlib import Path
 
 import yaml
 
+from unilateral.study.drawings import drawings
+from unilateral.study.sizes import normed
+
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
-GRIDS = [name for name, scene in SCENES.items() if "grid" in scene["figures"]]
-PORTRAITS = config["portraits"]
 SURVEYS = config["surveys"]
 SHARPNESS = config["sharpness"]
-CONSISTENCY = config["consistency"]
 
 
 wildcard_constraints:
@@ -20,30 +19,41 @@ wildcard_constraints:
     level="[0-9]+",
 
 
-def library(*modules):
-    """The files of the library's modules, of all they import and read: a change reruns their users only."""
-    files = []
-    waiting = ["__init__", *modules]
+@cache
+def code(script, module=""):
+    """A script, what it imports of this project, what that imports, and the data files that are named there.
+
+    A change of these files reruns the script's rule only. A script that imports a module of the library by
+    its name, such as study.figures.rates, depends on that module too.
+    """
+    package, _, name = module.rpartition(".")
+    files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]
+    waiting += imports(f"from unilateral.{package} import {name}") if module else []
     while waiting:
-        path = Path("src/unilateral", waiting.pop())
-        for file in [path.with_suffix(".py"), *sorted(path.glob("*.py"))]:
-            if file.exists() and str(file) not in files:
-                source = file.read_text(encoding="utf-8")
-                files += [str(file), *data(source)]
-                waiting += imports(source)
-    return sorted(set(files))
-
-
-def data(source):
-    """The library's data files that a source file reads."""
-    names = re.findall(r'files\("unilateral"\) / "([\w.]+)"', source)
-    return [f"src/unilateral/{name}" for name in names]
+        file = waiting.pop()
+        if file not in files and file.is_file():
+            files.add(file)
+            source = file.read_text(encoding="utf-8")
+            files |= {file.with_name(name) for name in re.findall(r'"([\w.]+\.yaml)"', source)}
+            waiting += imports(source)
+    return sorted(str(file) for file in files if file.is_file())
 
 
 def imports(source):
-    """The library's modules that a source file imports, at its top or inside functions."""
-    found = re.findall(r"^\s*from unilateral(?:\.(\w+)\S*)? import (.+)$", source, re.MULTILINE)
-    return [name for inside, names in found for name in ([inside] if inside else re.findall(r"\w+", names))]
+    """Where the modules can be that a source file imports, at its top or inside functions."""
+    found = []
+    for module, names in re.findall(r"^\s*from ([\w.]+) import (\([^)]*\)|.+)$", source, re.MULTILINE):
+        inside, *parts = module.split(".")
+        if inside != "unilateral":
+            found.append(Path("workflow/scripts", f"{inside}.py"))
+            continue
+        folder = Path("src/unilateral", *parts)
+        packages = [Path("src/unilateral", *parts[:k]) for k in range(len(parts) + 1)]
+        inside = [folder / name for name in re.findall(r"\w+", names)]
+        found += [folder.with_suffix(".py")] if parts else []
+        found += [each.with_suffix(".py") for each in inside]
+        found += [package / "__init__.py" for package in [*packages, *inside]]
+    return found
 
 
 def scene_of(wildcards):
@@ -54,31 +64,19 @@ def case_files(wildcards):
     return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
 
 
-def with_cases(scene, cases):
-    """The scene with these cases only."""
-    return {**SCENES[scene], "cases": cases}
-
-
 def levels(wildcards):
     return range(scene_of(wildcards)["mesh"]["levels"])
 
 
-def normed(wildcards):
-    return normed_of(wildcards.scene)
-
-
-def normed_of(name):
-    """The partitions with errors of lambda: those coarser than the finest mesh (else beta is 0) and solved."""
-    scene = SCENES[name]
-    coarsest = number(scene["mesh"]["h"])
-    finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
-    most = number(scene["H_over_h"]["max"]) * coarsest if "max" in scene["H_over_h"] else math.inf
-    return [k for k, H in enumerate(scene["H"]) if finest < number(H) <= most]
+@cache
+def has_norm(name):
+    """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
+    return bool(normed(SCENES[name]))
 
 
 def claimed():
     """The tables that the ledger's claims read."""
-    with open("src/unilateral/ledger.yaml", encoding="utf-8") as file:
+    with open("src/unilateral/study/judge/ledger.yaml", encoding="utf-8") as file:
         claims = yaml.safe_load(file)["claims"]
     names = [
         name.format(scene=scene)
@@ -87,9 +85,3 @@ def claimed():
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]
     return sorted(set(names))
-
-
-def number(given):
-    """Exactly what the schema calls a number: 0.125, 1/64, 0.5/4."""
-    top, _, bottom = str(given).partition("/")
-    return Fraction(top) / Fraction(bottom or 1)

@@ -15,8 +15,7 @@ def job_of(wildcards):
 
 rule cost_runs:
     input:
-        library("cost", "variants", "mesh", "dual_norm", "tables", "expression", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("measure_cost"),
         lambda wildcards: [
             f"manufactured/{case}.yaml" for case in SCENES[job_of(wildcards)["scene"]]["cases"]
         ],
@@ -36,7 +35,7 @@ rule cost_runs:
 
 rule cost:
     input:
-        library("cost", "trade", "variants", "tables"),
+        code("collect_cost"),
         parts=expand("results/cost/runs/{job}.nc", job=range(len(COST["jobs"]))),
         timings=expand("results/cost/runs/{job}_timings.nc", job=range(len(COST["jobs"]))),
     output:
@@ -50,64 +49,3 @@ rule cost:
         "cost: all runs"
     script:
         "../scripts/collect_cost.py"
-
-
-rule cost_table:
-    input:
-        library("work_data", "variants", "tables", "expression"),
-        crossed="results/cost/algorithm.nc",
-        cases="results/cost/case.nc",
-        algebra="results/cost/algebra.nc",
-    output:
-        update("figures/work_precision.csv"),
-    params:
-        study=COST,
-    message:
-        "The table behind the work-precision diagrams"
-    script:
-        "../scripts/table_cost.py"
-
-
-rule cost_figure:
-    input:
-        library("plots"),
-        table="figures/work_precision.csv",
-    output:
-        update("figures/work_precision.svg"),
-    params:
-        work="operations",
-    message:
-        "The work-precision diagrams"
-    script:
-        "../scripts/draw_cost.py"
-
-
-rule cost_seconds_table:
-    input:
-        library("work_data", "variants", "tables", "expression"),
-        crossed="results/cost/algorithm.nc",
-        cases="results/cost/case.nc",
-        algebra="results/cost/algebra.nc",
-        timings="results/cost/timings.nc",
-    output:
-        "results/cost/work_seconds.csv",
-    params:
-        study=COST,
-    message:
-        "The table behind the work-precision diagrams, in seconds"
-    script:
-        "../scripts/table_cost.py"
-
-
-rule cost_seconds_figure:
-    input:
-        library("plots"),
-        table="results/cost/work_seconds.csv",
-    output:
-        "results/cost/work_seconds.svg",
-    params:
-        work="seconds",
-    message:
-        "The work-precision diagrams, in seconds"
-    script:
-        "../scripts/draw_cost.py"

@@ -1,31 +1,17 @@
-# Documents whose numbers come from the results, in marked blocks.
+# Documents: people write them, numbers and tables are filled in between their marks.
+
+DOCUMENTS = config["documents"]
+COST_TABLES = ("algorithm", "case", "scene", "algebra", "precision")
 
 
-rule readme:
+wildcard_constraints:
+    document="|".join(map(re.escape, DOCUMENTS)),
+
+
+rule numbers:
     input:
-        library("documents", "advice", "tables", "rates"),
-        crossed="results/cost/algorithm.nc",
-        cases="results/cost/case.nc",
-        rates=expand("results/{scene}/rates.nc", scene=JUDGED),
-        pairs="figures/infsup.csv",
-        figures=FIGURES,
-    output:
-        update("README.md"),
-    params:
-        scenes=JUDGED,
-        judged_ratio=config["rates"]["judged_ratio"],
-        infsup=config["infsup"],
-        cost=config["cost"],
-    message:
-        "README.md: its tables"
-    script:
-        "../scripts/fill_readme.py"
-
-
-rule filled_paper:
-    input:
-        library("documents", "extremes", "extremes_data", "verdicts", "cost_text", "tables", "expression"),
-        **{name: f"results/cost/{name}.nc" for name in ("algorithm", "case", "scene", "algebra", "precision")},
+        code("write_numbers"),
+        **{name: f"results/cost/{name}.nc" for name in COST_TABLES},
         claims="results/claims.json",
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
         pairs="figures/infsup.csv",
@@ -34,15 +20,29 @@ rule filled_paper:
         totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
         extremes="results/extremes/extremes.nc",
     output:
-        update("paper.md"),
+        numbers="results/numbers.json",
+        blocks="results/blocks.json",
     params:
-        **{name: config[name] for name in ("cost", "extremes", "deep")},
-        scenes=JUDGED,
-        judged_ratio=config["rates"]["judged_ratio"],
-        infsup=config["infsup"],
-        norms=config["rates"]["norms"],
+        **{name: config[name] for name in ("cost", "extremes", "infsup")},
+        judged=JUDGED,
         bounded=list(config["totals"]["scenes"]),
+        judged_ratio=config["rates"]["judged_ratio"],
+        norms=config["rates"]["norms"],
     message:
-        "paper.md: its tables"
+        "The numbers and tables of all documents"
     script:
-        "../scripts/fill_paper.py"
+        "../scripts/write_numbers.py"
+
+
+rule document:
+    input:
+        code("fill_document"),
+        numbers="results/numbers.json",
+        blocks="results/blocks.json",
+        claims="results/claims.json",
+    output:
+        update("{document}"),
+    message:
+        "{wildcards.document}: its numbers and tables"
+    script:
+        "../scripts/fill_document.py"

@@ -8,7 +8,7 @@ wildcard_constraints:
 
 rule extremes_part:
     input:
-        library("extremes", "expression", "tables"),
+        code("try_extremes"),
     output:
         "results/extremes/parts/{part}.nc",
     params:
@@ -22,7 +22,7 @@ rule extremes_part:
 
 rule extremes:
     input:
-        library("extremes", "tables"),
+        code("collect_extremes"),
         parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["jobs"]),
     output:
         "results/extremes/extremes.nc",
@@ -30,40 +30,3 @@ rule extremes:
         "extremes: the table"
     script:
         "../scripts/collect_extremes.py"
-
-
-rule extremes_table:
-    input:
-        library("extremes_data", "tables"),
-        extremes="results/extremes/extremes.nc",
-    output:
-        update("figures/extremes.csv"),
-    message:
-        "The table behind the figure of where it breaks"
-    script:
-        "../scripts/table_extremes.py"
-
-
-rule extremes_figure:
-    input:
-        library("plots"),
-        table="figures/extremes.csv",
-    output:
-        update("figures/extremes.svg"),
-    message:
-        "The figure of where it breaks"
-    script:
-        "../scripts/draw_extremes.py"
-
-
-rule deep:
-    input:
-        library("extremes", "expression", "tables"),
-    output:
-        "results/deep/deep.nc",
-    params:
-        study=config["deep"],
-    message:
-        "deep: the finest mesh that is asked for"
-    script:
-        "../scripts/measure_deep.py"

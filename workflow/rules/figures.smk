@@ -1,266 +1,43 @@
-# Each figure is drawn from a rounded table that is committed beside it.
+# A figure is a module with its table and its drawing, and an entry in workflow/config/figures.yaml.
 
-FIGURES = [
-    f"figures/{kind}_{scene}.{ending}"
-    for scene in SCENES
-    for kind in SCENES[scene]["figures"]
-    for ending in ("csv", "svg")
-]
-FIGURES += [
-    f"figures/{portrait}{part}" for portrait in PORTRAITS for part in ("_mesh.csv", "_boundary.csv", ".svg")
-]
-FIGURES += [
-    f"figures/{name}.{ending}"
-    for name in ("consistency", "extremes", "infsup", "multiplier", "sharpness", "verdict", "work_precision")
-    for ending in ("csv", "svg")
-]
+DRAWN = drawings(config)
+DRAWN_FROM = {table: drawing for drawing in DRAWN.values() for table in drawing.parts}
+FIGURES = [f"{path}.svg" for path in DRAWN] + [f"{path}.csv" for path in DRAWN_FROM]
+COMMITTED = [path for path in FIGURES if path.startswith("figures/")]
 
 
 wildcard_constraints:
-    portrait="|".join(PORTRAITS),
+    figure="|".join(DRAWN),
+    table="|".join(DRAWN_FROM),
 
 
-rule rates_table:
+rule figure_table:
     input:
-        library("figure_data", "tables"),
-        errors="results/{scene}/errors.nc",
-        rates="results/{scene}/rates.nc",
+        lambda wildcards: code("table_figure", f"study.figures.{DRAWN_FROM[wildcards.table].module}"),
+        lambda wildcards: [f"manufactured/{case}.yaml" for case in DRAWN_FROM[wildcards.table].cases],
+        unpack(lambda wildcards: DRAWN_FROM[wildcards.table].reads),
     output:
-        update("figures/rates_{scene}.csv"),
-    message:
-        "{wildcards.scene}: the table behind the figure of rates"
-    script:
-        "../scripts/table_rates.py"
-
-
-rule grid_table:
-    input:
-        library("figure_data", "tables"),
-        errors="results/{scene}/errors.nc",
-    output:
-        update("figures/grid_{scene}.csv"),
+        update("{table}.csv"),
     params:
-        cases=lambda wildcards: scene_of(wildcards)["grid_cases"],
+        module=lambda wildcards: DRAWN_FROM[wildcards.table].module,
+        part=lambda wildcards: DRAWN_FROM[wildcards.table].parts[wildcards.table],
+        arguments=lambda wildcards: DRAWN_FROM[wildcards.table].arguments,
     message:
-        "{wildcards.scene}: the table behind the map over (h, H)"
+        "The table {wildcards.table}.csv"
     script:
-        "../scripts/table_grid.py"
+        "../scripts/table_figure.py"
 
 
-rule rates_figure:
+rule figure:
     input:
-        library("plots"),
-        table="figures/rates_{scene}.csv",
+        lambda wildcards: code("draw_figure", f"study.figures.{DRAWN[wildcards.figure].module}"),
+        tables=lambda wildcards: [f"{table}.csv" for table in DRAWN[wildcards.figure].parts],
     output:
-        update("figures/rates_{scene}.svg"),
-    message:
-        "{wildcards.scene}: the figure of rates"
-    script:
-        "../scripts/draw_rates.py"
-
-
-rule grid_figure:
-    input:
-        library("plots"),
-        table="figures/grid_{scene}.csv",
-    output:
-        update("figures/grid_{scene}.svg"),
-    message:
-        "{wildcards.scene}: the map over (h, H)"
-    script:
-        "../scripts/draw_grid.py"
-
-
-rule portrait_tables:
-    input:
-        library("figure_data", "tables", "mesh", "certificate"),
-        "workflow/scripts/scenes.py",
-        lambda wildcards: f"manufactured/{PORTRAITS[wildcards.portrait]['case']}.yaml",
-    output:
-        mesh=update("figures/{portrait}_mesh.csv"),
-        boundary=update("figures/{portrait}_boundary.csv"),
+        update("{figure}.svg"),
     params:
-        portrait=lambda wildcards: PORTRAITS[wildcards.portrait],
+        module=lambda wildcards: DRAWN[wildcards.figure].module,
+        look=lambda wildcards: DRAWN[wildcards.figure].look,
     message:
-        "{wildcards.portrait}: the tables behind its picture"
+        "The figure {wildcards.figure}.svg"
     script:
-        "../scripts/table_portrait.py"
-
-
-rule portrait_figure:
-    input:
-        library("plots"),
-        mesh="figures/{portrait}_mesh.csv",
-        boundary="figures/{portrait}_boundary.csv",
-    output:
-        update("figures/{portrait}.svg"),
-    message:
-        "{wildcards.portrait}: its picture"
-    script:
-        "../scripts/draw_portrait.py"
-
-
-rule infsup_table:
-    input:
-        library("infsup_data", "tables"),
-        surveys=expand("results/{survey}/infsup.nc", survey=SURVEYS),
-    output:
-        update("figures/infsup.csv"),
-    params:
-        surveys=SURVEYS,
-    message:
-        "The table behind the figure of beta"
-    script:
-        "../scripts/table_infsup.py"
-
-
-rule multiplier_table:
-    input:
-        library("infsup_data", "tables", "expression"),
-        survey=f"results/{config['multiplier']['survey']}/infsup.nc",
-    output:
-        update("figures/multiplier.csv"),
-    params:
-        h_over_H=config["multiplier"]["h_over_H"],
-    message:
-        "The table behind the figure of the worst multipliers"
-    script:
-        "../scripts/table_multiplier.py"
-
-
-rule dual_table:
-    input:
-        library("infsup_data", "dual_norm", "tables", "expression", "certificate"),
-        "workflow/scripts/scenes.py",
-        errors="results/{scene}/errors.nc",
-        norm="results/{scene}/dual_norm.nc",
-    output:
-        update("figures/dual_{scene}.csv"),
-    params:
-        scene=scene_of,
-        normed=normed,
-        h_over_H=config["rates"]["judged_ratio"],
-    message:
-        "{wildcards.scene}: the table behind the figure of the dual norm"
-    script:
-        "../scripts/table_dual.py"
-
-
-rule infsup_figure:
-    input:
-        library("plots"),
-        table="figures/infsup.csv",
-    output:
-        update("figures/infsup.svg"),
-    message:
-        "The figure of beta"
-    script:
-        "../scripts/draw_infsup.py"
-
-
-rule multiplier_figure:
-    input:
-        library("plots"),
-        table="figures/multiplier.csv",
-    output:
-        update("figures/multiplier.svg"),
-    message:
-        "The figure of the worst multipliers"
-    script:
-        "../scripts/draw_multiplier.py"
-
-
-rule dual_figure:
-    input:
-        library("plots"),
-        table="figures/dual_{scene}.csv",
-    output:
-        update("figures/dual_{scene}.svg"),
-    message:
-        "{wildcards.scene}: the figure of the dual norm"
-    script:
-        "../scripts/draw_dual.py"
-
-
-rule verdict_table:
-    input:
-        library("verdicts", "tables"),
-        claims="results/claims.json",
-    output:
-        update("figures/verdict.csv"),
-    message:
-        "The table behind the figure of all verdicts"
-    script:
-        "../scripts/table_verdict.py"
-
-
-rule verdict_figure:
-    input:
-        library("plots"),
-        table="figures/verdict.csv",
-    output:
-        update("figures/verdict.svg"),
-    message:
-        "The figure of all verdicts"
-    script:
-        "../scripts/draw_verdict.py"
-
-
-rule consistency_table:
-    input:
-        library("consistency", "tables", "certificate"),
-        "workflow/scripts/scenes.py",
-        [
-            f"manufactured/{case}.yaml"
-            for cases in ([CONSISTENCY["cells"]["case"]], *CONSISTENCY["totals"].values())
-            for case in cases
-        ],
-        errors=expand("results/{scene}/errors.nc", scene=CONSISTENCY["totals"]),
-    output:
-        update("figures/consistency.csv"),
-    params:
-        drawn={
-            **with_cases(CONSISTENCY["cells"]["scene"], [CONSISTENCY["cells"]["case"]]),
-            "H": [CONSISTENCY["cells"]["H"]],
-        },
-        scenes=[with_cases(scene, cases) for scene, cases in CONSISTENCY["totals"].items()],
-    message:
-        "The table behind the figure of the consistency term"
-    script:
-        "../scripts/table_consistency.py"
-
-
-rule consistency_figure:
-    input:
-        library("plots"),
-        table="figures/consistency.csv",
-    output:
-        update("figures/consistency.svg"),
-    message:
-        "The figure of the consistency term"
-    script:
-        "../scripts/draw_consistency.py"
-
-
-rule sharpness_table:
-    input:
-        library("surfaces", "tables"),
-        rates="results/sharpness/rates.nc",
-    output:
-        update("figures/sharpness.csv"),
-    message:
-        "The table behind the figure of sharpness"
-    script:
-        "../scripts/table_sharpness.py"
-
-
-rule sharpness_figure:
-    input:
-        library("plots"),
-        table="figures/sharpness.csv",
-    output:
-        update("figures/sharpness.svg"),
-    message:
-        "The figure of sharpness"
-    script:
-        "../scripts/draw_sharpness.py"
+        "../scripts/draw_figure.py"

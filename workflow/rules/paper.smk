@@ -9,7 +9,7 @@ def shown(wildcards):
 
 rule paper:
     input:
-        library("typesetting"),
+        code("typeset_paper"),
         shown,
         "paper.bib",
         paper="paper.md",

@@ -3,8 +3,7 @@
 
 rule mesh:
     input:
-        library("mesh", "partition", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("make_mesh"),
     output:
         "results/{scene}/mesh.vtu",
     params:
@@ -17,14 +16,12 @@ rule mesh:
 
 rule dual_norm:
     input:
-        library("dual_norm", "partition", "tables", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("measure_dual_norm"),
         case_files,
     output:
         "results/{scene}/dual_norm.nc",
     params:
         scene=scene_of,
-        normed=normed,
     message:
         "{wildcards.scene}: the dual norm"
     script:
@@ -33,11 +30,10 @@ rule dual_norm:
 
 rule solve:
     input:
-        library("sweep", "tables", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("solve_level"),
         case_files,
         mesh="results/{scene}/mesh.vtu",
-        norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if normed(wildcards) else [],
+        norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
         solutions="results/{scene}/levels/{level}.nc",
         timings="results/{scene}/levels/{level}_timings.nc",
@@ -52,7 +48,7 @@ rule solve:
 
 rule errors:
     input:
-        library("tables", "infsup"),
+        code("collect_errors"),
         solutions=lambda wildcards: expand(
             "results/{scene}/levels/{level}.nc", scene=wildcards.scene, level=levels(wildcards)
         ),
@@ -71,7 +67,7 @@ rule errors:
 
 rule rates:
     input:
-        library("rates", "rates_table", "tables", "case"),
+        code("judge_rates"),
         case_files,
         errors="results/{scene}/errors.nc",
     output:
@@ -87,8 +83,7 @@ rule rates:
 
 rule totals:
     input:
-        library("totals", "mesh", "partition", "tables", "expression", "certificate"),
-        "workflow/scripts/scenes.py",
+        code("bound_totals"),
         case_files,
         mesh="results/{scene}/mesh.vtu",
         levels=expand("results/{{scene}}/levels/{level}.nc", level=range(config["totals"]["levels"])),
@@ -106,11 +101,13 @@ rule totals:
 
 rule floors:
     input:
-        library("floors", "tables", "case", "expression"),
+        code("fit_floors"),
         case_files,
         errors="results/{scene}/errors.nc",
     output:
         "results/{scene}/floors.nc",
+    params:
+        ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the floors that h and H leave in H1"
     script:

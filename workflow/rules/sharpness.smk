@@ -3,7 +3,7 @@
 
 rule sharpness_level:
     input:
-        library("sharpness", "mesh", "partition", "polygon", "solve", "expression", "tables"),
+        code("measure_sharpness"),
     output:
         "results/sharpness/levels/{level}.nc",
     params:
@@ -17,7 +17,7 @@ rule sharpness_level:
 
 rule sharpness:
     input:
-        library("surfaces", "tables"),
+        code("collect_sharpness"),
         levels=expand("results/sharpness/levels/{level}.nc", level=range(len(SHARPNESS["H"]))),
     output:
         "results/sharpness/errors.nc",
@@ -29,7 +29,7 @@ rule sharpness:
 
 rule sharpness_rates:
     input:
-        library("surfaces", "tables"),
+        code("rate_sharpness"),
         errors="results/sharpness/errors.nc",
     output:
         "results/sharpness/rates.nc",

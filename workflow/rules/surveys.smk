@@ -3,7 +3,7 @@
 
 rule survey:
     input:
-        library("survey", "families", "polygon", "tables"),
+        code("survey_infsup"),
     output:
         "results/{survey}/infsup.nc",
     params:

@@ -1,11 +1,12 @@
 """Guaranteed total errors of a scene's coarser levels, over the true ones."""
 
-from scenes import cases, partitions, stored_mesh
 from sentences import speak_plainly
 
-from unilateral import mesh, tables
-from unilateral.expression import real
-from unilateral.totals import totals
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh
+from unilateral.study import tables
+from unilateral.study.runs.totals import totals
+from unilateral.study.scenes import cases, partitions, stored_mesh
 
 
 def main(coarse, levels, scene, name, wanted, ratio, path):

@@ -2,7 +2,10 @@
 
 from sentences import speak_plainly
 
-from unilateral import cost, tables, trade, variants
+from unilateral.study import tables
+from unilateral.study.judge import cost as trade
+from unilateral.study.runs.cost import measure as cost
+from unilateral.study.runs.cost import variants
 
 
 def main(parts, timings, study, axes, results, timings_path, factors):

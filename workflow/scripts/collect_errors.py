@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import infsup, tables
+from unilateral.norms import infsup
+from unilateral.study import tables
 
 
 def main(solutions, timings, name, errors_path, infsup_path, timings_path):

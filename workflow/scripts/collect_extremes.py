@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import extremes, tables
+from unilateral.study import tables
+from unilateral.study.runs import extremes
 
 
 def main(parts, path):

@@ -4,8 +4,8 @@ import json
 
 from sentences import speak_plainly
 
-from unilateral import claims
 from unilateral.files import replacing
+from unilateral.study.judge import claims
 
 
 def main(results, path):

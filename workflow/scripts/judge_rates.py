@@ -2,8 +2,10 @@
 
 from sentences import speak_plainly
 
-from unilateral import case, rates, rates_table, tables
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.problems import case
+from unilateral.study import tables
+from unilateral.study.judge import rates, rates_table
 
 
 def main(errors, study, judged, name, path):

@@ -1,9 +1,9 @@
 """The coarsest mesh of a scene."""
 
-from scenes import coarsest_mesh
 from sentences import speak_plainly
 
-from unilateral import mesh
+from unilateral.geometry import mesh
+from unilateral.study.scenes import coarsest_mesh
 
 
 def main(scene, path):

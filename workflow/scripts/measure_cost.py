@@ -1,11 +1,14 @@
 """Every run of the study of cost on the meshes of one job."""
 
-from scenes import cases, domain
 from sentences import speak_plainly
 
-from unilateral import cost, mesh, tables, variants
-from unilateral.dual_norm import Gram
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh
+from unilateral.norms.dual import Gram
+from unilateral.study import tables
+from unilateral.study.runs.cost import measure as cost
+from unilateral.study.runs.cost import variants
+from unilateral.study.scenes import cases, domain
 
 
 def main(norm, scene, study, job, results, timings):

@@ -2,9 +2,11 @@
 
 from sentences import speak_plainly
 
-from unilateral import mesh, partition, polygon, sharpness, tables
-from unilateral.expression import number
-from unilateral.solve import Stop
+from unilateral.formulas.formula import number
+from unilateral.geometry import mesh, partition, polygon
+from unilateral.solvers.iterate import Stop
+from unilateral.study import tables
+from unilateral.study.runs import sharpness
 
 
 def main(study, stop, level, path):

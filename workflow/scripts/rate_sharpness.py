@@ -2,7 +2,8 @@
 
 from sentences import speak_plainly
 
-from unilateral import surfaces, tables
+from unilateral.study import tables
+from unilateral.study.judge import surfaces
 
 
 def main(errors, path):

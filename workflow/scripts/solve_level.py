@@ -1,12 +1,14 @@
 """Every case on every partition of a scene, on the coarsest mesh refined `level` times."""
 
-from scenes import cases, limits, partitions, stored_mesh
 from sentences import speak_plainly
 
-from unilateral import mesh, tables
-from unilateral.dual_norm import Gram
-from unilateral.solve import Stop
-from unilateral.sweep import sweep
+from unilateral.geometry import mesh
+from unilateral.norms.dual import Gram
+from unilateral.solvers.iterate import Stop
+from unilateral.study import tables
+from unilateral.study.runs.scene import sweep
+from unilateral.study.scenes import cases, partitions, stored_mesh
+from unilateral.study.sizes import limits
 
 
 def main(coarse, norm, scene, name, level, stop, results, timings):

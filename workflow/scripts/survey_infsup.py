@@ -2,8 +2,10 @@
 
 from sentences import speak_plainly
 
-from unilateral import families, polygon, tables
-from unilateral.survey import survey
+from unilateral.geometry import polygon
+from unilateral.study import tables
+from unilateral.study.runs import families
+from unilateral.study.runs.stability import survey
 
 
 def main(study, finds, name, path):

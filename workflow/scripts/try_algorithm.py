@@ -1,10 +1,13 @@
 """Uzawa's algorithm on one mesh, and what its steps cost on several."""
 
-from scenes import cases, domain
 from sentences import speak_plainly
 
-from unilateral import experiments, mesh, partition, tables, trials
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh, partition
+from unilateral.study import tables
+from unilateral.study.runs import algorithm as experiments
+from unilateral.study.runs import algorithm_cost as trials
+from unilateral.study.scenes import cases, domain
 
 
 def main(study, steps, certificates, singular, uniqueness, unique, elimination, split):

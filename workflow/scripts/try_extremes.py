@@ -2,8 +2,9 @@
 
 from sentences import speak_plainly
 
-from unilateral import extremes, tables
-from unilateral.expression import real
+from unilateral.formulas.formula import real
+from unilateral.study import tables
+from unilateral.study.runs import extremes
 
 
 def main(study, axes, path):

@@ -2,7 +2,7 @@
 
 from sentences import speak_plainly
 
-from unilateral import typesetting
+from unilateral.study.text import typesetting
 
 if __name__ == "__main__":
     speak_plainly()

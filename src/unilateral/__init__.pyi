@@ -1,0 +1,10 @@
+from unilateral.api import Problem as Problem
+from unilateral.api import case as case
+from unilateral.api import load as load
+from unilateral.api import mesh as mesh
+from unilateral.api import solve as solve
+from unilateral.errors import InputError as InputError
+from unilateral.solution import Solution as Solution
+from unilateral.solvers.iterate import Stop as Stop
+
+__version__: str

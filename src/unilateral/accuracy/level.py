@@ -1,0 +1,74 @@
+"""What is wanted, what one level of the search found, and which levels contradict each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from unilateral.bounds.total import SUMS
+from unilateral.discrete import Solution
+from unilateral.geometry.partition import Partition
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it."""
+
+    accuracy: float
+    norm: str = "h1"
+    max_unknowns: int = 100_000
+    max_seconds: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One solve; `target` is the error that is wanted, as far as this level knows the solution's norm.
+
+    `seconds` counts its mesh, too.
+    """
+
+    solved: Solution
+    target: float
+    certified: bool
+    seconds: float
+
+    @property
+    def partition(self) -> Partition:
+        return self.solved.discrete.spaces.partition
+
+    @property
+    def unknowns(self) -> int:
+        return self.solved.discrete.mesh.n_nodes
+
+
+def target(solved: Solution, goal: Goal) -> float:
+    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm."""
+    size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
+    return goal.accuracy * (solved.size(goal.norm) or size)
+
+
+def unknowable(last: Level) -> bool:
+    """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
+    bound = last.solved.bound
+    return bound is not None and bound.irreducible > last.target > 0
+
+
+def standing(done: Sequence[Level]) -> list[Level]:
+    """The levels whose bounds no other level's contradict; of two that do none is believed."""
+    return [a for a in done if not any(contradict(a, b) for b in done if b is not a)]
+
+
+def contradict(a: Level, b: Level) -> bool:
+    """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda.
+
+    |int v| <= |Omega|^{1/2} ||v||_1, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2}.
+    """
+    root = math.sqrt(a.partition.polygon.area)
+    of_u, of_lambda = (a.solved.total(norm) + b.solved.total(norm) for norm in ("h1", "hm12"))
+    apart = (
+        (a.solved.u_norm, b.solved.u_norm, of_u),
+        (a.solved.u_integral, b.solved.u_integral, root * of_u),
+        (a.solved.force, b.solved.force, root * of_lambda),
+    )
+    return any(abs(x - y) > (1 + SUMS) * bound + SUMS * max(abs(x), abs(y)) for x, y, bound in apart)

@@ -1,0 +1,174 @@
+"""A stated accuracy, certified at the least cost for H = 2h: solves from coarse to fine.
+
+Other ratios, which might cost less, are not tried. Each level starts from the last lambda_H, and is iterated
+until the algebraic bound is a tenth of the error that is wanted. The first level whose guaranteed total bound
+is small enough is the last. The search also ends where finer meshes would not help, because too little is
+known of f or g, and where two levels' bounds contradict each other, which would be a fault of this program.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.accuracy.budget import LARGEST_BOUNDARY, affordable_H
+from unilateral.accuracy.level import Goal, Level, standing, target
+from unilateral.discrete import AIM, FIRST, with_data
+from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.problems.data import Data
+from unilateral.solvers.iterate import Stop
+
+Array = NDArray[np.float64]
+INTERRUPTED = "interrupted"
+CONTRADICTED = "bounds contradict each other"
+NOT_CONVERGED = "the iteration did not converge (--max-steps, --rho, --algorithm)"
+SHARE = 0.1
+"""Of the error that is wanted: what the iteration may contribute."""
+SAFE = 0.5
+"""Below 2 / sqrt(3), the unknowns on equilateral triangles of the size h, times h^2 over the area."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The levels done, and what ended the search before the budget did, if anything."""
+
+    goal: Goal
+    done: list[Level]
+    ended: str
+    refusal: InputError | None = None
+
+    @cached_property
+    def believed(self) -> list[Level]:
+        """The levels that no other one contradicts."""
+        return standing(self.done)
+
+    @cached_property
+    def best(self) -> Level:
+        """The last of these that is certified, or the one with the smallest bound; of none the finest."""
+        norm, candidates = self.goal.norm, self.believed or [replace(self.done[-1], certified=False)]
+        return min(reversed(candidates), key=lambda level: (not level.certified, level.solved.total(norm)))
+
+
+def search(
+    problem: Data,
+    goal: Goal,
+    stop: Stop | None = None,
+    kind: str = "",
+    tell: Callable[[Level], None] | None = None,
+) -> Search:
+    """All `levels`, of each of which `tell` is told; an interrupt after the first one keeps what was found.
+
+    Raises InputError and KeyboardInterrupt only before the first level is done.
+    """
+    done: list[Level] = []
+    try:
+        for level in levels(problem, goal, stop, kind):
+            done.append(level)
+            if tell:
+                tell(level)
+    except (KeyboardInterrupt, InputError) as stopped:
+        if not done:
+            raise
+        if isinstance(stopped, InputError):
+            return Search(goal, done, "the next level is refused", stopped)
+        return Search(goal, done, INTERRUPTED)
+    if len(standing(done)) < len(done):
+        return Search(goal, done, CONTRADICTED)
+    diverged = not (done[-1].certified or done[-1].solved.result.converged)
+    return Search(goal, done, NOT_CONVERGED if diverged else "")
+
+
+def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") -> Iterator[Level]:
+    """The levels as they are solved; the last one is certified, or the budget does not allow another.
+
+    `kind` is that of the meshes, "structured" or "unstructured", by default the first where there is one.
+    Raises InputError if the coarsest mesh has more unknowns than the goal allows, or, perhaps after some
+    levels, a mesh cannot be made.
+    """
+    stop = stop or Stop()
+    kind = kind or meshes.natural_kind(problem.polygon)
+    begin = time.perf_counter()
+    done: list[Level] = []
+    H: float | None = float(problem.polygon.lengths.max())
+    while H is not None:
+        start = time.perf_counter()
+        partition = partitions.uniform(problem.polygon, _nested(H, kind))
+        if 2 * partition.n_cells > LARGEST_BOUNDARY:
+            raise InputError(
+                f"'{problem.polygon.name}' needs {2 * partition.n_cells} boundary nodes for H = {H:.4g}; at "
+                f"most {LARGEST_BOUNDARY} are possible, so take fewer sides"
+            )
+        expected = SAFE * problem.polygon.area / (partition.H / 2) ** 2
+        if not done and expected > goal.max_unknowns:
+            raise _too_many(problem.polygon, f"at least {expected:.2g}", goal)
+        mesh = two_edges_per_cell(partition, kind)
+        if mesh.n_nodes > goal.max_unknowns:
+            break
+        done.append(_solved(problem, mesh, partition, goal, stop, done[-1] if done else None, start))
+        yield done[-1]
+        H = affordable_H(done, goal, time.perf_counter() - begin)
+    if not done:
+        raise _too_many(problem.polygon, str(mesh.n_nodes), goal)
+
+
+def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
+    return InputError(
+        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; --max-unknowns {goal.max_unknowns} "
+        "has to be at least that"
+    )
+
+
+def _nested(H: float, kind: str) -> float:
+    """H, or on structured meshes the next smaller one whose cells consist of whole edges."""
+    return float(1 / square().counts(H)[0]) if kind == "structured" else H
+
+
+def two_edges_per_cell(partition: Partition, kind: str) -> Mesh:
+    """A mesh with two equal boundary edges in every cell, h = H/2."""
+    if kind == "structured":
+        return meshes.structured(partition.polygon, partition.H / 2)
+    return meshes.with_boundary(partition.polygon, partitions.refine(partition).points[:-1])
+
+
+def prolonged(lambda_H: Array, partition: Partition, finer: Partition) -> Array:
+    """(m,) means on the cells of another partition of lambda_H, which is constant on those of the first."""
+    integral = np.append(0.0, np.cumsum(partition.lengths * lambda_H))
+    return np.diff(np.interp(finer.points, partition.points, integral)) / finer.lengths
+
+
+def _solved(
+    problem: Data,
+    mesh: Mesh,
+    partition: Partition,
+    goal: Goal,
+    stop: Stop,
+    before: Level | None,
+    begin: float,
+) -> Level:
+    spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
+    discrete = with_data(spaces, problem)
+    in_norm = spaces.beta if goal.norm == "hm12" else 1.0
+    start, tolerance = None, FIRST * discrete.first_residual
+    if before is not None:
+        start = prolonged(before.solved.lambda_H, before.partition, partition)[spaces.cells]
+        if math.isfinite(before.solved.total(goal.norm)):
+            tolerance = AIM * SHARE * before.target * in_norm or tolerance
+    solved = discrete.iterated(tolerance, stop, start)
+    solved = solved.improved(SHARE * target(solved, goal) * in_norm, stop)
+    certified = solved.total(goal.norm) <= goal.accuracy * solved.size(goal.norm) and solved.algebraic(
+        goal.norm
+    ) <= SHARE * goal.accuracy * solved.size(goal.norm)
+    return Level(solved, target(solved, goal), certified, time.perf_counter() - begin)

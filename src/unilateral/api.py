@@ -1,0 +1,186 @@
+"""What users call, as `import unilateral as ul`.
+
+>>> import unilateral as ul
+>>> problem = ul.Problem([(0, 0), (1, 0), (1, 1), (0, 1)], f="-1", g="-x*y/2")
+>>> s = ul.solve(problem, h=1 / 16, H=1 / 8)
+>>> s.u.shape, s.multiplier.shape, s.converged
+((289,), (32,), True)
+>>> s.bounds.u < 0.1
+True
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from unilateral import discrete
+from unilateral.accuracy.budget import LARGEST_BOUNDARY, MAX_UNKNOWNS
+from unilateral.accuracy.level import Goal, Level
+from unilateral.accuracy.search import search
+from unilateral.errors import InputError
+from unilateral.formulas.formula import compile_numpy, parse
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import Polygon, named
+from unilateral.problems import case as cases
+from unilateral.problems import problem as problems
+from unilateral.problems import problem_file
+from unilateral.problems.atoms import X, Y
+from unilateral.problems.case import Case
+from unilateral.problems.certificate import certify, with_free_sides
+from unilateral.problems.sampled import Function, Sampled
+from unilateral.solution import Solution
+from unilateral.solvers.iterate import Stop
+
+Formula = str | float
+Given = Formula | Function | None
+AnyProblem = Case | problems.Problem | Sampled
+
+
+def case(
+    name: str | os.PathLike[str],
+    polygon: str | Polygon | None = None,
+    side: int = 0,
+    free_sides: Sequence[int] = (),
+) -> Case:
+    """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
+
+    It is put on that side of the polygon, by default the first of those it is for; on `free_sides`, which
+    must carry no contact, there are no multipliers. Raises InputError, among others for a case that is not
+    certified.
+
+    >>> import unilateral as ul
+    >>> ul.case("natural").polygon.name
+    'square'
+    """
+    if polygon is None:
+        polygons = cases.declared(str(name))[0]["polygons"]
+        polygon = "square" if polygons == "any" else polygons[0]
+    found = cases.load(str(name), named(polygon) if isinstance(polygon, str) else polygon, side)
+    certify(found)
+    return with_free_sides(found, free_sides) if free_sides else found
+
+
+def load(path: str | os.PathLike[str]) -> Case | problems.Problem:
+    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field."""
+    name = os.fspath(path)
+    return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
+
+
+def Problem(
+    polygon: Polygon | ArrayLike,
+    f: Formula | Function,
+    g: Given | Sequence[Given],
+    free_sides: Sequence[int] = (),
+    name: str = "problem",
+) -> problems.Problem | Sampled:
+    """A problem of one's own: (1.1)-(1.2), with du/dn = 0 in place of (1.2) on the free sides.
+
+    `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, and g for all
+    sides or one per side (None on a free one), are formulas in x and y, as in a problem file, or functions of
+    two arrays. Where one of them is a function nothing can be guaranteed: a solution then has no bounds, and
+    no accuracy can be asked for. Raises InputError as for a problem file.
+
+    >>> import unilateral as ul
+    >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
+    (1,)
+    """
+    per_side = list(g) if isinstance(g, Sequence) and not isinstance(g, str) else g
+    several = per_side if isinstance(per_side, list) else [per_side]
+    vertices = polygon.vertices if isinstance(polygon, Polygon) else np.asarray(polygon, dtype=float)
+    if not (callable(f) or any(map(callable, several))):
+        fields = {"polygon": vertices.tolist(), "f": f, "g": per_side, "free_sides": list(free_sides)}
+        return problem_file.made(fields, name)
+    domain = Polygon(vertices, name)
+    of_sides = several if isinstance(per_side, list) else several * domain.n_sides
+    # The same checks of shapes and sides as for formulas, with 0 in place of the functions.
+    dummies = [None if each is None else 0 for each in of_sides]
+    problem_file.made(
+        {"polygon": vertices.tolist(), "f": 0, "g": dummies, "free_sides": list(free_sides)}, name
+    )
+    functions = tuple(_function(each, f"{name}, field g[{i}]") for i, each in enumerate(of_sides))
+    return Sampled(name, domain, _function(f, f"{name}, field f"), functions, tuple(sorted(free_sides)))
+
+
+def _function(given: Given, where: str) -> Function:
+    if callable(given):
+        return given
+    compiled = compile_numpy([parse(0 if given is None else given, ("x", "y"), where)], (X, Y))
+    return lambda x, y: compiled(x, y)[0]
+
+
+def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
+    """The triangles in a file of any of meshio's formats; by default their boundary is the polygon."""
+    return meshes.read(path, polygon)
+
+
+def solve(
+    problem: AnyProblem,
+    h: float | None = None,
+    H: float | None = None,
+    accuracy: float | None = None,
+    *,
+    norm: str = "h1",
+    mesh: Mesh | str = "",
+    stop: Stop | None = None,
+    max_unknowns: int = MAX_UNKNOWNS,
+    max_seconds: float = math.inf,
+    tell: Callable[[Level], None] | None = None,
+) -> Solution:
+    """The solution on given sizes h and H, or up to a relative accuracy that is then guaranteed.
+
+    h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H.
+    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. An accuracy is
+    that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. Whether
+    it was reached within `max_unknowns` and `max_seconds` is said by `certified`. Raises InputError for what
+    does not fit together.
+
+    >>> import unilateral as ul
+    >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
+    True
+    """
+    if accuracy is None:
+        partition = uniform(problem.polygon, _checked(problem, "H", H))
+        found = discrete.discretise(problem, _mesh(problem, h, mesh), partition)
+        return Solution(discrete.solve(found, stop or Stop()))
+    if h is not None or H is not None or isinstance(mesh, Mesh):
+        raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
+    if isinstance(problem, Sampled):
+        raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
+    if not 0 < accuracy < 1:
+        raise InputError(f"the accuracy {accuracy:g} is relative and must lie between 0 and 1, such as 1e-2")
+    found_levels = search(problem, Goal(accuracy, norm, max_unknowns, max_seconds), stop, mesh, tell)
+    return Solution(found_levels.best.solved, found_levels)
+
+
+def _mesh(problem: AnyProblem, h: float | None, given: Mesh | str) -> Mesh:
+    polygon = problem.polygon
+    if isinstance(given, Mesh):
+        if h is not None:
+            raise InputError("the mesh is given; leave h out")
+        same = np.array_equal(given.polygon.vertices, polygon.vertices)
+        return given if same else meshes.from_arrays(polygon, given.points, given.triangles)
+    make = {"structured": meshes.structured, "unstructured": meshes.unstructured}
+    kind = given or meshes.natural_kind(polygon)
+    if kind not in make:
+        raise InputError(f"the mesh '{kind}' is neither a mesh nor one of {', '.join(make)}")
+    return make[kind](polygon, _checked(problem, "h", h))
+
+
+def _checked(problem: AnyProblem, name: str, size: float | None) -> float:
+    """A size that is given, positive, and not too fine for dense matrices of the boundary."""
+    if size is None:
+        raise InputError(f"solve needs h and H, or an accuracy; {name} is missing")
+    least = problem.polygon.perimeter / LARGEST_BOUNDARY
+    if not 0 < size < math.inf:
+        raise InputError(f"{name} = {size} must be a positive number")
+    if size < least / (1 + 1e-9):
+        polygon = problem.polygon.name
+        raise InputError(f"{name} = {size:.4g} is too fine for '{polygon}'; it must be at least {least:.4g}")
+    return size

@@ -1,0 +1,176 @@
+"""The spaces of the hypercircle on V_h's own mesh, P2 and RT1: a potential v and the best flux q.
+
+q minimises ||grad v - q||^2 + ||v - f - div q||^2 among the fluxes of RT1 with given q.n on the boundary; it
+does not depend on v, for (grad v, q) + (v, div q) = <q.n, v>.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+from numpy.typing import NDArray
+from skfem.helpers import div, dot, grad
+
+from unilateral.fem.condense import elimination_order
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_io import longest_edges
+from unilateral.norms.reference import Factor, boundary_facets, hdiv, normal_fluxes
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+DEGREE = 4
+"""Of the products of two functions of P2 or RT1."""
+ROUNDING = 2.0**-45
+"""Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypercircle:
+    """P2 with the matrix A (n, n) of (., .)_1, RT1, and f_h, linear on each triangle, with load (n,) in P2.
+
+    `source` (m, 3) are f_h's values at the triangles' vertices.
+
+    `on_edges` (nb, 3) are P2's unknowns at the start, the end and the midpoint of every boundary edge;
+    `facet` (nb,) is the edge in scikit-fem's numbering, `triangle` (nb,) the one at it. `rank` (n,) says in
+    which order P2's unknowns are eliminated, from a dissection of the nodes: an edge goes with the earlier
+    of its ends, so that what separates nodes separates edges, too.
+    """
+
+    mesh: Mesh
+    p2: skfem.Basis
+    rt: skfem.Basis
+    A: sp.csr_array
+    source: Array
+    f_h: skfem.DiscreteField
+    load: Array
+    on_edges: Index
+    facet: Index
+    triangle: Index
+    rank: Array
+
+    def of_p1(self, v_h: Array) -> Array:
+        """(n,) the values in P2 of a function of V_h."""
+        v = np.empty(self.p2.N)
+        v[self.p2.nodal_dofs[0]] = v_h
+        v[self.p2.facet_dofs[0]] = v_h[self.p2.mesh.facets].mean(axis=0)
+        return v
+
+    def norm(self, v: Array) -> float:
+        """||v||_1, triangle by triangle: in v . A v the gradient of a constant would not cancel."""
+        return math.sqrt(float(_square.assemble(self.p2, potential=self.p2.interpolate(v))))
+
+    def product(self, d: Array, load: Array, v: Array) -> float:
+        """d . (load - A v), not below that without rounding."""
+        sizes = np.abs(d) @ (np.abs(load) + abs(self.A) @ np.abs(v))
+        return float(d @ (load - self.A @ v)) + ROUNDING * float(sizes)
+
+    def rounding(self, v: Array, defect: float) -> float:
+        """What rounding adds to the root of `defect`: that of derivatives is v's and q's over a height.
+
+        ||q|| is at most ||grad v|| and the defect.
+        """
+        flat = 2 * self.mesh.areas / longest_edges(self.mesh.points, self.mesh.triangles)
+        source = math.sqrt(float(self.mesh.areas @ np.max(self.source**2, axis=1)))
+        steep = 1 / float(flat.min())
+        return ROUNDING * (self.norm(v) * (1 + steep) + defect * steep + source)
+
+    def extension(self, v: Array, edges: Mask) -> Array:
+        """(n,) the function that is v (n,) on those boundary edges (nb,), with 0 for all other unknowns."""
+        found, kept = np.zeros(self.p2.N), self.on_edges[edges]
+        found[kept] = v[kept]
+        return found
+
+    def boundary_load(self, flux: Array) -> Array:
+        """(n,) values <q.n, psi_i> of a linear q.n with the values (nb, 2) at the edges' ends."""
+        at_points = np.column_stack([flux, 4 * flux.mean(axis=1)]) * np.diff(self.mesh.s)[:, None] / 6
+        return np.bincount(self.on_edges.ravel(), at_points.ravel(), self.p2.N).astype(float)
+
+    def potential(self, given: Mask, values: Array) -> Array:
+        """v (n,): the `values` where `given` (n,), and (v, w)_1 = (f_h, w) for all w that vanish there."""
+        v, inner = np.where(given, values, 0.0), np.flatnonzero(~given)
+        inner = inner[np.argsort(self.rank[inner], kind="stable")]
+        factor = Factor(self.A[inner][:, inner].tocsr(), np.arange(len(inner)))
+        v[inner] = factor.solve((self.load - self.A @ v)[inner])
+        return v
+
+    def best_flux(self, flux: Array) -> Array:
+        """q (n_rt,) with the q.n that has the values (nb, 2) at the edges' ends."""
+        rt, inside = self.rt, np.setdiff1d(np.arange(self.rt.mesh.nfacets), self.facet)
+        q = normal_fluxes(rt, self.mesh, self.facet) @ flux.ravel()
+        matrix = sp.csr_array(hdiv.assemble(rt))
+        edges = inside[np.argsort(self.rank[self.p2.facet_dofs[0, inside]], kind="stable")]
+        inner = np.concatenate([rt.interior_dofs.ravel(), rt.facet_dofs[:, edges].T.ravel()])
+        factor = Factor(matrix[inner][:, inner].tocsr(), np.arange(len(inner)))
+        q[inner] = factor.solve((_divergence_load.assemble(rt, f=self.f_h) - matrix @ q)[inner])
+        return q
+
+    def defect(self, v: Array, q: Array) -> float:
+        """||grad v - q||^2 + ||v - f_h - div q||^2."""
+        fields = {"potential": self.p2.interpolate(v), "flux": self.rt.interpolate(q)}
+        return float(_defect.assemble(self.p2, f=self.f_h, **fields))
+
+
+def hypercircle(mesh: Mesh, f_h: Array) -> Hypercircle:
+    """The spaces for f_h (m, 3), by its values at the triangles' vertices."""
+    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    p2 = skfem.Basis(of_skfem, skfem.ElementTriP2(), intorder=DEGREE)
+    facet = boundary_facets(of_skfem, mesh)
+    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    in_order_of_nodes = np.take_along_axis(f_h, np.argsort(mesh.triangles, axis=1), axis=1)
+    linear = p2.with_element(skfem.ElementDG(skfem.ElementTriP1()))
+    source = np.empty(linear.N)
+    source[linear.element_dofs] = in_order_of_nodes.T
+    field, A = linear.interpolate(source), sp.csr_array(_h1.assemble(p2))
+    return Hypercircle(
+        mesh,
+        p2,
+        rt=p2.with_element(skfem.ElementTriRT2()),
+        A=A,
+        source=f_h,
+        f_h=field,
+        load=_load.assemble(p2, f=field),
+        on_edges=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
+        facet=facet,
+        triangle=of_skfem.f2t[0, facet],
+        rank=_rank(p2, A),
+    )
+
+
+def _rank(p2: skfem.Basis, A: sp.csr_array) -> Array:
+    nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
+    order = elimination_order(A[nodes][:, nodes])
+    rank[nodes[order]] = np.arange(len(nodes))
+    rank[p2.facet_dofs[0]] = rank[nodes[p2.mesh.facets]].min(axis=0) - 0.5
+    return rank
+
+
+@skfem.BilinearForm
+def _h1(v, w, _):  # type: ignore[no-untyped-def]
+    return dot(grad(v), grad(w)) + v * w
+
+
+@skfem.LinearForm
+def _load(v, data):  # type: ignore[no-untyped-def]
+    return data.f * v
+
+
+@skfem.LinearForm
+def _divergence_load(q, data):  # type: ignore[no-untyped-def]
+    return -data.f * div(q)
+
+
+@skfem.Functional
+def _square(data):  # type: ignore[no-untyped-def]
+    v = data.potential
+    return dot(grad(v), grad(v)) + v**2
+
+
+@skfem.Functional
+def _defect(data):  # type: ignore[no-untyped-def]
+    slope = grad(data.potential) - data.flux
+    return dot(slope, slope) + (data.potential - data.f - div(data.flux)) ** 2

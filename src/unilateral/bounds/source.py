@@ -1,0 +1,290 @@
+"""f on a mesh, enclosed: its linear part on every triangle, and a bound of what the rest can do.
+
+Triangles are cut into pieces. On a piece f is a polynomial p, |f - p| <= rad (`taylor`); at a jump that holds
+but for a part of it whose area is bounded (`jumps`). Pieces are quartered until sum |piece| rad^2 is
+small, so that no peak of f can hide between points. With f_h the L2 projection of p onto linear functions on
+each triangle T, and E_T a bound of ||f - p||_T,
+
+    (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
+
+d_T the diameter of T and j = 3.83.. the first zero of the Bessel function J_1: the optimal constant in
+Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249,
+2010).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.bounds.jumps import cut, rounding, shares, sides
+from unilateral.fem.splitting import quarter
+from unilateral.formulas.elementary import Steps
+from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_io import longest_edges
+from unilateral.problems.data import Data
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+ORDER = 4
+J = 3.8317
+"""The first zero of J_1, 3.83170597.., rounded down."""
+ENOUGH = 0.003
+"""Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
+IN_VAIN = 16.0
+"""Times what rounding leaves: a piece with that E^2 is not quartered."""
+RESOLVED = 4.0
+"""Times what the sum of E^2 is wanted to be: up to which it counts as that."""
+FLOOR = 1e-13
+"""Of ||p||: its rounding, which no smaller piece takes away."""
+GAPS = 8.0
+"""Times the rounding of coordinates: how wide gaps between pieces are at most."""
+MOST_PIECES = 200_000
+"""To be looked at on a mesh, or four times its triangles."""
+BLOCK = 1 << 13
+
+
+class Pieces(NamedTuple):
+    """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
+
+    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there. f
+    - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping` (k,), whose
+    integral is at most `integral` (k,). `outer` (k,) is its area and what may lie between it and its
+    neighbours, whose corners are rounded otherwise.
+    """
+
+    corners: Array
+    parent: Index
+    outer: Array
+    c: Array
+    squares: Array
+    jumping: Array
+    integral: Array
+
+    def of(self, kept: Mask) -> Pieces:
+        rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
+        return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
+
+    f - f_h is a function with mean 0 and a norm of at most `oscillation` (m,), which is ||p - f_h||_T but for
+    jumps, and one with a norm of at most `rest` (m,), which is E_T, `resolved` if it is as small as wanted.
+
+    `moments` (m, 3) are those of p with the triangle's hats.
+    """
+
+    mesh: Mesh
+    f_h: Array
+    moments: Array
+    oscillation: Array
+    rest: Array
+    resolved: bool = True
+
+    @property
+    def distance(self) -> float:
+        """A bound of the norm of f - f_h in the dual of H^1."""
+        both = (self.oscillation + self.rest) ** 2
+        return math.sqrt(np.minimum((poincare(self.mesh) * self.oscillation) ** 2 + self.rest**2, both).sum())
+
+    @property
+    def unknown(self) -> float:
+        """What of that is f - p, whose means are not known."""
+        return float(np.linalg.norm(self.rest))
+
+
+def poincare(mesh: Mesh) -> Array:
+    """(m,) the constants C of ||w - mean w||_T <= C |w|_{1,T}."""
+    return longest_edges(mesh.points, mesh.triangles) / J
+
+
+def enclosed(mesh: Mesh, data: Data) -> Source:
+    """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice."""
+    n = len(mesh.triangles)
+    corners, parent, left = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), max(MOST_PIECES, 4 * n)
+    done: list[Pieces] = []
+    while True:
+        pieces, owner = _polynomials(mesh, corners, parent, data)
+        left -= len(owner)
+        rest = _rest(mesh, pieces)
+        squares = np.bincount(owner, rest, len(parent)).astype(float)
+        unknown, enough, count = _sums(mesh, [*done, pieces])
+        wide = squares > (0.5 * enough / count if unknown > enough else np.inf)
+        wide[wide] = squares[wide] > IN_VAIN * _at_points(mesh, corners[wide], parent[wide], data)
+        if 4 * np.count_nonzero(wide) > left:
+            wide &= np.argsort(np.argsort(-squares)) < left // 4
+        done.append(pieces.of(~wide[owner]))
+        if not wide.any():
+            return _projected(mesh, done, resolved=unknown <= RESOLVED * enough)
+        corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
+
+
+def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
+    """The sum of E^2 on all pieces, what it is wanted to be at most, and their number.
+
+    Wanted is a share of ||f - mean f||, of which p shows no more than what exceeds E.
+    """
+    unknown = norm_squared = integral = 0.0
+    for pieces in everything:
+        area = _areas(mesh, pieces)
+        unknown += float(_rest(mesh, pieces).sum())
+        norm_squared += float(area @ _quadratic(pieces.c))
+        integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
+    spread = math.sqrt(max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)) - math.sqrt(unknown)
+    enough = max(ENOUGH * mesh.h * spread, FLOOR * (math.sqrt(norm_squared) - math.sqrt(unknown)), 0.0)
+    return unknown, enough**2, sum(len(pieces.squares) for pieces in everything)
+
+
+def _rest(mesh: Mesh, pieces: Pieces) -> Array:
+    """(k,) the pieces' E^2, a lack in the integral spread over their triangles."""
+    return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
+
+
+def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
+    """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
+    middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
+    known, size = [], _size(mesh)
+    for start in range(0, len(parent), BLOCK):
+        vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
+        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
+    return _areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
+
+
+def _polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
+    """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
+    found, owners = [], []
+    for start in range(0, len(parent), BLOCK):
+        block = slice(start, start + BLOCK)
+        parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
+        found.append(_on_block(mesh, parts, parent[block][owner], data))
+        owners.append(owner + start)
+    along = (0, 0, 0, 1, 0, 0, 0)
+    fields = zip(zip(*found, strict=True), along, strict=True)
+    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
+
+
+def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
+    vertices = corners @ mesh.points[mesh.triangles[parent]]
+    lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
+    order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
+    corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
+    size = _size(mesh)
+    steps, wrong = sides(vertices, data.jumps, size)
+    f, area = _model(vertices, size, data, steps), _areas_of(mesh, corners, parent)
+    outer = area + GAPS * EPS * size * lengths.sum(axis=1)
+    found = Pieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
+    near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
+    for step, at in near.items():
+        here = {each: value[at] for each, value in steps.items()}
+        by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
+        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size), area[at])
+    several = np.sum([*near.values()], axis=0) > 1
+    if several.any():
+        _jumps(found, several, vertices[several], size, data, steps, wrong)
+    return found
+
+
+def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
+    """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
+
+    p is changed by a constant so that its integral is that of f.
+    """
+    lower, upper = by.range
+    middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
+    shift = middle * wrong / area
+    found.c[0, at] += shift
+    found.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
+    found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
+
+
+def _jumps(
+    found: Pieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
+) -> None:
+    """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
+    both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
+    lower, upper = _model(vertices, size, data, both).range
+    doubts = [rounding(vertices, kink, size) for kink in data.jumps.values()]
+    areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
+    second = np.sort(areas, axis=0)[-2]
+    most = (1 + len(areas)) * (upper - lower)
+    found.jumping[at] += most * np.sqrt(len(areas) * second)
+    found.integral[at] += most * len(areas) * second
+
+
+def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
+    """f on pieces of a mesh whose coordinates are at most `size`."""
+    x, y = (_coordinate(vertices[..., i], 4 * EPS * size) for i in range(2))
+    return data.source_model(x, y, steps)
+
+
+def _size(mesh: Mesh) -> float:
+    return float(np.abs(mesh.points).max())
+
+
+def _known(f: Model) -> Array:
+    """(k,) a bound of |f - p|, in which the rounding of p is."""
+    return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
+
+
+def _coordinate(of_vertices: Array, rounding: float) -> Model:
+    """x or y on pieces, from its values (k, 3) at the vertices, which are rounded by that much."""
+    a, b, c = of_vertices.T
+    ends = of_vertices.min(axis=1) - rounding, of_vertices.max(axis=1) + rounding
+    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, rounding)
+
+
+def _areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    return shares(corners) * mesh.areas[parent]
+
+
+def _areas(mesh: Mesh, pieces: Pieces) -> Array:
+    return _areas_of(mesh, pieces.corners, pieces.parent)
+
+
+@cache
+def _moments() -> Array:
+    """(3 + m, m) means on a piece of monomials times its three hats, then times each other."""
+    of = basis(2, ORDER)
+    points, weights = get_quadrature_tri(2 * ORDER)
+    values = np.prod((2 * points[None] - 1) ** of.exponents[..., None], axis=1)
+    hats = np.stack([1 - points.sum(axis=0), *points])
+    return 2 * (np.concatenate([hats, values]) * weights) @ values.T
+
+
+def _quadratic(c: Array) -> Array:
+    """(k,) means of p^2."""
+    return np.maximum(np.einsum("ak,ak->k", c, _moments()[3:] @ c), 0.0)
+
+
+def _projected(mesh: Mesh, done: list[Pieces], resolved: bool) -> Source:
+    n = len(mesh.triangles)
+    moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
+    for pieces in done:
+        own = _areas(mesh, pieces)[:, None] * (_moments()[:3] @ pieces.c).T
+        np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
+        for sums, values in (
+            (rest, pieces.squares),
+            (jumping, pieces.jumping**2),
+            (integral, pieces.integral),
+        ):
+            sums += np.bincount(pieces.parent, values, n)
+    f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
+    for pieces in done:
+        a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
+        left = pieces.c.copy()
+        left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
+        squares += np.bincount(pieces.parent, pieces.outer * _quadratic(left), n)
+    oscillation = np.sqrt(squares) + np.sqrt(jumping)
+    rest = np.sqrt(rest) + integral / np.sqrt(mesh.areas)
+    return Source(mesh, f_h, moments, oscillation, rest, resolved)

@@ -1,0 +1,71 @@
+"""The command line: `unilateral cases`, `unilateral solve` and `unilateral claims`.
+
+Exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, 4 the system or
+this program failed, 130 interrupted. Results go to standard output, messages, one line each, to standard
+error. Only `main` imports what takes long, so that an interrupt and a library that is broken are told as
+well.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+
+from unilateral.cli import streams
+from unilateral.cli.streams import tell
+from unilateral.errors import InputError
+
+FAILED, INTERRUPTED = 4, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: tell(message)
+        code = _guarded(lambda: _run(arguments))
+        return _guarded(_flush) or code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    streams.prepare()
+    return int(streams.load("unilateral.cli.commands").run(arguments))
+
+
+def _flush() -> int:
+    """Or else what is still to be written fails when Python ends."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+    return 0
+
+
+def _guarded(action: Callable[[], int]) -> int:
+    """The action's exit code, or that of its failure, which is told in one line."""
+    try:
+        return action()
+    except InputError as error:
+        tell(error)
+        return error.exit_code
+    except KeyboardInterrupt:
+        tell("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        streams.abandon(sys.stdout)
+        return 0
+    except Exception as error:
+        tell(_reason(error))
+        streams.abandon(sys.stdout)
+        return FAILED
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return "the memory does not suffice; take larger sizes --h and --H or a smaller --max-unknowns"
+    if isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        return f"the system failed: {place}{error.strerror or error}"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(last.filename)}, line {last.lineno}"
+    return f"this program or a library failed, not the input: {type(error).__name__}: {error} ({place})"

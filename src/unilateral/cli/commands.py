@@ -1,0 +1,187 @@
+"""The commands: what they take from the command line, and what they run."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from unilateral import __version__
+from unilateral.accuracy.budget import MAX_UNKNOWNS
+from unilateral.cli.streams import load, say
+from unilateral.errors import InputError
+from unilateral.formulas.formula import real
+from unilateral.geometry.polygon import names
+from unilateral.solvers.iterate import ALGORITHMS, Stop
+
+CLAIM_FAILS = 1
+EXIT_CODES = (
+    "exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, "
+    "4 the system or this program failed, 130 interrupted"
+)
+
+
+def run(arguments: Sequence[str] | None) -> int:
+    """Run what the arguments say; the exit code. Raises InputError for arguments that do not fit."""
+    try:
+        options = _parser().parse_args(arguments)
+    except SystemExit:  # after --help and --version
+        return 0
+    return int(options.run(options))
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message}; see '{self.prog} --help'")
+
+    def _print_message(self, message: str, file: object = None) -> None:
+        """Help and version; argparse's own method keeps silent where they cannot be written."""
+        say(message.rstrip("\n"))
+
+
+def _parser() -> _Parser:
+    parser = _Parser(
+        prog="unilateral",
+        allow_abbrev=False,
+        description="Mixed finite elements for unilateral problems, verified.",
+        epilog=EXIT_CODES,
+    )
+    parser.add_argument("--version", action="version", version=f"unilateral {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    common: dict[str, Any] = {"allow_abbrev": False, "epilog": EXIT_CODES}
+    cases = commands.add_parser("cases", help="list the manufactured cases with their certificates", **common)
+    cases.set_defaults(run=_cases)
+    claims = commands.add_parser(
+        "claims", help="judge the paper's statements by the study's results", **common
+    )
+    claims.set_defaults(run=_claims)
+    claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
+    claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
+    _add_solve(commands.add_parser("solve", help="solve one problem, with its errors", **common))
+    return parser
+
+
+def _add_solve(solve: argparse.ArgumentParser) -> None:
+    solve.set_defaults(run=_solve)
+    solve.description = (
+        "Solve one problem, on given sizes --h and --H or up to an --accuracy that is then guaranteed."
+    )
+    solve.add_argument(
+        "problem", metavar="PROBLEM", help="a case's name, or a YAML file that declares a case or a problem"
+    )
+    solve.add_argument("--json", action="store_true", help="print one JSON object")
+    sizes = solve.add_argument_group("on given sizes")
+    sizes.add_argument("--h", type=_positive, help="mesh size on the boundary, such as 1/64")
+    sizes.add_argument("--H", type=_positive, help="size of the multiplier's cells, such as 1/32")
+    sizes.add_argument(
+        "--tolerance", type=_positive, help="of the algebraic bound (default 1 %% of the errors)"
+    )
+    goal = solve.add_argument_group("up to an accuracy")
+    goal.add_argument(
+        "--accuracy",
+        type=_positive,
+        help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C, after a mesh, keeps the best so far",
+    )
+    goal.add_argument("--norm", choices=("h1", "hm12"), help="of u in H1 (default) or of lambda in H^(-1/2)")
+    goal.add_argument(
+        "--max-unknowns",
+        type=_count,
+        metavar="N",
+        help=f"on the finest mesh (default {MAX_UNKNOWNS}, about 3 GB)",
+    )
+    goal.add_argument(
+        "--max-seconds", type=_positive, metavar="S", help="no mesh is begun that is expected to end later"
+    )
+    domain = solve.add_argument_group("domain and multipliers")
+    domain.add_argument("--polygon", help=f"of a case: {' or '.join(names())} (default: the case's first)")
+    domain.add_argument("--side", type=int, help="on which a case is put (default 0)")
+    domain.add_argument(
+        "--free-sides", type=_sides, metavar="I,J,...", help="of a case: sides without contact, as free ones"
+    )
+    domain.add_argument(
+        "--leave-out-idle-sides",
+        action="store_true",
+        help="of a problem: no multipliers on sides that provably carry no contact",
+    )
+    domain.add_argument(
+        "--mesh",
+        metavar="KIND|FILE",
+        help="structured, unstructured (default: structured where there is one), or a file with triangles",
+    )
+    method = solve.add_argument_group("iteration")
+    method.add_argument(
+        "--algorithm", choices=ALGORITHMS, default="auto", help="default auto: uzawa where it can"
+    )
+    method.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
+    method.add_argument(
+        "--max-steps",
+        type=_count,
+        default=Stop.max_steps,
+        help=f"of all but active_set (default {Stop.max_steps})",
+    )
+
+
+def _positive(text: str) -> float:
+    try:
+        value = real(text, "")
+    except InputError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}' must be a positive number or a fraction such as 1/64")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' must be a whole number of at least 1")
+    return int(text)
+
+
+def _sides(text: str) -> tuple[int, ...]:
+    parts = text.split(",")
+    if not all(part.isdecimal() for part in parts):
+        raise argparse.ArgumentTypeError(f"'{text}' must be numbers of sides such as 1,2,3")
+    return tuple(sorted({int(part) for part in parts}))
+
+
+def _cases(_: argparse.Namespace) -> int:
+    for line in load("unilateral.cli.cases").listing():
+        print(line)
+    return 0
+
+
+def _claims(options: argparse.Namespace) -> int:
+    claims = load("unilateral.study.judge.claims")
+    results = claims.Results(options.results)
+    if options.claim is None:
+        found = claims.judge(results)
+        print(claims.summary(found))
+    else:
+        found = claims.judge(results, [claims.find(options.claim)])
+        print(claims.explanation(found[0]))
+    return 0 if all(each.holds for each in found) else CLAIM_FAILS
+
+
+def _solve(options: argparse.Namespace) -> int:
+    _check_alternatives(options)
+    options.max_unknowns = options.max_unknowns or MAX_UNKNOWNS
+    return int(load("unilateral.cli.solve").run(options))
+
+
+def _check_alternatives(options: argparse.Namespace) -> None:
+    """Raises InputError unless the options are those of given sizes, or those of an accuracy."""
+    given = {name for name, value in vars(options).items() if value is not None}
+    if options.accuracy is None:
+        needed = ("h", "H") if options.mesh in (None, "structured", "unstructured") else ("H",)
+        missing = [name for name in needed if name not in given]
+        if missing:
+            named = " and ".join(f"--{name}" for name in needed)
+            raise InputError(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
+        wrong, why = {"norm", "max_unknowns", "max_seconds"} & given, "is only for --accuracy"
+    else:
+        if options.accuracy >= 1:
+            raise InputError("argument --accuracy: it is relative and must be below 1, such as 1e-2")
+        wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
+    for name in sorted(wrong):
+        raise InputError(f"--{name.replace('_', '-')} {why}")

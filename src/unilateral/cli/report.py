@@ -1,0 +1,111 @@
+"""What `unilateral solve` prints."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from unilateral.accuracy.budget import limits
+from unilateral.accuracy.level import Goal, Level, unknowable
+from unilateral.accuracy.search import Search
+from unilateral.bounds.total import TotalBound
+from unilateral.solvers.uzawa import DualResult
+
+ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
+SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
+NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
+COLUMNS = ("h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
+
+
+def head(found: dict[str, Any]) -> str:
+    ratio = found["h"] / found["H"]
+    return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
+
+
+def table(
+    found: dict[str, Any], result: DualResult, bound: TotalBound | None, as_json: bool, unique: bool = True
+) -> str:
+    """One JSON object with null for what is unknown, or rows for a reader."""
+    if as_json:
+        return json.dumps({key: None if _unknown(value) else value for key, value in found.items()})
+    steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
+    outcome = "converged" if result.converged else "NOT converged"
+    rows = {
+        "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
+        f"{result.algorithm} {outcome}": f"algebraic error <= {result.bound:.4e}, guaranteed{steps}",
+    }
+    if not _unknown(found["h1_error"]):
+        rows |= _errors(found)
+    if bound is not None:
+        rows["guaranteed"] = f"{ERROR['h1']} <= {bound.u:.4e}, {ERROR['hm12']} <= {bound.lambda_:.4e}"
+        rows["the guarantee rests on"] = rests_on(bound)
+    if not unique:
+        rows["lambda_H"] = NOT_UNIQUE
+    rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
+    return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
+
+
+def _errors(found: dict[str, Any]) -> dict[str, str]:
+    """The rows of the true errors."""
+
+    def number(key: str) -> str:
+        return why if _unknown(found[key]) else f"{found[key]:.4e}"
+
+    beta_is_0 = _unknown(found["hm12_error_lower"])
+    why = "not judged, for beta = 0" if beta_is_0 else "none, for lambda is not in L2"
+    dual = f" = {why}" if beta_is_0 else f">= {number('hm12_error_lower')}"
+    if not _unknown(found["hm12_error_upper"]):
+        dual += f", <= {number('hm12_error_upper')}"
+    return {
+        ERROR["h1"]: f" = {number('h1_error')}",
+        ERROR["hm12"]: dual,
+        "||lambda - lambda_H||_0": f" = {number('l2_error')}",
+    }
+
+
+def level_head(name: str, goal: Goal, first: Level) -> str:
+    """What is wanted, the columns' names and the first level."""
+    columns = "".join(f"{column:>12}" for column in COLUMNS)
+    wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g} {SIZE[goal.norm]}"
+    return "\n".join([wanted, columns, level_line(first, goal)])
+
+
+def level_line(level: Level, goal: Goal) -> str:
+    solved = level.solved
+    numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.spaces.cells)]
+    numbers += [solved.result.iterations, solved.algebraic(goal.norm), solved.total(goal.norm), level.target]
+    return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
+
+
+def ending(search: Search) -> str:
+    """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
+    goal, best = search.goal, search.best.solved
+    if not search.believed:
+        return f"  NOT certified, {search.ended}: no bound is left"
+    error, size = best.total(goal.norm), best.size(goal.norm)
+    reached = f"{ERROR[goal.norm]} <= {error:.4e}"
+    if size > 0:
+        reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
+    if search.best.certified:
+        return f"  certified: {reached}"
+    if best.bound and unknowable(search.done[-1]) and not search.ended:
+        unknown = best.bound.unknown
+        return (
+            f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
+            f"{unknown:.4e} is what is not known of them; {error - unknown:.4e}, the rest, is an estimate"
+        )
+    why = search.ended or f"out of budget ({', '.join(limits(search.done, goal))})"
+    nothing = goal.norm == "hm12" and best.lambda_norm == 0
+    return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
+
+
+def rests_on(bound: TotalBound) -> str:
+    """What the guarantee needs, in one line."""
+    return (
+        f"f and g enclosed, which adds {bound.unknown:.1e}; exact integrals, rounding added; nothing sampled"
+    )
+
+
+def _unknown(value: Any) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)

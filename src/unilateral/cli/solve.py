@@ -1,0 +1,157 @@
+"""The command `unilateral solve`: a case or a problem, on given sizes or up to an accuracy."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from unilateral import api
+from unilateral.accuracy.level import Goal, Level
+from unilateral.accuracy.search import INTERRUPTED as BY_USER
+from unilateral.accuracy.search import Search
+from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, table
+from unilateral.cli.streams import say, tell
+from unilateral.errors import InputError
+from unilateral.memory import peak_mb
+from unilateral.problems import problem_file
+from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
+from unilateral.solution import Solution
+from unilateral.solvers.iterate import Stop
+
+NOT_CONVERGED, INTERRUPTED = 3, 130
+CHEAP = 20_000
+"""Unknowns up to which a case's errors on given sizes are accompanied by their guaranteed bounds."""
+Found = dict[str, Any]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Solve and report; the exit code."""
+    begin = time.perf_counter()
+    problem = _problem(options)
+    if options.accuracy is not None:
+        return _up_to_accuracy(options, problem, begin)
+    mesh = _mesh(options.mesh, problem)
+    found = api.solve(problem, options.h, options.H, mesh=mesh, stop=_stop(options))
+    bounded = not isinstance(problem, Case) or found.mesh.n_nodes <= CHEAP
+    printed = _printed(found) | {"total_bound": found.bounds.u if bounded and found.bounds else math.nan}
+    unique = not found.solved.discrete.spaces.operator.singular
+    if not unique:
+        tell(f"lambda_H {NOT_UNIQUE}")
+    _add_cost(printed, begin)
+    if not options.json:
+        say(head(printed))
+    bound = found.solved.bound if bounded else None
+    say(table(printed, found.solved.result, bound, options.json, unique))
+    return 0 if found.converged else NOT_CONVERGED
+
+
+def _problem(options: argparse.Namespace) -> Case | Problem:
+    """What is to be solved, with its free sides."""
+    name = options.problem
+    if problem_file.is_declared_in(name):
+        for option in ("polygon", "side", "free_sides"):
+            if getattr(options, option) is not None:
+                raise InputError(f"--{option.replace('_', '-')} is for cases; {name} declares a problem")
+        problem = problem_file.load(name)
+        return problem.without_idle_sides() if options.leave_out_idle_sides else problem
+    if options.leave_out_idle_sides:
+        raise InputError("--leave-out-idle-sides is for problem files; of a case name --free-sides")
+    return api.case(name, options.polygon, options.side or 0, options.free_sides or ())
+
+
+def _mesh(given: str | None, problem: Case | Problem) -> Any:
+    """The kind of mesh, or the mesh in a file of that name."""
+    if given in (None, "structured", "unstructured"):
+        return given or ""
+    if not Path(given).is_file():
+        raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
+    return api.mesh(given, problem.polygon)
+
+
+def _up_to_accuracy(options: argparse.Namespace, problem: Case | Problem, begin: float) -> int:
+    goal = Goal(options.accuracy, options.norm or "h1", options.max_unknowns, options.max_seconds or math.inf)
+    found = api.solve(
+        problem,
+        accuracy=goal.accuracy,
+        norm=goal.norm,
+        mesh=_mesh(options.mesh, problem),
+        stop=_stop(options),
+        max_unknowns=goal.max_unknowns,
+        max_seconds=goal.max_seconds,
+        tell=None if options.json else _told(problem.name, goal),
+    )
+    search = found.search
+    assert search is not None
+    _tell_faults(search)
+    printed = _printed(found) | {
+        "converged": found.certified,
+        "total_bound": search.best.solved.total(goal.norm) if search.believed else math.nan,
+    }
+    _add_cost(printed, begin)
+    if not options.json:
+        say(ending(search))
+    bound = found.solved.bound if search.believed else None
+    say(table(printed, found.solved.result, bound, options.json))
+    if search.ended == BY_USER:
+        return INTERRUPTED
+    return 0 if found.certified else NOT_CONVERGED
+
+
+def _told(name: str, goal: Goal) -> Callable[[Level], None]:
+    """Prints each level when it is done, the first one below what is wanted."""
+    first = True
+
+    def one(level: Level) -> None:
+        nonlocal first
+        say(level_head(name, goal, level) if first else level_line(level, goal))
+        first = False
+
+    return one
+
+
+def _tell_faults(search: Search) -> None:
+    if search.refusal is not None:
+        tell(search.refusal)
+    if len(search.believed) < len(search.done):
+        withdrawn = len(search.done) - len(search.believed)
+        tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
+
+
+def _stop(options: argparse.Namespace) -> Stop:
+    return Stop(
+        tolerance=options.tolerance,
+        max_steps=options.max_steps,
+        algorithm=options.algorithm,
+        rho=options.rho,
+    )
+
+
+def _printed(found: Solution) -> Found:
+    """What --json prints, the bound and the cost still unknown."""
+    discrete, errors = found.solved.discrete, found.errors
+    return {
+        "problem": discrete.data.name if discrete.data else None,
+        "h": found.mesh.h,
+        "diameter": found.mesh.diameter,
+        "H": found.partition.H,
+        "unknowns": found.mesh.n_nodes,
+        "multipliers": len(discrete.spaces.cells),
+        "iterations": found.iterations,
+        "converged": found.converged,
+        "algebraic_bound": found.solved.result.bound,
+        "h1_error": errors.h1 if errors else math.nan,
+        "hm12_error_lower": errors.hm12_lower if errors else math.nan,
+        "hm12_error_upper": errors.hm12_upper if errors else math.nan,
+        "l2_error": errors.l2 if errors else math.nan,
+        "total_bound": math.nan,
+    }
+
+
+def _add_cost(printed: Found, begin: float) -> None:
+    printed["seconds"] = time.perf_counter() - begin
+    printed["peak_mb"] = peak_mb()

@@ -1,0 +1,1 @@
+"""Linear finite elements: quadrature, matrices, loads, and the elimination of the interior unknowns."""

@@ -1,0 +1,92 @@
+"""P1 matrices and loads, the paper's (u, v)_1 and (f, v)_0 on V_h, and the pairing <mu_H, v_h>."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from unilateral.errors import InputError
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+
+Array = NDArray[np.float64]
+
+
+def gradients(mesh: Mesh) -> tuple[Array, Array]:
+    """Gradients (m, 3, 2) of the barycentric functions of each triangle, and the areas (m,)."""
+    corners = mesh.points[mesh.triangles]
+    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    first, second = opposite[:, 1], opposite[:, 2]
+    twice_area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    turned = np.stack([-opposite[..., 1], opposite[..., 0]], axis=-1)
+    return turned / twice_area[:, None, None], 0.5 * twice_area
+
+
+def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
+    """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
+    slopes, areas = gradients(mesh)
+    stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
+    return _assemble(mesh, stiffness), _assemble(mesh, mass)
+
+
+def load(mesh: Mesh, moments: Array) -> Array:
+    """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
+    values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
+    return values.astype(float)
+
+
+def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
+    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
+    slopes, _ = gradients(mesh)
+    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
+
+
+def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
+    """B (cells, boundary nodes): B[i, j] is the integral of the boundary node j's hat over cell i.
+
+    So <mu_H, v_h> = mu . B v on the boundary values v of v_h, and B v / H_i are v_h's cell means.
+    Raises InputError if the partition belongs to another polygon than the mesh.
+    """
+    if not np.array_equal(mesh.polygon.vertices, partition.polygon.vertices):
+        raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
+    points = np.union1d(partition.points, mesh.s)
+    left, right = points[:-1], points[1:]
+    cell = np.clip(np.searchsorted(partition.points, left, side="right") - 1, 0, partition.n_cells - 1)
+    nb = len(mesh.boundary)
+    edge = np.clip(np.searchsorted(mesh.s, left, side="right") - 1, 0, nb - 1)
+    length = right - left
+    position = (0.5 * (left + right) - mesh.s[edge]) / np.diff(mesh.s)[edge]
+    values = np.concatenate([length * (1 - position), length * position])
+    columns = np.concatenate([edge, (edge + 1) % nb])
+    return sp.coo_array((values, (np.tile(cell, 2), columns)), shape=(partition.n_cells, nb)).tocsr()
+
+
+def boundary_mass(mesh: Mesh) -> sp.csr_array:
+    """(nb, nb) mass matrix of the boundary hats: the L2 product of traces on the boundary."""
+    nb = len(mesh.boundary)
+    start = np.arange(nb)
+    end = (start + 1) % nb
+    sixth = np.diff(mesh.s) / 6
+    values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
+    rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
+    return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()
+
+
+def h1_norm(mesh: Mesh, v: Array) -> float:
+    """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel."""
+    slopes, areas = gradients(mesh)
+    nodal = v[mesh.triangles]
+    of_gradient = np.sum(np.einsum("tid,ti->td", slopes, nodal) ** 2, axis=1)
+    of_value = (nodal.sum(axis=1) ** 2 + (nodal**2).sum(axis=1)) / 12
+    return math.sqrt(float(areas @ (of_gradient + of_value)))
+
+
+def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:
+    rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
+    columns = np.tile(mesh.triangles, (1, 3)).ravel()
+    n = len(mesh.points)
+    return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(n, n)).tocsr()

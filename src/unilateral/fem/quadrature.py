@@ -1,0 +1,189 @@
+"""Quadrature that sees a case's singular points and kinks.
+
+On the boundary: Gauss points on the common refinement of given cuts and the singular points, in the
+variable tau = |s - p|^(1/k) about the nearest singular point p, so that powers of s - p with exponents
+in multiples of 1/k are polynomials. In Omega: a symmetric rule on every triangle; triangles that a kink
+crosses are subdivided, triangles near a singular point are subdivided towards it, and those that contain
+it are split there and mapped (Duffy) with r = tau^k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from math import lcm
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.fem.splitting import Irregular, split_triangles
+from unilateral.geometry.curves import Singular
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+GAUSS = 16
+DEGREE = 8
+FINE_DEGREE = 5
+FINE = 1 / 64
+"""Of the shortest side and four times a cutoff's radius: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
+STRONG, TOWARDS = 2, 6
+"""Gradings above which the rule is cut towards a point, and how often."""
+BLOCK = 1 << 13
+
+
+class BoundaryRule(NamedTuple):
+    """Points by side (Q,) and arc length from the side's start s (Q,); weight (Q,); the cut interval (Q,).
+
+    `near`: the nearest vertex or singular point t (Q,) of the side, in side lengths, and the arc length (Q,)
+    from it, which s rounds.
+    """
+
+    side: Index
+    s: Array
+    weight: Array
+    interval: Index
+    near: tuple[Array, Array]
+
+    def integrate(self, values: Array, n_intervals: int) -> Array:
+        """(n_intervals,) integrals of the values (Q,) over the intervals."""
+        return np.bincount(self.interval, self.weight * values, n_intervals).astype(float, copy=False)
+
+
+def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = ()) -> BoundaryRule:
+    """A rule on every interval between the arc lengths `cuts` (k + 1,), which contain the vertices.
+
+    With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
+    are made of.
+    """
+    anchors, grading, place = _anchors(polygon, singular)
+    between = 0.5 * (anchors[1:] + anchors[:-1])
+    edges = np.union1d(cuts, np.concatenate([anchors, between, *_towards(anchors, between, grading)]))
+    edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
+    a, b = edges[:-1], edges[1:]
+    middle = 0.5 * (a + b)
+    nearest = np.searchsorted(between, middle)
+    p, k = anchors[nearest], grading[nearest][:, None]
+    sign = np.where(middle >= p, 1.0, -1.0)[:, None]
+    ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
+    x, w = np.polynomial.legendre.leggauss(GAUSS)
+    low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
+    tau = low + 0.5 * (high - low) * (x + 1)
+    offset = sign * tau**k
+    s = p[:, None] + offset
+    weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
+    side = np.searchsorted(polygon.starts, middle, side="right") - 1
+    interval = np.searchsorted(cuts, middle, side="right") - 1
+    t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
+    return BoundaryRule(
+        np.repeat(side, GAUSS),
+        (s - polygon.starts[side][:, None]).ravel(),
+        weight.ravel(),
+        np.repeat(interval, GAUSS),
+        (np.repeat(t, GAUSS), offset.ravel()),
+    )
+
+
+def _anchors(polygon: Polygon, singular: Iterable[Singular]) -> tuple[Array, Array, Array]:
+    """Arc lengths of the vertices and singular points, increasing, their gradings, and places t on a side."""
+    found = {s: (1, 0.0) for s in polygon.starts.tolist()}
+    for p in singular:
+        s = polygon.arc_length(p.side, p.t)
+        found[s] = (lcm(found.get(s, (1, 0.0))[0], p.grading), p.t)
+    anchors = np.array(sorted(found))
+    grading, place = np.array([found[s] for s in anchors.tolist()], dtype=float).T
+    return anchors, grading, place
+
+
+def _towards(anchors: Array, between: Array, grading: Array) -> list[Array]:
+    """Points at fractions 2^-j of the way from strongly graded anchors to the middles beside them.
+
+    What multiplies the power there is then all but constant on the first interval.
+    """
+    shares = 0.5 ** np.arange(1, TOWARDS + 1)
+    strong = grading > STRONG
+    after, before = strong[:-1], strong[1:]
+    return [
+        (a[:, None] + (m - a)[:, None] * shares).ravel()
+        for a, m in ((anchors[:-1][after], between[after]), (anchors[1:][before], between[before]))
+    ]
+
+
+@dataclass(frozen=True)
+class TriangleRule:
+    """q points in each of k pieces of triangles.
+
+    `triangle` (k,) says whose pieces they are; `barycentric` (k, q, 3) and `weight` (k, q) belong to the
+    points, whose places are `origin` + `offset` (k q, 2); where there is a singular point it is the origin.
+    """
+
+    triangle: Index
+    barycentric: Array
+    weight: Array
+    origin: Array
+    offset: Array | float = 0.0
+
+    @property
+    def points(self) -> Array:
+        """(k q, 2) the places, rounded."""
+        return self.origin + self.offset
+
+
+def triangle_rules(mesh: Mesh, case: Irregular, degree: int | None = None) -> Iterator[TriangleRule]:
+    """Rules which together cover the mesh, in blocks that keep memory bounded.
+
+    Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE.
+    """
+    split = split_triangles(mesh, case)
+    special = np.zeros(len(mesh.triangles), dtype=bool)
+    special[split.parent] = True
+    for apart in split.singular:
+        special[apart.parent] = True
+    regular = np.flatnonzero(~special)
+    whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
+    radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
+    fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
+    of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
+    for corners, index, exact in (
+        (whole, regular, of_whole),
+        (split.corners, split.parent, of_pieces),
+    ):
+        for start in range(0, len(index), BLOCK):
+            block = slice(start, start + BLOCK)
+            yield _place(mesh, corners[block], index[block], *_symmetric(exact))
+    for apart in split.singular:
+        rule = _place(mesh, apart.corners, apart.parent, *_duffy(of_pieces, apart.grading))
+        edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point
+        weights = _duffy(of_pieces, apart.grading)[0][:, 1:]
+        yield replace(rule, origin=apart.point[None], offset=(weights @ edges).reshape(-1, 2))
+
+
+@cache
+def _symmetric(degree: int) -> tuple[Array, Array]:
+    """Barycentric points (q, 3) and weights (q,) with sum 1."""
+    points, weights = get_quadrature_tri(degree)
+    return np.column_stack([1 - points.sum(axis=0), *points]), 2 * weights
+
+
+@cache
+def _duffy(degree: int, grading: int) -> tuple[Array, Array]:
+    """Graded to the first corner: a fraction tau^grading away from it, Gauss points in tau and across."""
+    x, w = np.polynomial.legendre.leggauss(degree * min(grading, 4))
+    y, v = np.polynomial.legendre.leggauss(degree)
+    tau, across = 0.5 * (x[:, None] + 1), 0.5 * (y + 1)
+    rho = tau**grading
+    weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
+    points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
+    return points.reshape(-1, 3), weight.ravel()
+
+
+def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:
+    """The rule on the pieces with barycentric corners (k, 3, 3) of the triangles `index` (k,)."""
+    vertices = corners @ mesh.points[mesh.triangles[index]]
+    a, b, c = np.moveaxis(corners, 1, 0)
+    share = np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[index]
+    return TriangleRule(index, points @ corners, np.outer(share, weights), (points @ vertices).reshape(-1, 2))

@@ -1,0 +1,123 @@
+"""V_h x Lambda_H on one mesh and one partition: the coupling B, and the dual operator D = B A_3^{-1} B^T."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.linalg import eigvalsh, solve_triangular
+
+from unilateral.fem.condense import Condensed
+from unilateral.fem.p1 import coupling
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+
+Array = NDArray[np.float64]
+SINGULAR = 1e-12
+"""lambda_min / lambda_max of S below which beta counts as 0."""
+STEKLOV_GUARD = 0.5
+"""sigma_1 is known from above, by its Ritz value; half of it is taken where beta is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class DualOperator:
+    """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and |Omega|.
+
+    mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||_1; column i of
+    `half` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}.
+    """
+
+    half: Array
+    H_i: Array
+    area: float
+
+    @cached_property
+    def D(self) -> Array:
+        """(m, m), symmetric and semidefinite."""
+        return self.half.T @ self.half
+
+    @cached_property
+    def S(self) -> Array:
+        """(m, m) D on the unknowns H_i^{1/2} mu_i, whose Euclidean norm is ||mu||_0."""
+        root = np.sqrt(self.H_i)
+        return self.D / root[:, None] / root
+
+    @cached_property
+    def spectrum(self) -> Array:
+        """(m,) eigenvalues of S, ascending."""
+        return eigvalsh(self.S)
+
+    @property
+    def lambda_min(self) -> float:
+        return float(self.spectrum[0])
+
+    @property
+    def lambda_max(self) -> float:
+        return float(self.spectrum[-1])
+
+    @property
+    def singular(self) -> bool:
+        """Whether S, and with it beta, is zero on some mu, to rounding."""
+        return self.lambda_min <= SINGULAR * self.lambda_max
+
+    def gap(self, mu: Array, offset: Array) -> Array:
+        """F (m,): the cell means of u(mu) - g, the offset being F(0); one application of D."""
+        return self.D @ mu / self.H_i + offset
+
+
+@dataclass(frozen=True, eq=False)
+class MixedSpaces:
+    """A condensed mesh and a partition, coupled by B (m, nb).
+
+    B and the dual operator belong to the m `cells` of the partition, those that lie on no free side.
+    """
+
+    condensed: Condensed
+    partition: Partition
+    cells: NDArray[np.intp]
+    B: sp.csr_array
+    operator: DualOperator
+
+    @property
+    def mesh(self) -> Mesh:
+        return self.condensed.mesh
+
+    @cached_property
+    def beta(self) -> float:
+        """What serves as beta of (3.4) without a Gram matrix, for ||e||_{-1/2} <= sigma_1^{-1/2} ||e||_0."""
+        if not len(self.cells):
+            return 1.0
+        return math.sqrt(STEKLOV_GUARD * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
+
+    def extended(self, lambda_H: Array) -> Array:
+        """lambda_H (m,) as a function on all cells, 0 on free sides."""
+        found = np.zeros(self.partition.n_cells)
+        found[self.cells] = lambda_H
+        return found
+
+    def response(self, load: Array, mu: Array) -> Array:
+        """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,)."""
+        total = load.copy()
+        total[self.mesh.boundary] += self.B.T @ mu
+        return self.condensed.solve(total)
+
+
+def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int] = ()) -> MixedSpaces:
+    """The spaces on a mesh and a partition; `free` sides have no multiplier.
+
+    Raises InputError if the partition belongs to another polygon than the mesh.
+    """
+    cells = np.flatnonzero(~np.isin(partition.side, free))
+    B = coupling(condensed.mesh, partition)[cells]
+    return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))
+
+
+def dual_operator(condensed: Condensed, B: sp.csr_array, H_i: Array) -> DualOperator:
+    """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,)."""
+    half = solve_triangular(condensed.cholesky, B.T.toarray(), trans="T", check_finite=False)
+    return DualOperator(half, H_i, condensed.mesh.polygon.area)

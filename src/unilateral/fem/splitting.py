@@ -1,0 +1,171 @@
+"""Triangles cut into pieces on which a case's solution is smooth enough for a quadrature rule.
+
+Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh. Pieces
+that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than KINK_SIZE of the
+shortest side (but no side counts as shorter than SHORTEST of the longest) and than KINK_SHARE of a circle's
+radius. Towards a singular point pieces are
+quartered until they are small against their distance from it; the piece that contains the point is split
+there into pieces that have it as their first corner, after it is small against the distance of other points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.geometry.curves import Kink, Singular
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+KINK_LEVELS = 2
+KINK_SIZE = 1 / 256
+KINK_SHARE = 1 / 64
+SHORTEST = 1 / 64
+"""Of the longest side: no kink far away is resolved any better because some side is shorter."""
+NEAR_LEVELS = 24
+NEAR = 3.0
+ON_CORNER = 1e-10
+
+
+class Irregular(Protocol):
+    """A problem on a polygon that says where it is not smooth."""
+
+    @property
+    def polygon(self) -> Polygon: ...
+
+    def kinks(self) -> list[Kink]:
+        """The curves in Omega across which u is only finitely smooth."""
+
+    def flux_singular(self) -> list[Singular]:
+        """The points of sides at which u in Omega behaves like a fractional power."""
+
+    def singular(self) -> list[Singular]:
+        """The points of the sides at which u, lambda or g are not smooth."""
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), whose first corner is a singular point (2,)."""
+
+    corners: Array
+    parent: Index
+    point: Array
+    grading: int
+
+
+@dataclass(frozen=True)
+class Split:
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at each singular point.
+
+    Every triangle that occurs is covered once; those that do not occur need no splitting.
+    """
+
+    corners: Array
+    parent: Index
+    singular: list[Apart]
+
+
+def split_triangles(mesh: Mesh, case: Irregular) -> Split:
+    """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
+    corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
+    points, kinks = _singular_points(case), case.kinks()
+    lengths = case.polygon.lengths
+    smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
+    singular = []
+    corners, parent = _one_point_each(mesh, corners, parent, [point for point, _ in points])
+    for point, grading in points:
+        holds = _contains(mesh, corners, parent, point)
+        singular.append(Apart(*_at_corner(mesh, corners[holds], parent[holds], point), point, grading))
+        corners, parent = corners[~holds], parent[~holds]
+    done: list[tuple[Array, Index]] = []
+    for level in range(NEAR_LEVELS):
+        centre, radius = _circle(mesh, corners, parent)
+        marked = np.zeros(len(parent), dtype=bool)
+        for point, _ in points:
+            marked |= np.hypot(*(centre - point).T) < NEAR * radius
+        for kink in kinks:
+            fine = min(smallest, KINK_SHARE * kink.radius) if kink.radius else smallest
+            coarse = radius > (0.0 if level < KINK_LEVELS else fine)
+            marked |= coarse & (np.abs(kink.level(centre)) < radius)
+        if level > 0:
+            done.append((corners[~marked], parent[~marked]))
+        corners, parent = quarter(corners[marked]), np.repeat(parent[marked], 4)
+    done.append((corners, parent))
+    corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
+    return Split(corners, parent, singular)
+
+
+def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Array]) -> tuple[Array, Index]:
+    """Pieces quartered until those that contain a point have no other one near."""
+    for _ in range(NEAR_LEVELS):
+        centre, radius = _circle(mesh, corners, parent)
+        holds, near = (np.zeros(len(parent), dtype=np.intp) for _ in range(2))
+        for point in points:
+            close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR * radius)
+            near[close] += 1
+            holds[close] += _contains(mesh, corners[close], parent[close], point)
+        crowded = (holds > 0) & (near > 1)
+        if not crowded.any():
+            break
+        corners = np.concatenate([corners[~crowded], quarter(corners[crowded])])
+        parent = np.concatenate([parent[~crowded], np.repeat(parent[crowded], 4)])
+    return corners, parent
+
+
+def _singular_points(case: Irregular) -> list[tuple[Array, int]]:
+    polygon = case.polygon
+    points = case.flux_singular()
+    sides, t = np.array([p.side for p in points], dtype=np.intp), np.array([p.t for p in points])
+    return list(zip(polygon.at(sides, t * polygon.lengths[sides]), (p.grading for p in points), strict=True))
+
+
+def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    return corners @ mesh.points[mesh.triangles[parent]]
+
+
+def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
+    """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
+    vertices = _vertices(mesh, corners, parent)
+    centre = vertices.mean(axis=1)
+    away = vertices - centre[:, None]
+    return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
+
+
+def _barycentric(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
+    """(k, 3) barycentric coordinates of a point of the plane in the pieces."""
+    a, b, c = np.moveaxis(_vertices(mesh, corners, parent) - point, 1, 0)
+    areas = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)
+    return areas / areas.sum(axis=1, keepdims=True)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> NDArray[np.bool_]:
+    return np.all(_barycentric(mesh, corners, parent, point) > -ON_CORNER, axis=1)
+
+
+def _at_corner(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple[Array, Index]:
+    """The up to three pieces of each piece that join the point to an edge, the point their first corner."""
+    weights = _barycentric(mesh, corners, parent, point)
+    apex = (weights[:, None] @ corners)[:, 0]
+    pieces = [np.stack([apex, corners[:, i], corners[:, (i + 1) % 3]], axis=1) for i in range(3)]
+    proper = [weights[:, (i + 2) % 3] > ON_CORNER for i in range(3)]
+    return (
+        np.concatenate([piece[keep] for piece, keep in zip(pieces, proper, strict=True)]),
+        np.concatenate([parent[keep] for keep in proper]),
+    )
+
+
+def quarter(corners: Array) -> Array:
+    """(4k, 3, 3) the four congruent parts of each piece."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)

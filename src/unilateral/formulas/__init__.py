@@ -1,0 +1,1 @@
+"""Formulas: parsed by a whitelist, evaluated on arrays, and enclosed with guaranteed remainders."""

@@ -1,0 +1,217 @@
+"""Elementary functions of Taylor models, and the formulas that are made of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import reduce
+from typing import Any
+
+import numpy as np
+import sympy
+
+from unilateral.formulas import interval
+from unilateral.formulas.formula import pos
+from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.positive import rounded
+from unilateral.formulas.taylor import (
+    EPS,
+    OF_FUNCTIONS,
+    Model,
+    by_part,
+    composed,
+    constant,
+    number,
+    series,
+    settled,
+)
+
+Function = Callable[[Model], Model]
+Range = Callable[[Interval], Interval]
+Steps = Mapping[sympy.Expr, Array]
+
+OF_TANH = 1024 * EPS
+"""The error of a Taylor coefficient: every step of the recursion at most doubles the error before it."""
+AROUND_TANH = math.tan(1.0)
+"""The largest |tanh| up to a distance of 1 from the real axis."""
+
+
+def _around(a: Model) -> tuple[Array, Interval, int]:
+    """The constant term, an interval that contains it and all values, and n."""
+    at = a.c[0]
+    return at, (np.fmin(a.range[0], at), np.fmax(a.range[1], at)), a.basis.order
+
+
+def _factorials(n: int) -> Array:
+    return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
+
+
+def exp(a: Model) -> Model:
+    at, values, n = _around(a)
+    fact = _factorials(n)
+    with np.errstate(all="ignore"):
+        range_ = interval.exp(a.range)
+        return composed(a, np.exp(at) / fact[:-1], interval.exp(values)[1] / fact[-1], range_)
+
+
+def _wave(shift: int, range_of: Range) -> Function:
+    def function(a: Model) -> Model:
+        at, _, n = _around(a)
+        fact, turns = _factorials(n), [np.sin(at), np.cos(at), -np.sin(at), -np.cos(at)]
+        found = np.stack([turns[(k + shift) % 4] for k in range(n + 1)]) / fact[:-1]
+        # sin and cos are accurate to a unit of 1, not relatively
+        return composed(a, found, 1 / fact[-1] + 0 * at, range_of(a.range), error=4 * EPS)
+
+    return function
+
+
+def _hyperbolic(first: Any, second: Any, range_of: Range) -> Function:
+    def function(a: Model) -> Model:
+        at, values, n = _around(a)
+        fact = _factorials(n)
+        with np.errstate(all="ignore"):
+            found = np.stack([(first, second)[k % 2](at) for k in range(n + 1)]) / fact[:-1]
+            last = interval.cosh(values)[1] / fact[-1]
+            return composed(a, found, last, range_of(a.range))
+
+    return function
+
+
+def tanh(a: Model) -> Model:
+    """By y' = 1 - y^2, and Cauchy's estimate on circles of radius 1."""
+    at, _, n = _around(a)
+    y = np.zeros((n + 1, len(at)))
+    y[0] = np.tanh(at)
+    for k in range(n):
+        y[k + 1] = ((k == 0) - np.sum(y[: k + 1] * y[k::-1], axis=0)) / (k + 1)
+    return composed(a, y, AROUND_TANH + 0 * at, interval.tanh(a.range), OF_TANH)
+
+
+def _binomials(exponent: float, n: int) -> Array:
+    """(n + 2, 1) coefficients of (1 + z)^exponent."""
+    found = [1.0]
+    for k in range(n + 1):
+        found.append(found[-1] * (exponent - k) / (k + 1))
+    return np.array(found)[:, None]
+
+
+def _power_series(a: Model, exponent: float, range_: Interval) -> Model:
+    """a^exponent where a > 0, or a is not 0 and the exponent is whole and negative; elsewhere its range."""
+    at, (low, high), n = _around(a)
+    *found, next_ = _binomials(exponent, n)
+    either_sign = exponent < 0 and exponent == int(exponent)
+    with np.errstate(all="ignore"):
+        coefficients = np.array(found) * at ** (exponent - np.arange(n + 1)[:, None])
+        nearest = np.where(low > 0, low, -high if either_sign else np.nan)
+        farthest = np.maximum(np.abs(low), np.abs(high))
+        ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
+        last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends) if next_ else 0.0, np.inf)
+        # a fractional exponent is rounded, which counts log a times
+        error = (OF_FUNCTIONS + 4 * EPS * (n + abs(exponent)) * (1 + np.abs(np.log(np.abs(at))))) * np.abs(
+            coefficients
+        )
+        return composed(a, coefficients, (1 + 1e-12) * last, range_, error)
+
+
+def power(a: Model, n: int) -> Model:
+    """a^n for a whole number n that is not 0."""
+    with np.errstate(all="ignore"):
+        values = interval.power(a.range, n)
+    if n < 0:
+        return _power_series(a, float(n), values)
+    found = a
+    for bit in bin(n)[3:]:
+        found = found * found * a if bit == "1" else found * found
+    return settled(found.basis, found.c, found.rad, values)
+
+
+def positive_power(a: Model, k: float) -> Model:
+    """a_+^k for k > 0. Where a >= -d has both signs it is a^k up to d^k, for a whole k, and in its range."""
+    lower, upper = a.range
+    whole = k == int(k)
+
+    def of_positive(a: Model) -> Model:
+        values = interval.of_positive_part(a.range, k)
+        if not whole:
+            return _power_series(a, k, values)
+        found, beyond = power(a, int(k)), interval.of_positive_part((-a.range[1], -a.range[0]), k)[1]
+        return settled(a.basis, found.c, found.rad + beyond, values)
+
+    def of_both(a: Model) -> Model:
+        return constant(a.basis, interval.of_positive_part(a.range, k))
+
+    known = (lower > 0) | (whole & (upper > 0))
+    return by_part([(of_positive, known), (of_both, (upper > 0) & ~known)], a)
+
+
+def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> Model:
+    """r^beta cos(beta (theta - phase)), x + i y = r exp(i theta), for theta in [0, omega] and beta > 0.
+
+    By the series of z^beta about the box's centre, which converges where |z| there is larger than the box.
+    From its term n + 1 on the next one is at most `ratio` times as large.
+    """
+    n, turn = x.basis.order, np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
+    z, sizes = (x.c + 1j * y.c) * turn, np.abs(x.c) + np.abs(y.c)
+    rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
+    with np.errstate(all="ignore"):
+        at, reach = np.abs(z[0]), np.abs(z[1:]).sum(axis=0) + rad
+        found, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
+        coefficients = found[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
+        error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
+        ratio = max(1.0, (beta - n - 1) / (n + 2)) * reach / at
+        last = np.where(ratio < 1, np.abs(found[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
+        c, rad = series(x.basis, (z, rad), coefficients, last, error)
+        most = interval.of_positive_part(interval.outward(at + reach, at + reach), beta)[1]
+    return settled(x.basis, c.real.copy(), rad, (-most, most))
+
+
+FUNCTIONS: dict[Any, Function] = {
+    sympy.exp: exp,
+    sympy.sin: _wave(0, interval.sin),
+    sympy.cos: _wave(1, interval.cos),
+    sympy.sinh: _hyperbolic(np.sinh, np.cosh, interval.sinh),
+    sympy.cosh: _hyperbolic(np.cosh, np.sinh, interval.cosh),
+    sympy.tanh: tanh,
+}
+
+
+def evaluate(formula: sympy.Expr, variables: Mapping[sympy.Expr, Model], steps: Steps | None = None) -> Model:
+    """A formula of the grammar on the boxes of its variables' models.
+
+    `steps` gives the value (k,) that a jump pos(a, 0) has on each box, NaN where it has both.
+    """
+    like, known = next(iter(variables.values())), dict(variables)
+    for step, value in (steps or {}).items():
+        both = np.isnan(value)
+        known[step] = constant(like.basis, (np.where(both, 0.0, value), np.where(both, 1.0, value)))
+    return _evaluated(sympy.sympify(formula), known, like)
+
+
+def _evaluated(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Model:
+    if e not in known:
+        known[e] = _operation(e, known, like)
+    return known[e]
+
+
+def _operation(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Model:
+    if e.is_number:
+        return number(like, float(rounded(e)))
+    if e.is_Add:
+        return reduce(Model.__add__, (_evaluated(term, known, like) for term in e.args))
+    if e.is_Mul:
+        times, factors = e.as_coeff_mul()
+        found = reduce(Model.__mul__, (_evaluated(factor, known, like) for factor in factors))
+        return found if times == 1 else found.scaled(float(times))
+    a = _evaluated(e.args[0], known, like)
+    if e.is_Pow:
+        return power(a, int(e.exp))
+    if e.func is not pos:
+        return FUNCTIONS[e.func](a)
+    k = float(e.args[1])
+    return positive_power(a, k) if k > 0 else _step(a)
+
+
+def _step(a: Model) -> Model:
+    """pos(a, 0)."""
+    low, high = a.range
+    return constant(a.basis, (np.where(low > 0, 1.0, 0.0), np.where(high > 0, 1.0, 0.0)))

@@ -1,0 +1,130 @@
+"""The one grammar for formulas in data files: a whitelist, parsed to sympy and never evaluated as code.
+
+A formula has numbers (decimals are taken exactly), the constant pi, the variables its place allows,
++ - * / **, and the functions of `grammar`. `pos(a, k)` is the power a_+^k of the positive part, the only way
+to write a kink or a singularity, so that both can be found again (see `kinks`).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from unilateral.errors import InputError, shown
+from unilateral.formulas import grammar
+from unilateral.formulas.grammar import MAX_DENOMINATOR as MAX_DENOMINATOR
+from unilateral.formulas.positive import pos, positive_power
+
+Array = NDArray[np.float64]
+Compiled = Callable[..., list[Array]]
+
+
+def parse(text: object, variables: Sequence[str], where: str) -> sympy.Expr:
+    """The sympy expression of a formula in the given variables; `where` names its place in errors.
+
+    Raises InputError for anything outside the grammar, and for expressions that are not finite.
+    """
+    source = str(text).strip()
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of Python's parser
+            tree = grammar.tree(source, where)
+        part: grammar.Part = grammar.Reader(source, variables, where).visit(tree)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
+        hint = "; write 10 for 010" if "leading zeros" in str(error) else ""
+        raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{hint}") from None
+    return part.value
+
+
+def substituted(formula: sympy.Expr, values: Mapping[sympy.Symbol, sympy.Expr], where: str) -> sympy.Expr:
+    """The formula with values, or other formulas, for some variables; InputError if it has none there."""
+    try:
+        found = formula.subs(values)
+    except TypeError:  # pos of what is not real
+        found = sympy.nan
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if not grammar.is_finite_and_real(found):
+        raise InputError(f"{where}: it is not a finite real function")
+    return found
+
+
+def number(text: object, where: str) -> sympy.Expr:
+    """An exact number such as 1/3, 0.05 or sqrt(2)."""
+    return parse(text, (), where)
+
+
+def real(text: object, where: str) -> float:
+    """A number such as 1/64, in floating point."""
+    return float(number(text, where))
+
+
+def compile_numpy(expressions: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:
+    """A function of arrays, one per symbol, that returns the values of all the expressions as arrays."""
+    raw = _compiled(tuple(expressions), tuple(symbols))
+
+    def evaluate(*arrays: Array) -> list[Array]:
+        shape = np.broadcast_shapes(*(np.shape(a) for a in arrays))
+        return [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in raw(*arrays)]
+
+    return evaluate
+
+
+@lru_cache(maxsize=1024)
+def _compiled(expressions: tuple[sympy.Expr, ...], symbols: tuple[sympy.Symbol, ...]) -> Compiled:
+    for_numpy = [
+        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Rational) if _is_large(n)}) for e in expressions
+    ]
+    return sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=True)
+
+
+def _is_large(n: sympy.Rational) -> bool:
+    """Whether Python's whole numbers, as which it would be compiled, are none of numpy's, or no float."""
+    return bool(abs(n) >= (2**63 if n.is_Integer else 2**1023))
+
+
+def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sympy.Expr]]:
+    """The real zeros of the arguments of every pos(a, k) in `symbol`, each with its exponent k.
+
+    Raises ValueError where an argument is not a polynomial with rational coefficients (up to degree 2 it may
+    have any), or a non-integer power hides elsewhere.
+    """
+    if any(p.has(symbol) and not p.exp.is_integer for p in expression.atoms(sympy.Pow)):
+        raise ValueError("write a fractional power as pos(a, k)")
+    if expression.has(sympy.log):
+        raise ValueError("log is not allowed here")
+    found: set[tuple[float, sympy.Expr]] = set()
+    for power in sorted(expression.atoms(pos), key=str):
+        argument, exponent = power.args
+        if not argument.is_polynomial(symbol):
+            raise ValueError(f"the argument of {power} must be a polynomial")
+        polynomial = sympy.Poly(argument, symbol)
+        if polynomial.degree() > 2 and not all(c.is_Rational for c in polynomial.coeffs()):
+            raise ValueError(f"the argument of {power} must have rational coefficients")
+        found |= {(_as_float(root), exponent) for root in _real_roots(polynomial)}
+    return sorted(found, key=lambda item: (item[0], float(item[1])))
+
+
+def _as_float(root: sympy.Expr) -> float:
+    """Infinite where it is too large, and so far away from the side that it does not count."""
+    try:
+        return float(root)
+    except OverflowError:
+        return math.inf
+
+
+def _real_roots(polynomial: sympy.Poly) -> list[sympy.Expr]:
+    """Without simplifying irrational coefficients, which one of degree 1 or 2 may have."""
+    if polynomial.degree() > 1 and all(c.is_Rational for c in polynomial.coeffs()):
+        return sympy.real_roots(polynomial)
+    if polynomial.degree() == 2:
+        found = np.roots([float(c) for c in polynomial.all_coeffs()])
+        return [sympy.Float(root) for root in found[found.imag == 0].real]
+    slope, constant = (polynomial.nth(power) for power in (1, 0))
+    return [] if slope == 0 else [-constant / slope]

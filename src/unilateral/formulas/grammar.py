@@ -1,0 +1,200 @@
+"""The grammar of formulas: a whitelist, and limits that are looked at before any work."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterable
+from decimal import Decimal, InvalidOperation
+from itertools import accumulate
+from typing import Any, NamedTuple
+
+import sympy
+
+from unilateral.errors import InputError, shown
+from unilateral.formulas.positive import pos, rounded
+
+MAX_LENGTH = 2000
+MAX_NESTING = 30
+"""Parentheses in parentheses."""
+MAX_OPERATIONS = 500
+"""Signs, functions and operators."""
+MAX_FUNCTIONS = 6
+"""Functions in functions; sympy's time may grow sixteenfold with two of them."""
+MAX_DEGREE = 100
+"""Of a product or a power if it were multiplied out; and the largest exponent."""
+MAX_KINK_DEGREE = 20
+"""Of the argument of pos, whose zeros are computed exactly."""
+MAX_DENOMINATOR = 20
+"""Of the powers of pos: singular points are graded by it, see `quadrature`."""
+MAX_BITS = 1000
+"""Of numerators and denominators, which then are finite in floating point."""
+
+FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
+    "pos": (pos, 2),
+    "sin": (sympy.sin, 1),
+    "cos": (sympy.cos, 1),
+    "exp": (sympy.exp, 1),
+    "log": (sympy.log, 1),
+    "sqrt": (sympy.sqrt, 1),
+    "sinh": (sympy.sinh, 1),
+    "cosh": (sympy.cosh, 1),
+    "tanh": (sympy.tanh, 1),
+}
+OPERATORS: dict[type, Callable[[sympy.Expr, sympy.Expr], sympy.Expr]] = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+    ast.Pow: lambda a, b: a**b,
+}
+COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
+
+
+class Part(NamedTuple):
+    """The value of a part of a formula, at least its degree, and how many functions are nested in it."""
+
+    value: sympy.Expr
+    degree: float = 0.0
+    functions: int = 0
+
+
+def tree(source: str, where: str) -> ast.expr:
+    """The syntax tree of a formula.
+
+    Raises InputError beyond a limit, and SyntaxError, ValueError, RecursionError or MemoryError, as Python's
+    parser does, where there is no tree.
+    """
+    nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
+    _check(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
+    _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} parentheses in each other")
+    found = ast.parse(source, mode="eval").body
+    operations = sum(isinstance(node, COUNTED) for node in ast.walk(found))
+    _check(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
+    return found
+
+
+def _check(size: int, limit: int, message: str) -> None:
+    if size > limit:
+        raise InputError(message.format(limit))
+
+
+class Reader(ast.NodeVisitor):
+    """Makes the syntax tree of a formula a `Part`; raises InputError for what the grammar does not have."""
+
+    def __init__(self, source: str, variables: Iterable[str], where: str) -> None:
+        self.source, self.where = source, where
+        self.names = {name: Part(sympy.Symbol(name, real=True), 1.0) for name in variables}
+        self.names["pi"] = Part(sympy.pi)
+
+    def refuse(self, node: ast.AST, why: str) -> InputError:
+        return InputError(f"{self.where}: '{shown(self.text(node))}' {why}")
+
+    def text(self, node: ast.AST) -> str:
+        return ast.get_source_segment(self.source, node) or self.source
+
+    def checked(self, node: ast.AST, value: sympy.Expr, degree: float, functions: int) -> Part:
+        """The value of a node; its size is bounded here, so that the next operation ends soon."""
+        if any(max(n.p.bit_length(), n.q.bit_length()) > MAX_BITS for n in value.atoms(sympy.Rational)):
+            raise self.refuse(node, "has a number that is too large")
+        try:
+            finite = is_finite_and_real(value)
+        except ValueError:
+            raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
+        if not finite:
+            raise self.refuse(node, "is not a finite real number or function")
+        if value.has(sympy.Abs):
+            raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
+        return Part(value, degree, 0 if value.is_number else functions)
+
+    def generic_visit(self, node: ast.AST) -> Part:
+        raise self.refuse(node, "is not allowed in a formula")
+
+    def visit_Constant(self, node: ast.Constant) -> Part:
+        try:
+            value = Decimal(self.text(node))
+        except InvalidOperation:
+            raise self.refuse(node, "is not a decimal number") from None
+        if abs(value.adjusted()) > MAX_BITS:
+            raise self.refuse(node, "has a number that is too large")
+        return self.checked(node, sympy.Rational(*value.as_integer_ratio()), 0.0, 0)
+
+    def visit_Name(self, node: ast.Name) -> Part:
+        if node.id not in self.names:
+            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {', '.join(FUNCTIONS)}")
+        return self.names[node.id]
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> Part:
+        if not isinstance(node.op, ast.USub | ast.UAdd):
+            raise self.refuse(node, "is not allowed in a formula")
+        operand = self.visit(node.operand)
+        return operand._replace(value=-operand.value) if isinstance(node.op, ast.USub) else operand
+
+    def visit_BinOp(self, node: ast.BinOp) -> Part:
+        """By a loop along a chain such as a + b + c, which may be longer than Python's recursion is deep."""
+        chain = [node]
+        while isinstance(chain[-1].left, ast.BinOp):
+            chain.append(chain[-1].left)
+        found: Part = self.visit(chain[-1].left)
+        for each in reversed(chain):
+            found = self.combined(each, found, self.visit(each.right))
+        return found
+
+    def combined(self, node: ast.BinOp, left: Part, right: Part) -> Part:
+        """What the operator makes of both."""
+        if type(node.op) not in OPERATORS:
+            raise self.refuse(node, "uses an operator that is not one of + - * / **")
+        degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
+        if isinstance(node.op, ast.Pow):
+            exponent = right.value
+            if not (exponent.is_Rational and abs(exponent) <= MAX_DEGREE):
+                raise self.refuse(node, f"needs a rational exponent between -{MAX_DEGREE} and {MAX_DEGREE}")
+            degree, functions = left.degree * abs(float(exponent)), functions + (not exponent.is_Integer)
+        elif isinstance(node.op, ast.Mult | ast.Div):
+            degree = left.degree + right.degree
+        self.check_limits(node, degree, functions)
+        return self.checked(node, OPERATORS[type(node.op)](left.value, right.value), degree, functions)
+
+    def visit_Call(self, node: ast.Call) -> Part:
+        if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
+            raise self.refuse(node, f"is not a known function; known are {', '.join(FUNCTIONS)}")
+        function, arity = FUNCTIONS[node.func.id]
+        if len(node.args) != arity:
+            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}")
+        arguments = [self.visit(argument) for argument in node.args]
+        values, degree = [part.value for part in arguments], arguments[0].degree
+        if function is pos:
+            self.check_pos(node, *arguments)
+            degree *= float(values[1])
+        functions = 1 + arguments[0].functions
+        self.check_limits(node, degree, functions)
+        return self.checked(node, function(*values), degree, functions)
+
+    def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
+        if degree > MAX_DEGREE:
+            raise self.refuse(
+                node, f"has, multiplied out, the degree {degree:g}; at most {MAX_DEGREE} is read"
+            )
+        if functions > MAX_FUNCTIONS:
+            raise self.refuse(node, f"has more than {MAX_FUNCTIONS} functions in each other")
+
+    def check_pos(self, node: ast.AST, argument: Part, power: Part) -> None:
+        k = power.value
+        if not (k.is_Rational and 0 <= k <= MAX_DEGREE and k.q <= MAX_DENOMINATOR):
+            limits = f"between 0 and {MAX_DEGREE}, its denominator at most {MAX_DENOMINATOR}"
+            raise self.refuse(node, f"needs a rational power {limits}")
+        if argument.degree > MAX_KINK_DEGREE:
+            raise self.refuse(node, f"needs an argument of a degree up to {MAX_KINK_DEGREE}")
+
+
+def is_finite_and_real(value: sympy.Expr) -> bool:
+    """Whether a number is; a function may still fail to be where it is evaluated.
+
+    Raises ValueError for a number that cannot be told from 0.
+    """
+    if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
+        return False
+    try:
+        return not value.is_number or math.isfinite(float(rounded(value)))
+    except (OverflowError, TypeError):
+        return False

@@ -1,0 +1,118 @@
+"""Interval arithmetic on arrays: every result contains all values, for the rounding goes outward.
+
+An interval is a pair (lower, upper) of arrays (k,). NumPy's sums and products are correctly rounded and its
+functions are off by at most four units in the last place; every result is widened by ULPS of them.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.formulas.formula import positive_power
+
+Array = NDArray[np.float64]
+Interval = tuple[Array, Array]
+ULPS = 8
+LARGE = 1e308
+PRODUCT = 2.0**-50
+"""What each factor of a power adds to its rounding, relatively."""
+EXPONENT = 2.0**-51
+"""What rounds a fractional exponent, relatively, and the logarithm."""
+NEAR_EXTREMUM = 1e-12
+"""Of an argument of sin or cos and 1: how far from an extremum it still counts as one."""
+
+
+def outward(lower: Array, upper: Array) -> Interval:
+    """Wider by the rounding; what overflows is at least LARGE."""
+    lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
+    lower, upper = lower - ULPS * np.spacing(np.abs(lower)), upper + ULPS * np.spacing(np.abs(upper))
+    return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
+
+
+def total(a: Interval, b: Interval) -> Interval:
+    return outward(a[0] + b[0], a[1] + b[1])
+
+
+def product(a: Interval, b: Interval) -> Interval:
+    with np.errstate(over="ignore", invalid="ignore"):  # of infinite ends
+        found = [x * y for x in a for y in b]
+    return outward(reduce(np.minimum, found), reduce(np.maximum, found))
+
+
+def power(base: Interval, n: int) -> Interval:
+    """base^n for a whole number n, infinite where n < 0 and the base may be 0."""
+    lower, upper = base
+    inside = (lower <= 0) & (upper >= 0)
+    ends = lower ** abs(n), upper ** abs(n)
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    if n % 2 == 0:
+        low = np.where(inside, 0.0, low)
+    low, high = outward(low, high)
+    if n > 0:
+        return low, high
+    positive = (lower > 0) | (n % 2 == 0)  # powers that underflow keep their sign
+    low, high = (
+        np.where(positive, np.maximum(low, 0.0), low),
+        np.where(positive, high, np.minimum(high, -0.0)),
+    )
+    low, high = outward(1 / high, 1 / low)
+    return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
+
+
+def of_positive_part(base: Interval, k: float) -> Interval:
+    """base_+^k for k >= 0."""
+    low, high = outward(*(positive_power(end, k) for end in base))
+    spare = [np.full_like(end, PRODUCT * k) for end in base]
+    if k != int(k):  # its rounding counts log of the base times
+        spare = [
+            x + EXPONENT * k * np.abs(np.log(np.where(end > 0, end, 1.0)))
+            for x, end in zip(spare, base, strict=True)
+        ]
+    low, high = low * (1 - spare[0]), high * (1 + spare[1])
+    return np.maximum(low, 0.0), np.where(base[1] > 0, high, 0.0)
+
+
+def sin(a: Interval) -> Interval:
+    return _wave(np.sin, a, 0.5 * np.pi)
+
+
+def cos(a: Interval) -> Interval:
+    return _wave(np.cos, a, 0.0)
+
+
+def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
+    """sin or cos, whose maxima are at `crest` + 2 pi times whole numbers."""
+    lower, upper = a
+    ends = function(lower), function(upper)
+    low, high = outward(np.minimum(*ends), np.maximum(*ends))
+    near = NEAR_EXTREMUM * (1 + np.abs(lower) + np.abs(upper))
+
+    def holds(phase: float) -> NDArray[np.bool_]:
+        first = np.ceil((lower - near - phase) / (2 * np.pi))
+        return ~(first * 2 * np.pi + phase > upper + near)
+
+    low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
+    return np.where(holds(crest + np.pi), -1.0, low), np.where(holds(crest), 1.0, high)
+
+
+def cosh(a: Interval) -> Interval:
+    inside = (a[0] <= 0) & (a[1] >= 0)
+    low, high = np.minimum(*np.cosh(a)), np.maximum(*np.cosh(a))
+    return outward(np.where(inside, 1.0, low), high)
+
+
+def exp(a: Interval) -> Interval:
+    low, high = outward(np.exp(a[0]), np.exp(a[1]))
+    return np.maximum(low, 0.0), high
+
+
+def sinh(a: Interval) -> Interval:
+    return outward(np.sinh(a[0]), np.sinh(a[1]))
+
+
+def tanh(a: Interval) -> Interval:
+    low, high = outward(np.tanh(a[0]), np.tanh(a[1]))
+    return np.maximum(low, -1.0), np.minimum(high, 1.0)

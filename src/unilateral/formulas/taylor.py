@@ -1,0 +1,204 @@
+"""Taylor models: functions on many boxes at once, each a polynomial with a guaranteed remainder.
+
+On box j the variables are affine functions of sigma in [-1, 1]^d. A model says of a function F on it
+
+    |F - sum over alpha of c_alpha sigma^alpha| <= rad  and  lower <= F <= upper,
+
+with |alpha| <= n (Makino and Berz, 2003). Rounding is part of `rad`, and goes outward in the range. A
+polynomial that is not sharper than the range gives way to the range's midpoint, so that kinks and
+singularities end at their range. EPS bounds the rounding of one operation, twice over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product as cartesian
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.formulas import interval
+from unilateral.formulas.interval import Array, Interval
+
+EPS = 2.0**-52
+TINY = 1e-300
+"""More than what underflows."""
+OF_FUNCTIONS = 8 * EPS
+"""The relative error of a Taylor coefficient of a function."""
+
+
+class Basis(NamedTuple):
+    """Monomials (m, d) by degree (m,); `first` (n + 2,) is where each degree begins; `times` per monomial:
+    those with which it makes one of degree at most n, and which."""
+
+    exponents: NDArray[np.intp]
+    degree: NDArray[np.intp]
+    first: NDArray[np.intp]
+    times: tuple[tuple[slice, NDArray[np.intp]], ...]
+
+    @property
+    def order(self) -> int:
+        return len(self.first) - 2
+
+
+@cache
+def basis(d: int, n: int) -> Basis:
+    """Those of d variables up to degree n."""
+    found = sorted((a for a in cartesian(range(n + 1), repeat=d) if sum(a) <= n), key=lambda a: (sum(a), a))
+    exponents = np.array(found, dtype=np.intp)
+    degree, place = exponents.sum(axis=1), {a: i for i, a in enumerate(found)}
+    first = np.searchsorted(degree, np.arange(n + 2))
+    times = []
+    for a in found:
+        others = slice(0, int(first[n - sum(a) + 1]))
+        sums = exponents[others] + np.array(a)
+        times.append((others, np.array([place[tuple(b)] for b in sums.tolist()], dtype=np.intp)))
+    return Basis(exponents, degree, first, tuple(times))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """On k boxes: c (m, k), rad (k,) and the range, two arrays (k,)."""
+
+    basis: Basis
+    c: Array
+    rad: Array
+    range: Interval
+
+    def __add__(self, other: Model) -> Model:
+        c = self.c + other.c
+        rad = self.rad + other.rad + EPS * (np.abs(self.c) + np.abs(other.c)).sum(axis=0)
+        return settled(self.basis, c, rad, interval.total(self.range, other.range))
+
+    def __mul__(self, other: Model) -> Model:
+        c, rad = _product(self.basis, (self.c, self.rad), (other.c, other.rad))
+        return settled(self.basis, c, rad, interval.product(self.range, other.range))
+
+    def scaled(self, number: float) -> Model:
+        """Times a number that is rounded."""
+        sizes = np.abs(self.c).sum(axis=0)
+        rad = abs(number) * ((1 + EPS) * self.rad + 4 * EPS * sizes)
+        values = interval.product(self.range, interval.outward(np.array([number]), np.array([number])))
+        return settled(self.basis, number * self.c, rad, values)
+
+    def on(self, boxes: NDArray[Any]) -> Model:
+        """The model on some of the boxes, by a mask or an index."""
+        return Model(
+            self.basis, self.c[:, boxes], self.rad[boxes], (self.range[0][boxes], self.range[1][boxes])
+        )
+
+
+def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: float = 0.0) -> Model:
+    """centre (k,) + sum over i of arms (d, k) sigma_i, of that range, up to their rounding and that much."""
+    c = np.zeros((len(of.degree), len(centre)))
+    c[0] = centre
+    c[of.first[1] : of.first[2]] = arms[::-1]  # of degree 1: (0, 1), (1, 0)
+    return settled(of, c, 4 * EPS * np.abs(c).sum(axis=0) + rounding + TINY, interval.outward(*ends))
+
+
+def constant(of: Basis, values: Interval) -> Model:
+    """What lies between two numbers (k,)."""
+    c = np.zeros((len(of.degree), len(values[0])))
+    return settled(of, c, np.full(len(values[0]), np.inf), values)
+
+
+def number(like: Model, value: Array | float) -> Model:
+    """A number, or one per box (k,), that is rounded: on the boxes of another model."""
+    values = value + np.zeros_like(like.rad)
+    return constant(like.basis, interval.outward(values, values))
+
+
+def joined(parts: Sequence[tuple[Model, NDArray[np.intp]]]) -> Model:
+    """One model of all boxes from those on parts of them, each with its index."""
+    models, places = zip(*parts, strict=True)
+    order = np.argsort(np.concatenate(places))
+    arrays = zip(*((m.c, m.rad, *m.range) for m in models), strict=True)
+    c, rad, lower, upper = (np.concatenate(each, axis=-1)[..., order] for each in arrays)
+    return Model(models[0].basis, c, rad, (lower, upper))
+
+
+def by_part(parts: Sequence[tuple[Callable[..., Model], NDArray[np.bool_]]], *arguments: Model) -> Model:
+    """Functions of models, each on its part of the boxes, and 0 on the rest."""
+    found, rest = [], np.ones(len(arguments[0].rad), dtype=bool)
+    for of, where in parts:
+        rest &= ~where
+        if where.all():
+            return of(*arguments)
+        if where.any():
+            found.append((of(*(argument.on(where) for argument in arguments)), np.flatnonzero(where)))
+    zero = number(arguments[0].on(rest), 0.0)
+    return joined([*found, (zero, np.flatnonzero(rest))])
+
+
+def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
+    """With the better of both: a range that knows the polynomial, and a polynomial that knows the range."""
+    with np.errstate(all="ignore"):
+        rad = (1 + 4 * len(of.degree) * EPS) * rad + TINY
+        reach = (1 + 4 * len(of.degree) * EPS) * (np.abs(c[1:]).sum(axis=0) + rad)
+        lower, upper = interval.outward(c[0] - reach, c[0] + reach)
+        lower, upper = np.fmax(lower, range_[0]), np.fmin(upper, range_[1])
+        half, middle = 0.5 * (upper - lower), 0.5 * upper + 0.5 * lower
+        flat = ~(rad <= half)
+        if flat.any():
+            c, rad = c.copy(), rad.copy()
+            known = np.isfinite(middle[flat])
+            c[:, flat] = 0.0
+            c[0, flat] = np.where(known, middle[flat], 0.0)
+            rad[flat] = np.where(known, half[flat] + 4 * EPS * np.abs(middle[flat]) + TINY, np.inf)
+    return Model(of, c, rad, (lower, upper))
+
+
+def _by_degree(of: Basis, c: Array) -> Array:
+    """(n + 1, k) sums of |c_alpha| over the monomials of each degree."""
+    return np.add.reduceat(np.abs(c), of.first[:-1], axis=0)
+
+
+def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Coefficients and remainder of a product."""
+    (x, r), (y, s) = a, b
+    c = np.zeros(x.shape, dtype=np.result_type(x, y))
+    with np.errstate(all="ignore"):
+        for row, (others, into) in zip(x, of.times, strict=True):
+            if row.any():
+                c[into] += row * y[others]
+        of_x, of_y = _by_degree(of, x), _by_degree(of, y)
+        from_y = np.cumsum(of_y[::-1], axis=0)[::-1]
+        above = (of_x[1:] * from_y[:0:-1]).sum(axis=0)
+        all_x, all_y = of_x.sum(axis=0), from_y[0]
+        rad = above + (all_x + r) * s + all_y * r + (len(of.degree) + 2) * EPS * all_x * all_y
+    return c, rad
+
+
+def composed(
+    a: Model, coefficients: Array, last: Array, range_: Interval, error: Array | float | None = None
+) -> Model:
+    """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) of the next one.
+
+    `last` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, `error` is that of the
+    coefficients, by default OF_FUNCTIONS, relatively, and `range_` is that of g(a).
+    """
+    c, rad = series(a.basis, (a.c, a.rad), coefficients, last, error)
+    return settled(a.basis, c, rad, range_)
+
+
+def series(
+    of: Basis, a: tuple[Array, Array], coefficients: Array, last: Array, error: Array | float | None = None
+) -> tuple[Array, Array]:
+    """The same as coefficients and a remainder, which may be complex."""
+    inner = a[0].copy()
+    inner[0] = 0.0
+    with np.errstate(all="ignore"):
+        size = np.abs(inner).sum(axis=0) + a[1]
+        c, rad = np.zeros_like(inner, dtype=np.result_type(inner, coefficients)), np.zeros(len(size))
+        c[0] = coefficients[-1]
+        for g in coefficients[-2::-1]:
+            c, rad = _product(of, (c, rad), (inner, a[1]))
+            c[0] += g
+        sizes = np.abs(coefficients)
+        errors = EPS * sizes + (OF_FUNCTIONS * sizes if error is None else error)
+        rad += (errors * size ** np.arange(len(sizes))[:, None]).sum(axis=0)
+        rad += np.where(last == 0, 0.0, last * size ** len(sizes))
+    return c, rad

@@ -1,0 +1,56 @@
+"""Where functions on a polygon are not smooth: curves that cross it, and points of its boundary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.geometry.polygon import Polygon
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Singular:
+    """A boundary point at which functions behave like r to the power of multiples of 1 / `grading`."""
+
+    side: int
+    t: float
+    grading: int
+
+
+@dataclass(frozen=True)
+class Kink:
+    """A curve {level = 0} across which u is only finitely smooth.
+
+    |grad level| = 1. `radius` > 0: the circle about `centre`; 0: the line through `centre` along `tangent`.
+    A step there is 1 where `sign` times the level is positive.
+    """
+
+    centre: tuple[float, float]
+    radius: float = 0.0
+    tangent: tuple[float, float] = (1.0, 0.0)
+    sign: int = 1
+
+    def level(self, points: Array) -> Array:
+        """(k,) signed distances of the points (k, 2) from the curve."""
+        moved = points - np.array(self.centre)
+        if self.radius:
+            return np.hypot(moved[:, 0], moved[:, 1]) - self.radius
+        return moved[:, 0] * self.tangent[1] - moved[:, 1] * self.tangent[0]
+
+    def crossings(self, polygon: Polygon) -> list[Singular]:
+        """Where the curve crosses the sides, as points with a kink; a side along it is not crossed."""
+        found = []
+        for side, (start, edge) in enumerate(zip(polygon.vertices, polygon.edges, strict=True)):
+            if self.radius:
+                moved = start - np.array(self.centre)
+                roots = np.roots([edge @ edge, 2 * edge @ moved, moved @ moved - self.radius**2])
+                t = roots.real[roots.imag == 0]
+            else:
+                first, last = self.level(np.stack([start, start + edge]))
+                t = np.array([first / (first - last)]) if first * last < 0 else np.array([])
+            found += [Singular(side, float(x), 1) for x in t if 0 < x < 1]
+        return found

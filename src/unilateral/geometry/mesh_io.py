@@ -1,0 +1,240 @@
+"""What comes from outside as a mesh: the checks every triangulation has to pass, and files, by meshio."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from unilateral.errors import InputError
+from unilateral.files import replacing
+from unilateral.geometry.polygon import Array, Polygon
+
+Integers = NDArray[np.intp]
+
+TOLERANCE = 1e-10  # of positions relative to the polygon's diameter, and of areas relative to the polygon's
+SAME_POINT = 1e-12  # nodes nearer than this part of the diameter are one node listed twice
+FLAT = 1e-12  # triangles whose area is below this part of their longest edge squared are degenerate
+
+
+def round_off(polygon: Polygon) -> float:
+    """How far round-off may move a point of the polygon."""
+    return 8 * float(np.finfo(float).eps) * (polygon.perimeter + float(np.abs(polygon.vertices).max()))
+
+
+def signed_areas(points: Array, triangles: Integers) -> Array:
+    """(m,) areas of the triangles, negative where the nodes run clockwise."""
+    x, y = points[triangles].transpose(2, 0, 1)
+    dx, dy = x - x[:, :1], y - y[:, :1]
+    return 0.5 * (dx[:, 1] * dy[:, 2] - dx[:, 2] * dy[:, 1])
+
+
+def longest_edges(points: Array, triangles: Integers) -> Array:
+    """(m,) the longest edge of each triangle."""
+    x, y = points[triangles].transpose(2, 0, 1)
+    return np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
+
+
+def node(points: Array, number: int) -> str:
+    """A node as it appears in messages."""
+    return f"{number} ({points[number, 0]:.6g}, {points[number, 1]:.6g})"
+
+
+def as_array(values: ArrayLike, kind: type, where: str) -> np.ndarray:
+    """The values as an array of floats or of whole numbers (np.intp), or InputError."""
+    try:
+        array = np.asarray(values)
+        with np.errstate(invalid="ignore"):
+            converted: np.ndarray = array.astype(kind)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{where}: points and triangles have to be rectangular arrays of numbers") from error
+    if kind is np.intp and np.any(converted != array):
+        raise InputError(f"{where}: the triangles have to be whole numbers of nodes")
+    return converted
+
+
+def check_arrays(points: Array, triangles: Integers, where: str) -> None:
+    """Raises InputError unless the points (n, 2) are finite and the triangles (m, 3) made of all of them."""
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise InputError(f"{where}: the points have the shape {points.shape} instead of (n, 2)")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
+        raise InputError(f"{where}: the triangles have the shape {triangles.shape} instead of (m, 3), m > 0")
+    infinite = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if infinite.size:
+        raise InputError(f"{where}: node {infinite[0]} has a coordinate that is not a finite number")
+    wrong = np.flatnonzero(((triangles < 0) | (triangles >= len(points))).any(axis=1))
+    if wrong.size:
+        raise InputError(
+            f"{where}: triangle {wrong[0]} has the nodes {triangles[wrong[0]].tolist()}, "
+            f"but the nodes' numbers run from 0 to {len(points) - 1}"
+        )
+    unused = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(points)) == 0)
+    if unused.size:
+        raise InputError(f"{where}: node {node(points, unused[0])} belongs to no triangle; leave it out")
+
+
+def check_triangles(polygon: Polygon, points: Array, triangles: Integers, where: str) -> None:
+    """Raises InputError if two nodes coincide, or a triangle is clockwise or degenerate."""
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * polygon.diameter)
+    twice = np.flatnonzero(np.isfinite(distance[:, 1]))
+    if twice.size:
+        first = int(twice[0])
+        second = int(nearest[first][nearest[first] != first][0])
+        raise InputError(f"{where}: node {second} repeats node {node(points, first)}; list every node once")
+    areas = signed_areas(points, triangles)
+    limit = FLAT * longest_edges(points, triangles) ** 2
+    wrong = np.flatnonzero(areas <= limit)
+    if wrong.size:
+        k = wrong[0]
+        fault = (
+            "clockwise; list its nodes anticlockwise"
+            if areas[k] < -limit[k]
+            else "degenerate; it needs an area"
+        )
+        raise InputError(f"{where}: triangle {k} with the nodes {triangles[k].tolist()} is {fault}")
+
+
+def boundary_edges(points: Array, triangles: Integers, where: str) -> Integers:
+    """(nb, 2) the edges that belong to one triangle only, directed as in it.
+
+    Raises InputError if two triangles lie on the same side of an edge, as of any three at least two do.
+    """
+    n = len(points)
+    a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    keys = np.sort(2 * (np.minimum(a, b) * n + np.maximum(a, b)) + (a > b))
+    edges = keys >> 1
+    crowded = np.flatnonzero(keys[1:] == keys[:-1])
+    if crowded.size:
+        low, high = divmod(int(edges[crowded[0]]), n)
+        count = np.count_nonzero(edges == edges[crowded[0]])
+        raise InputError(
+            f"{where}: the edge from node {node(points, low)} to node {node(points, high)} belongs to "
+            f"{count} triangles, two of them on the same side; it may have one on either side"
+        )
+    repeated = edges[1:] == edges[:-1]
+    once = ~(np.append(repeated, False) | np.append(False, repeated))
+    pairs = np.column_stack(np.divmod(edges[once], n))
+    return np.where((keys[once] & 1)[:, None] == 1, pairs[:, ::-1], pairs)
+
+
+def sides(polygon: Polygon, points: Array, edges: Integers, tolerance: float, where: str) -> Integers:
+    """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none."""
+    ends = np.roll(polygon.vertices, -1, axis=0)
+    distance = [segment_distances(points[k], polygon.vertices, ends) for k in edges.T]
+    forward = (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T > 0
+    off = np.where(forward, np.maximum(*distance), np.inf)
+    stray = edges[off.min(axis=1) > tolerance]
+    if stray.size:
+        raise InputError(f"{where}: {_why_stray(polygon, points, edges, stray, tolerance)}")
+    return off.argmin(axis=1)
+
+
+def _why_stray(polygon: Polygon, points: Array, edges: Integers, stray: Integers, tolerance: float) -> str:
+    """Why the edges `stray` (k, 2) of the boundary `edges` (nb, 2) do not run along the polygon's sides."""
+    lengths = np.hypot(*(points[stray[:, 1]] - points[stray[:, 0]]).T)
+    a, b = stray[lengths.argmax()]
+    nodes = np.unique(edges)
+    inside = nodes[(nodes != a) & (nodes != b)]
+    hanging = inside[segment_distances(points[inside], points[[a]], points[[b]])[:, 0] <= tolerance]
+    edge = f"from node {node(points, a)} to node {node(points, b)}"
+    if hanging.size:
+        return (
+            f"node {node(points, hanging[0])} hangs on the edge {edge}; split the triangle of that edge there"
+        )
+    distance = segment_distances(points[nodes], polygon.vertices, np.roll(polygon.vertices, -1, axis=0))
+    off = nodes[distance.min(axis=1) > tolerance]
+    if off.size:
+        return (
+            f"node {node(points, off[0])} lies on the triangles' boundary, but not on polygon "
+            f"'{polygon.name}'; move it there or close the gap"
+        )
+    return f"the boundary edge {edge} does not run anticlockwise along one side of polygon '{polygon.name}'"
+
+
+def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
+    """(k, n) distances of the points (k, 2) from the segments between starts (n, 2) and ends (n, 2)."""
+    along = ends - starts
+    offset = points[:, None] - starts
+    t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
+    return np.hypot(*np.moveaxis(offset - t[..., None] * along, 2, 0))
+
+
+def save(
+    path: Path,
+    points: Array,
+    triangles: Integers,
+    lines: Integers,
+    on_lines: Mapping[str, np.ndarray],
+    at_points: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Writes triangles, lines (nb, 2) with cell data (nb,) and points with data (n,), as its ending says.
+
+    The cell data of triangles are -1 or NaN.
+    """
+    import meshio
+
+    mesh = meshio.Mesh(
+        np.column_stack([points, np.zeros(len(points))]),
+        [("triangle", triangles), ("line", lines)],
+        point_data=dict(at_points or {}),
+        cell_data={name: [np.full(len(triangles), _none(data)), data] for name, data in on_lines.items()},
+    )
+    with replacing(path) as temporary:
+        try:
+            with _quiet():
+                meshio.write(temporary, mesh)
+        except OSError:
+            raise
+        except Exception as error:
+            raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
+
+
+def _none(data: np.ndarray) -> float:
+    return -1 if np.issubdtype(data.dtype, np.integer) else np.nan
+
+
+def load(path: Path) -> tuple[Array, Integers, Integers, Array]:
+    """Points (n, 2), triangles (m, 3), and the lines (k, 2) that have a cell datum "side" (k,)."""
+    import meshio
+
+    try:
+        with _quiet():
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{path}: no mesh can be read from this file ({_reason(error)})") from error
+    foreign = sorted({block.type for block in mesh.cells} - {"triangle", "line", "vertex"})
+    if foreign:
+        raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
+    points = np.asarray(mesh.points, dtype=float)
+    if points.ndim == 2 and points.shape[1] == 3 and not np.any(points[:, 2]):
+        points = points[:, :2]
+    sides = mesh.cell_data.get("side", [None] * len(mesh.cells))
+    lines = [
+        (b.data, s) for b, s in zip(mesh.cells, sides, strict=True) if b.type == "line" and s is not None
+    ]
+    return (
+        points,
+        np.concatenate([np.empty((0, 3), int), *(b.data for b in mesh.cells if b.type == "triangle")]),
+        np.concatenate([np.empty((0, 2), int), *(data for data, _ in lines)]),
+        np.concatenate([np.empty(0), *(np.ravel(s) for _, s in lines)]),
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps meshio's own messages off the terminal."""
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        yield
+
+
+def _reason(error: BaseException) -> str:
+    """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
+    if isinstance(error, SystemExit):
+        return "its content is not what its ending says"
+    return str(error).strip().rstrip(".") or type(error).__name__

@@ -1,0 +1,168 @@
+"""T_H: partitions of the boundary into the cells of the multiplier, free of the mesh (section 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from unilateral.errors import InputError
+from unilateral.geometry.polygon import Array, Polygon
+
+VERTEX_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """The paper's T_H: cell i is the part of the boundary between points[i] and points[i + 1].
+
+    `points` (m + 1,) are arc lengths, strictly increasing from 0 to the perimeter; the polygon's
+    vertices (`polygon.starts`) are among them, exactly.
+
+    Raises InputError if they are not.
+    """
+
+    polygon: Polygon
+    points: Array
+
+    def __post_init__(self) -> None:
+        points = _as_points(self.points)
+        points.setflags(write=False)
+        object.__setattr__(self, "points", points)
+        _check(self.polygon, points)
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.points) - 1
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(m,) the cells' lengths H_i."""
+        return np.diff(self.points)
+
+    @cached_property
+    def side(self) -> NDArray[np.intp]:
+        """(m,) the side of the polygon each cell lies on."""
+        return np.searchsorted(self.polygon.starts, self.points[:-1], side="right") - 1
+
+    def cells_of(self, finer: Array) -> NDArray[np.intp]:
+        """(k,) the cell that contains each interval between the points (k + 1,) of a finer partition.
+
+        Raises InputError if a point of this one is not, up to round-off, among them.
+        """
+        distance = np.abs(finer[np.abs(finer[None] - self.points[:, None]).argmin(axis=1)] - self.points)
+        missed = np.flatnonzero(distance > VERTEX_TOLERANCE * self.polygon.perimeter)
+        if missed.size:
+            raise InputError(
+                f"partition: point {missed[0]} ({self.points[missed[0]]:.17g}) is not among the points of "
+                "the finer partition; it has to be nested in it"
+            )
+        return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
+
+    def has_inside(self, s: Array) -> NDArray[np.bool_]:
+        """(m,) whether an arc length of s (k,) lies inside the cell and not, up to round-off, at an end."""
+        cell = np.searchsorted(self.points, s, side="right") - 1
+        to_end = np.abs(s[:, None] - self.points).min(axis=1)
+        found = np.zeros(self.n_cells, dtype=bool)
+        found[cell[to_end > VERTEX_TOLERANCE * self.polygon.perimeter]] = True
+        return found
+
+    @property
+    def H(self) -> float:
+        """The longest cell."""
+        return float(self.lengths.max())
+
+    @property
+    def H_over_Hi_max(self) -> float:
+        """The largest H / H_i, which the paper bounds by alpha_0."""
+        return self.H / float(self.lengths.min())
+
+
+def uniform(polygon: Polygon, H: float) -> Partition:
+    """Every side cut into equal cells, as few as keep them no longer than H."""
+    return Partition(polygon, polygon.divided(polygon.counts(H)))
+
+
+def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
+    """The partition with the given arc lengths (m + 1,); those that are a vertex's up to round-off become it.
+
+    Raises InputError if the points miss a vertex, do not increase strictly, or leave [0, perimeter].
+    """
+    snapped = _as_points(points)
+    if snapped.size:
+        distance = np.abs(snapped[None] - polygon.starts[:, None])
+        vertex = np.flatnonzero(distance.min(axis=1) <= VERTEX_TOLERANCE * polygon.perimeter)
+        snapped[distance.argmin(axis=1)[vertex]] = polygon.starts[vertex]
+    return Partition(polygon, snapped)
+
+
+def shifted(polygon: Polygon, H: float, fraction: float) -> Partition:
+    """The uniform partition with the points inside each side moved forward by `fraction` of a cell.
+
+    The vertices stay: the first cell of a side grows and its last shrinks. Raises InputError for a fraction
+    outside [0, 1).
+    """
+    if not 0 <= fraction < 1:
+        raise InputError(f"partition: the shift {fraction:g} is not in [0, 1), a fraction of a cell")
+    cells = uniform(polygon, H)
+    inside = ~np.isin(cells.points[:-1], polygon.starts)
+    moved = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
+    return Partition(polygon, np.append(moved, polygon.perimeter))
+
+
+def common_refinement(partitions: Sequence[Partition]) -> Partition:
+    """The coarsest partition of which all are coarser ones, points up to round-off apart taken for one."""
+    polygon = partitions[0].polygon
+    points = np.unique(np.concatenate([polygon.starts, *(each.points for each in partitions)]))
+    new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
+    return from_points(polygon, points[new])
+
+
+def refine(partition: Partition) -> Partition:
+    """Every cell halved."""
+    points = partition.points
+    middles = points[:-1] + 0.5 * partition.lengths
+    return Partition(partition.polygon, np.sort(np.concatenate([points, middles])))
+
+
+def _as_points(points: ArrayLike) -> Array:
+    try:
+        array = np.array(points, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError("partition: the points are not a list of numbers; give arc lengths") from error
+    if array.ndim != 1:
+        raise InputError(
+            f"partition: the points have the shape {array.shape}; give a plain list of arc lengths"
+        )
+    return array
+
+
+def _check(polygon: Polygon, points: Array) -> None:
+    if not np.all(np.isfinite(points)):
+        first = np.flatnonzero(~np.isfinite(points))[0]
+        raise InputError(f"partition: point {first} is {points[first]}; arc lengths have to be finite")
+    outside = np.flatnonzero((points < 0) | (points > polygon.perimeter))
+    if outside.size:
+        first = outside[0]
+        raise InputError(
+            f"partition: point {first} ({points[first]:.17g}) lies outside the boundary, "
+            f"whose arc length runs from 0 to {polygon.perimeter:.17g}"
+        )
+    descending = np.flatnonzero(np.diff(points) <= 0)
+    if descending.size:
+        first = descending[0] + 1
+        raise InputError(
+            f"partition: point {first} ({points[first]:.17g}) is not greater than the one before it "
+            f"({points[first - 1]:.17g}); the points have to increase strictly"
+        )
+    missed = np.flatnonzero(~np.isin(polygon.starts, points))
+    if missed.size:
+        first = missed[0]
+        raise InputError(
+            f"partition: vertex {first % polygon.n_sides} of polygon '{polygon.name}', "
+            f"at arc length {polygon.starts[first]:.17g}, is missing from the points; "
+            "every vertex has to be one"
+        )

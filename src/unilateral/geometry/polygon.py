@@ -1,0 +1,212 @@
+"""Polygonal domains and their sides; the boundary is measured by arc length from vertex 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from importlib import resources
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from unilateral.errors import InputError
+
+Array = NDArray[np.float64]
+MAX_VERTICES = 1000
+"""With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
+TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
+
+SMALLEST, LARGEST = 1e-75, 1e75
+"""Of lengths and coordinates, so that squares of areas are normal numbers."""
+MOST = 10_000_000
+"""Pieces of the boundary: their numbers alone take 80 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon:
+    """A simple polygon, not necessarily convex: the paper's Omega.
+
+    `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
+    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`.
+
+    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,
+    too far apart or too near, or if two sides touch elsewhere than in their common vertex.
+    """
+
+    vertices: Array
+    name: str = field(default="polygon")
+
+    def __post_init__(self) -> None:
+        vertices = _as_vertices(self.vertices, self.name)
+        vertices.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        _check(vertices, self.name)
+
+    @property
+    def n_sides(self) -> int:
+        return len(self.vertices)
+
+    @cached_property
+    def edges(self) -> Array:
+        """(n, 2) vectors along the sides."""
+        return np.roll(self.vertices, -1, axis=0) - self.vertices
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(n,) lengths of the sides."""
+        return np.hypot(*self.edges.T)
+
+    @cached_property
+    def starts(self) -> Array:
+        """(n + 1,) arc lengths of the vertices, the perimeter last."""
+        return np.concatenate([[0.0], np.cumsum(self.lengths)])
+
+    @property
+    def perimeter(self) -> float:
+        return float(self.starts[-1])
+
+    @cached_property
+    def tangents(self) -> Array:
+        """(n, 2) unit vectors along the sides."""
+        return self.edges / self.lengths[:, None]
+
+    @cached_property
+    def normals(self) -> Array:
+        """(n, 2) outward unit normals of the sides."""
+        return np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]])
+
+    @cached_property
+    def angles(self) -> Array:
+        """(n,) interior angles at the vertices, in radians."""
+        before = np.roll(self.tangents, 1, axis=0)
+        turn = np.arctan2(_cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
+        return np.pi - turn
+
+    @cached_property
+    def area(self) -> float:
+        moved = self.vertices - self.vertices[0]
+        return 0.5 * float(np.sum(_cross(moved, np.roll(moved, -1, axis=0))))
+
+    @cached_property
+    def diameter(self) -> float:
+        return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
+
+    def arc_length(self, side: int, t: float) -> float:
+        """Of the point that lies t side lengths along a side; exact at its ends."""
+        return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
+
+    def at(self, side: NDArray[np.intp], t: Array) -> Array:
+        """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
+        return self.vertices[side] + t[:, None] * self.tangents[side]
+
+    def counts(self, size: float) -> NDArray[np.intp]:
+        """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
+
+        A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
+        """
+        if not (np.isfinite(size) and size > 0):
+            raise InputError(
+                f"polygon '{self.name}' cannot be divided by the size {size}; give a positive number"
+            )
+        if size < self.perimeter / MOST:
+            raise InputError(
+                f"polygon '{self.name}' cannot be divided by the size {size:g}: these are more than "
+                f"{MOST:g} pieces; give a larger one"
+            )
+        return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
+
+    def divided(self, counts: NDArray[np.intp]) -> Array:
+        """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
+        side = np.repeat(np.arange(self.n_sides), counts)
+        index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
+        return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
+
+
+def names() -> list[str]:
+    """Of the polygons that have one."""
+    return list(_named())
+
+
+def named(name: str) -> Polygon:
+    """The polygon of that name in polygons.yaml; InputError lists the names there are."""
+    if name not in _named():
+        raise InputError(f"polygon '{name}' is unknown; the named ones are {', '.join(names())}")
+    return Polygon(np.array(_named()[name]), name)
+
+
+def square() -> Polygon:
+    """The unit square; sides bottom, right, top, left."""
+    return named("square")
+
+
+@cache
+def _named() -> dict[str, list[list[int]]]:
+    text = (resources.files("unilateral.geometry") / "polygons.yaml").read_text(encoding="utf-8")
+    found: dict[str, list[list[int]]] = yaml.safe_load(text)
+    return found
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _as_vertices(vertices: ArrayLike, name: str) -> Array:
+    try:
+        return np.array(vertices, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"polygon '{name}' needs vertices that are pairs x, y of numbers") from error
+
+
+def _check(v: Array, name: str) -> None:
+    if v.ndim != 2 or v.shape[1] != 2 or len(v) < 3:
+        raise InputError(f"polygon '{name}' needs at least three vertices, each a pair x, y")
+    if len(v) > MAX_VERTICES:
+        raise InputError(f"polygon '{name}': {TOO_MANY.format(len(v))}")
+    if not np.all(np.isfinite(v)):
+        raise InputError(f"polygon '{name}' has a vertex that is not finite")
+    after = np.roll(v, -1, axis=0)
+    repeated = np.flatnonzero(np.all(v == after, axis=1))
+    if repeated.size:
+        raise InputError(
+            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}"
+        )
+    if np.abs(v).max() > LARGEST or np.ptp(v, axis=0).max() < SMALLEST:
+        raise InputError(
+            f"polygon '{name}' is too large or too small, and squares of areas leave double precision; "
+            f"it has to be at least {SMALLEST:g} wide or high, its coordinates at most {LARGEST:g}"
+        )
+    crossing = _first_crossing(v, after)
+    if crossing is not None:
+        raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
+    moved = v - v[0]
+    if np.sum(_cross(moved, np.roll(moved, -1, axis=0))) <= 0:
+        raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")
+
+
+def _first_crossing(v: Array, after: Array) -> tuple[int, int] | None:
+    """The first pair of sides that meet elsewhere than in a vertex they share, or None."""
+    for i in range(len(v) - 1):
+        crossed = np.flatnonzero(_meets_later(v, after, i))
+        if crossed.size:
+            return i, i + 1 + int(crossed[0])
+    return None
+
+
+def _meets_later(v: Array, after: Array, i: int) -> NDArray[np.bool_]:
+    """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
+    n, j = len(v), np.arange(i + 1, len(v))
+    a, b, c, d = v[i], after[i], v[j], after[j]
+    abc, abd = _cross(b - a, c - a), _cross(b - a, d - a)
+    cda, cdb = _cross(d - c, a - c), _cross(d - c, b - c)
+    proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
+    touching = np.zeros(len(j), dtype=bool)
+    for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
+        touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
+    follows = j == i + 1
+    shared = np.where(follows[:, None], b, a)
+    other_i, other_j = np.where(follows[:, None], a, b), np.where(follows[:, None], d, c)
+    folded = (_cross(other_i - shared, other_j - shared) == 0) & (
+        np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
+    )
+    return np.where(follows | ((i == 0) & (j == n - 1)), folded, proper | touching)

@@ -1,0 +1,76 @@
+"""Triangulations by gmsh with prescribed boundary nodes; the only module that imports it."""
+
+from __future__ import annotations
+
+import gmsh
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from unilateral.geometry.polygon import Polygon
+
+Array = NDArray[np.float64]
+OPTIONS = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,
+    "Mesh.Algorithm": 6,
+}
+
+
+def triangulate(polygon: Polygon, s: Array, growth: float | None = None) -> tuple[Array, NDArray[np.intp]]:
+    """Points (n, 2) and anticlockwise triangles (m, 3), the boundary nodes exactly those at arc lengths s.
+
+    `s` (nb,) starts at 0 and contains the vertices. The triangles' size follows the boundary edges' or,
+    with `growth`, is the smallest over the boundary of the edges' length plus `growth` times the distance.
+    """
+    side = np.searchsorted(polygon.starts, s, side="right") - 1
+    exact = polygon.at(side, s - polygon.starts[side])
+    scale = polygon.diameter
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        for option, value in OPTIONS.items():
+            gmsh.option.setNumber(option, value)
+        nodes = _boundary((exact - polygon.vertices[0]) / scale)
+        if growth is not None:
+            _set_sizes(nodes, np.diff(s, append=polygon.perimeter) / scale, growth)
+        gmsh.model.mesh.generate(2)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        cells = gmsh.model.mesh.getElementsByType(2)[1]
+    finally:
+        gmsh.finalize()
+    used, triangles = np.unique(cells, return_inverse=True)
+    order = np.argsort(tags)
+    places = coordinates.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)], :2]
+    points = polygon.vertices[0] + scale * places
+    points[cKDTree(points).query(exact)[1]] = exact
+    return points, triangles.reshape(-1, 3)
+
+
+def _boundary(points: Array) -> list[int]:
+    """Tags of the boundary points; every line between neighbours is one edge of the mesh."""
+    nodes = [gmsh.model.geo.addPoint(x, y, 0) for x, y in points]
+    lines = [gmsh.model.geo.addLine(a, b) for a, b in zip(nodes, nodes[1:] + nodes[:1], strict=True)]
+    gmsh.model.geo.addPlaneSurface([gmsh.model.geo.addCurveLoop(lines)])
+    gmsh.model.geo.synchronize()
+    for line in lines:
+        gmsh.model.mesh.setTransfiniteCurve(line, 2)
+    return nodes
+
+
+def _set_sizes(nodes: list[int], edges: Array, growth: float) -> None:
+    """The mesh size from the boundary edges, each after its node: one distance per power of two of them."""
+    for option in ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints"):
+        gmsh.option.setNumber(option, 0)
+    field = gmsh.model.mesh.field
+    near = np.minimum(edges, np.roll(edges, 1))
+    power = np.round(np.log2(near)).astype(int)
+    formulas = []
+    for p in np.unique(power):
+        distance = field.add("Distance")
+        field.setNumbers(distance, "PointsList", np.array(nodes)[power == p].tolist())
+        formulas.append(field.add("MathEval"))
+        size = float(near[power == p].max())
+        field.setString(formulas[-1], "F", f"{size!r} + {growth!r}*F{distance}")
+    smallest = field.add("Min")
+    field.setNumbers(smallest, "FieldsList", formulas)
+    field.setAsBackgroundMesh(smallest)

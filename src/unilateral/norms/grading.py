@@ -1,0 +1,111 @@
+"""Where a reference mesh has its boundary nodes: graded to the cells' ends and to singular points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from unilateral.errors import InputError
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Array, Polygon
+from unilateral.norms.oscillation import distance_to_other_sides
+
+HALVINGS = 8
+SHORTEST = 5e-8
+"""Edge, in diameters: gmsh tells points apart that are 1e-8 apart."""
+SNAP = 1e-6
+"""Distance, in diameters, at which a singular point counts as a cell's end when the mesh is graded."""
+LONGEST = 0.25
+MOST_EDGES = 8_000
+"""On the boundary of a polygon so large that edges have to be longer than LONGEST; the bounds stay valid."""
+
+
+def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
+    """(nb,) arc lengths of the mesh's boundary nodes, nested in T_H and in the singular points.
+
+    A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
+    jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
+    those beside a shorter cell, those longer than LONGEST, and those that are long against shorter edges on
+    a side near by. No edge is shorter than SHORTEST; the grading of a singular point that near to a cell's
+    end is to that end.
+    Raises InputError if a cell is shorter.
+    """
+    polygon = partition.polygon
+    shortest = SHORTEST * polygon.diameter
+    _check_cells(partition, shortest)
+    points = _singular_points(partition, singular)
+    cuts = np.union1d(partition.points, points)
+    parts = np.diff(cuts)
+    cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
+    counts = np.ceil(parts / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
+    both_ends = np.isin(cuts[:-1], points) & np.isin(cuts[1:], points)
+    counts = np.maximum(counts, np.where(both_ends, 2, 1))
+    most = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / parts, 1))).astype(int)
+    counts = np.minimum(counts, most)
+    index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
+    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(parts, counts)]
+    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * parts
+    halves = 0.5 ** np.arange(1, HALVINGS + 1)
+    for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
+        for sign, end in ((1, ends[i % len(ends)]), (-1, ends[i - 1])):
+            nodes.append(p + sign * (end * halves)[end * halves >= shortest])
+    nodes += _graded_to_shorter_neighbours(cuts[:-1], ends)
+    return _near_shorter_edges(
+        polygon, _halved(polygon, np.unique(np.concatenate(nodes) % polygon.perimeter))
+    )
+
+
+def _check_cells(partition: Partition, shortest: float) -> None:
+    i = int(np.argmin(partition.lengths))
+    if partition.lengths[i] < shortest:
+        raise InputError(
+            f"partition: cell {i} has the length {partition.lengths[i]:.3g}; for bounds of the dual norm "
+            f"it has to be {shortest:.3g} or more, {SHORTEST:g} of the polygon's diameter"
+        )
+
+
+def _singular_points(partition: Partition, singular: Iterable[float]) -> Array:
+    """Arc lengths, increasing; at the end of a cell if as near to it as SNAP."""
+    perimeter = partition.polygon.perimeter
+    given = np.array(sorted({s % perimeter for s in singular}))
+    ends = partition.points[np.abs(given[:, None] - partition.points).argmin(axis=1)]
+    snap = SNAP * partition.polygon.diameter
+    moved = np.unique(np.where(np.abs(given - ends) <= snap, ends, given) % perimeter)
+    return moved[np.diff(moved, prepend=-np.inf) > snap]
+
+
+def _halved(polygon: Polygon, s: Array) -> Array:
+    """With more nodes (nb,) inside edges that are too long for functions that decay with the distance 1."""
+    limit = max(LONGEST, polygon.perimeter / MOST_EDGES)
+    ends = np.append(s, polygon.perimeter)
+    while np.any(long := np.diff(ends) > limit):
+        ends = np.union1d(ends, (0.5 * (ends[1:] + ends[:-1]))[long])
+    return ends[:-1]
+
+
+def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
+    """With more nodes (nb,): an edge is at most twice as long as any on another side, plus the distance."""
+    while True:
+        ends = np.append(s, polygon.perimeter)
+        lengths, middle = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
+        side = np.searchsorted(polygon.starts, middle, side="right") - 1
+        points = polygon.at(side, middle - polygon.starts[side])
+        candidates = np.flatnonzero(distance_to_other_sides(polygon, points, side) < lengths)
+        distance = np.linalg.norm(points[candidates, None] - points, axis=2)
+        distance[side[candidates, None] == side] = np.inf
+        long = candidates[lengths[candidates] > (distance + 2 * lengths).min(axis=1) * (1 + 1e-9)]
+        if not long.size:
+            return s
+        s = np.union1d(s, middle[long])
+
+
+def _graded_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
+    """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
+    before, after = np.roll(ends, 1), ends
+    halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)
+    return [
+        cuts[i] + (after[i] if after[i] > before[i] else -before[i]) * 0.5 ** np.arange(1, halvings[i] + 1)
+        for i in np.flatnonzero(halvings)
+    ]

@@ -1,0 +1,141 @@
+"""The inf-sup constants of Lemma 3.1 for one mesh and one partition, between guaranteed bounds.
+
+The first inequality of (3.4) holds with beta^2 the smallest eigenvalue of D x = beta^2 G x, D the dual
+operator and G the Gram matrix of ||.||_{-1/2} on P0(T_H). G is known from both sides as a form, and so is
+beta; below 1e-6, where its square is rounding, it counts as 0. The second holds with
+beta_0^2 = lambda_min(S) / H.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from unilateral.fem.spaces import DualOperator
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.dual import Bounds
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+ZERO = 1e-12
+TIE = 1e-3
+"""Relative difference of beta^2 below which symmetry classes count as equally bad."""
+
+
+class InfSup(NamedTuple):
+    """Bounds of beta, and the constant beta_0 of the second inequality of (3.4)."""
+
+    beta_lower: float
+    beta_upper: float
+    beta_0: float
+
+
+def infsup(operator: DualOperator, gram: Bounds) -> InfSup:
+    """The constants of a mesh and a partition, from the Gram matrices (m, m) of P0(T_H).
+
+    beta is at most 1, for V_h is conforming; beta^2 <= 1e-12, which is rounding, counts as 0.
+    """
+    squares = [_smallest(operator.D, G) for G in (gram.upper, gram.lower)]
+    lower, upper = (math.sqrt(square) if square > ZERO else 0.0 for square in squares)
+    beta_0 = math.sqrt(max(operator.lambda_min, 0.0) / float(operator.H_i.max()))
+    return InfSup(lower, min(upper, 1.0), beta_0)
+
+
+def of_runs(errors: xr.Dataset) -> xr.Dataset:
+    """What Lemmas 3.1 and 4.3 say about every run of a scene, with its measured errors and constants.
+
+    `norm_ratio` bounds ||e||_{-1/2,h} / ||e||_{-1/2} for e = lambda - lambda_H, which lies in [0, 1] and, if
+    e were in P0(T_H), above beta; `lemma_4_3` is the left side of (4.6) over the right one with the constants
+    1 + 1/beta and 1/beta, every factor taken on its unfavourable side. NaN where beta or, to round-off, the
+    error is 0.
+    """
+    beta, upper = errors["beta_upper"], errors["hm12_error_upper"]
+    known = (beta > 0) & (upper > ZERO * errors["u_norm"])
+    right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
+    found = {
+        "norm_ratio_lower": errors["hm12_discrete"] / upper,
+        "norm_ratio_upper": errors["hm12_discrete"] / errors["hm12_error_lower"],
+        "lemma_4_3": upper / right,
+    }
+    order = ("case", "mesh", "partition")
+    table = xr.Dataset({name: values.where(known).transpose(*order) for name, values in found.items()})
+    return table.merge(errors[["beta_lower", "beta_upper", "beta_0"]])
+
+
+def _smallest(D: Array, G: Array) -> float:
+    return float(eigh(D, G, eigvals_only=True, subset_by_index=[0, 0])[0])
+
+
+def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Array:
+    """mu (m,) at which ||mu||_{-1/2,h} / ||mu||_{-1/2} is smallest, its largest value 1.
+
+    `symmetries` are commuting involutions (m,) of the cells that map the domain, its mesh and T_H onto
+    themselves. The worst mu is looked for among those that each symmetry keeps or turns into -mu; of classes
+    that are equally bad it is the first, beginning with the symmetric.
+    """
+    m = len(D)
+    best, found = 0.0, np.empty(0)
+    for signs in product((1.0, -1.0), repeat=len(symmetries)):
+        projector = np.eye(m)
+        for sign, image in zip(signs, symmetries, strict=True):
+            projector = 0.5 * (projector + sign * projector[image])
+        values, vectors = np.linalg.eigh(projector)
+        basis = vectors[:, values > 0.5]
+        if not basis.shape[1]:
+            continue
+        value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
+        if not found.size or value[0] < best - TIE * abs(best):
+            best, found = float(value[0]), basis @ x[:, 0]
+    return found / found[_first_largest(found)]
+
+
+def _first_largest(mu: Array) -> int:
+    size = np.abs(mu)
+    return int(np.flatnonzero(size >= (1 - TIE) * size.max())[0])
+
+
+class Resolution(NamedTuple):
+    """How finely a mesh resolves a partition; the smallest over the cells T_i of each.
+
+    `edges_per_cell` counts boundary edges, parts as fractions; `cell_over_edge` is H_i over the longest edge
+    that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i; `smallest_angle` is that
+    of the triangles at the boundary, in degrees.
+    """
+
+    edges_per_cell: float
+    cell_over_edge: float
+    nodes_per_cell: int
+    smallest_angle: float
+
+
+def resolution(mesh: Mesh, partition: Partition) -> Resolution:
+    """The measures of h/H that a cell of T_H sees."""
+    points = np.union1d(mesh.s, partition.points)
+    middle = 0.5 * (points[1:] + points[:-1])
+    cell, edge = (np.searchsorted(s, middle) - 1 for s in (partition.points, mesh.s))
+    lengths = np.diff(mesh.s)
+    edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
+    longest = np.zeros(partition.n_cells)
+    np.maximum.at(longest, cell, lengths[edge])
+    inside = np.bincount(cell, minlength=partition.n_cells) - 1
+    ratio = (partition.lengths / longest).min()
+    return Resolution(float(edges.min()), float(ratio), int(inside.min()), _smallest_angle(mesh))
+
+
+def _smallest_angle(mesh: Mesh) -> float:
+    at = np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2
+    a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
+    sides = [p - q for p, q in ((b, a), (c, b), (a, c))]
+    angles = [
+        np.arctan2(np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), -np.sum(p * q, axis=1))
+        for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
+    ]
+    return math.degrees(float(np.min(angles)))

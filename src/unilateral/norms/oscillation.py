@@ -1,0 +1,79 @@
+"""What a flux that is linear on the boundary edges does not carry, bounded in ||.||_{-1/2}.
+
+Let r be orthogonal to the linear functions on every boundary edge e. Where a square Q can be erected on e
+inside Omega, apart from the squares on other sides,
+
+    <r, v>_e <= (C h_e)^{1/2} ||r||_e |v|_{1,Q},  C = 1/(2 pi tanh 2 pi):
+
+the harmonic functions cos(k pi x) cosh(k pi (1 - y)) diagonalise the right-hand side, cos(pi x) is all but
+excluded by the linear functions, and cos(2 pi x) remains. Where r is orthogonal to constants only, cos(pi x)
+remains too: C = 1/(pi tanh pi). Elsewhere the triangle T at e serves: r is
+orthogonal to the mean of v in T, and
+
+    ||v - mean_T v||_e^2 <= |e|/|T| (d^2/pi^2 + a d/pi) |v|_{1,T}^2,
+
+d the diameter of T and a the greater distance of its vertex off e from the ends of e, by the divergence
+theorem with the field x - vertex and the inequality of Payne and Weinberger (1960). Squares do not overlap,
+nor do triangles; what they bound is added.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
+MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
+REACH = math.sqrt(5) / 2
+"""Of a square from the midpoint of its edge, in edges."""
+
+
+def oscillation_bound(
+    mesh: Mesh, triangle: NDArray[np.intp], squared_norms: Array, on_square: Array | float = ON_SQUARE
+) -> Array:
+    """Bounds (k,) of ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge.
+
+    `on_square` is C, for all edges or for each (nb,).
+    """
+    square = has_square(mesh)
+    of_squares = (on_square * np.diff(mesh.s) * square) @ squared_norms
+    of_triangles = (trace_constants(mesh, triangle) * ~square) @ squared_norms
+    return np.sqrt(of_squares) + np.sqrt(of_triangles)
+
+
+def has_square(mesh: Mesh) -> Mask:
+    """(nb,) whether the square on an edge lies inside Omega, and apart from any square on another side."""
+    lengths = np.diff(mesh.s)
+    start = mesh.points[mesh.boundary]
+    middle = 0.5 * (start + np.roll(start, -1, axis=0))
+    distance = distance_to_other_sides(mesh.polygon, middle, mesh.side)
+    return distance > REACH * (lengths + lengths.max())
+
+
+def distance_to_other_sides(polygon: Polygon, points: Array, side: NDArray[np.intp]) -> Array:
+    """(k,) the distance of points (k, 2) on the sides (k,) from the other sides."""
+    offset = points[:, None] - polygon.vertices
+    along = np.clip(np.sum(offset * polygon.tangents, axis=2), 0.0, polygon.lengths)
+    distance = np.linalg.norm(offset - along[..., None] * polygon.tangents, axis=2)
+    distance[np.arange(len(points)), side] = np.inf
+    return np.asarray(distance.min(axis=1))
+
+
+def trace_constants(mesh: Mesh, triangle: NDArray[np.intp]) -> Array:
+    """(nb,) the triangles' constants, doubled where two edges share a triangle."""
+    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    off = mesh.triangles[triangle].sum(axis=1) - start - end
+    e, a, b = (
+        np.hypot(*(mesh.points[p] - mesh.points[q]).T) for p, q in ((start, end), (start, off), (end, off))
+    )
+    far = np.maximum(a, b)
+    d = np.maximum(far, e)
+    shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
+    return shared * e / mesh.areas[triangle] * (d**2 / math.pi**2 + far * d / math.pi)

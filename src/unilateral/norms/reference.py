@@ -1,0 +1,150 @@
+"""The reference spaces of a partition: P2 and BDM1 on one mesh that is graded to the boundary.
+
+The mesh is made for T_H alone, its boundary nodes by `grading`; the triangles grow with the distance from
+the boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+from numpy.typing import NDArray
+from skfem.helpers import div, dot
+from skfem.models.poisson import laplace, mass
+
+from unilateral.fem.condense import check_constants, elimination_order, factorise
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.grading import boundary_nodes
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+EDGES_PER_CELL = 8
+GROWTH = 0.45
+BLOCK = 16
+
+
+class Factor:
+    """A symmetric positive definite matrix (n, n), factorised in an order (n,) or by nested dissection."""
+
+    def __init__(self, A: sp.csr_array, order: Index | None = None) -> None:
+        self.order = elimination_order(A) if order is None else order
+        self.lu = factorise(A, self.order)
+
+    def solve(self, rhs: Array) -> Array:
+        """A^{-1} rhs, (n,), its entries in the order of elimination."""
+        return self.lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
+
+    def products(self, F: sp.csc_array) -> Array:
+        """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
+        found = np.empty((F.shape[1], F.shape[1]))
+        permuted = F.tocsr()[self.order].tocsc()
+        transposed = permuted.T.tocsr()
+        for start in range(0, F.shape[1], BLOCK):
+            block = slice(start, start + BLOCK)
+            found[:, block] = transposed @ self.lu.solve(permuted[:, block].toarray())
+        return 0.5 * (found + found.T)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceSpaces:
+    """P2 and BDM1 on `mesh`, with the matrices of (v, w)_1 and of (q, r) + (div q, div r).
+
+    `nodes` (nb, 3) are the unknowns of P2 on each boundary edge: its start, its end, its midpoint;
+    `normal` (n_bdm1, 2 nb) takes the values of q.n at the starts and ends of the boundary edges, edge by
+    edge, to the unknowns of BDM1; `inner` are the other unknowns of BDM1. `triangle` (nb,) is the one at each
+    boundary edge.
+    """
+
+    mesh: Mesh
+    n_p2: int
+    nodes: Index
+    p2: Factor
+    normal: sp.csr_array
+    bdm1: sp.csr_array
+    inner: Index
+    bdm1_inner: Factor
+    triangle: Index
+
+    def suprema(self, loads: sp.csc_array) -> Array:
+        """(k, k) matrix of the form whose root is sup over P2 of <mu, v> / ||v||_1, loads (n_p2, k)."""
+        return self.p2.products(loads)
+
+    def least_fluxes(self, normal_fluxes: sp.csc_array) -> Array:
+        """(k, k) matrix of the form min (||q||^2 + ||div q||^2) over BDM1 with the q.n given (2 nb, k)."""
+        q = (self.normal @ normal_fluxes).tocsc()
+        response = (self.bdm1 @ q).tocsc()
+        direct = (q.T @ response).toarray()
+        return 0.5 * (direct + direct.T) - self.bdm1_inner.products(response.tocsr()[self.inner].tocsc())
+
+
+def reference_spaces(
+    partition: Partition, singular: Iterable[float] = (), edges_per_cell: int = EDGES_PER_CELL
+) -> ReferenceSpaces:
+    """The reference spaces of a partition, refined towards the given arc lengths too."""
+    polygon = partition.polygon
+    s = boundary_nodes(partition, singular, edges_per_cell)
+    mesh = meshes.with_boundary(polygon, s, GROWTH)
+    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    facet = boundary_facets(of_skfem, mesh)
+    p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
+    bdm1 = skfem.Basis(of_skfem, skfem.ElementTriBDM1())
+    A = sp.csr_array(hdiv.assemble(bdm1))
+    inner = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facet])
+    M = mass.assemble(p2)
+    factor = Factor(sp.csr_array(laplace.assemble(p2) + M))
+    check_constants(mesh, factor.solve(M.sum(axis=1)))
+    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    return ReferenceSpaces(
+        mesh,
+        n_p2=p2.N,
+        nodes=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
+        p2=factor,
+        normal=normal_fluxes(bdm1, mesh, facet),
+        bdm1=A,
+        inner=inner,
+        bdm1_inner=Factor(A[inner][:, inner].tocsr()),
+        triangle=of_skfem.f2t[0, facet],
+    )
+
+
+@skfem.BilinearForm
+def hdiv(q, r, _):  # type: ignore[no-untyped-def]
+    """(q, r) + (div q, div r)."""
+    return dot(q, r) + div(q) * div(r)
+
+
+def boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
+    """(nb,) skfem's facet of every boundary edge."""
+    n, facets = mesh.n_nodes, of_skfem.facets.astype(np.intp)
+    keys = facets.min(axis=0) * n + facets.max(axis=0)
+    order = np.argsort(keys)
+    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    wanted = np.minimum(start, end) * n + np.maximum(start, end)
+    return order[np.searchsorted(keys, wanted, sorter=order)]
+
+
+def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
+    """(n, 2 nb): the unknowns of BDM1 or RT1 with given values of q.n at the ends of the boundary edges."""
+    ends = (np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
+    basis = skfem.FacetBasis(space.mesh, space.elem, facets=facet, quadrature=ends)
+    unknowns = space.facet_dofs[:, facet]
+    values = np.stack(
+        [np.sum(np.asarray(shape[0]) * np.asarray(basis.normals), axis=0) for shape in basis.basis]
+    )
+    local = basis.element_dofs[:, None] == unknowns
+    traces = np.einsum("lnp,ldn->npd", values, local.astype(float))
+    first = np.asarray(basis.global_coordinates())[:, :, 0].T
+    flipped = np.any(np.abs(first - mesh.points[mesh.boundary]) > 0.5 * np.diff(mesh.s)[:, None], axis=1)
+    traces[flipped] = traces[flipped, ::-1]
+    to_unknowns = np.linalg.inv(traces)
+    rows, columns = np.broadcast_arrays(
+        unknowns.T[:, :, None], (2 * np.arange(len(facet))[:, None] + np.arange(2))[:, None, :]
+    )
+    shape = (space.N, 2 * len(facet))
+    return sp.coo_array((to_unknowns.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()

@@ -1,0 +1,193 @@
+"""Atoms: the building blocks of manufactured solutions, each with a known trace, flux and regularity.
+
+A *smooth* atom is a formula in x, y; a *tensor* atom is -d l(t) chi(d), in coordinates along a side and
+away from it; the *polar* ones have their own module. Lengths are in units
+of the side's length L and values in units of L, so that an atom's flux does not depend on L:
+u = L v(x / L), and -Delta u + u = (-Delta v) / L + L v.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from unilateral.formulas.elementary import evaluate
+from unilateral.formulas.formula import Compiled, compile_numpy, kinks, pos
+from unilateral.formulas.taylor import Model, by_part, number
+from unilateral.geometry.curves import Kink, Singular
+from unilateral.geometry.polygon import Polygon
+
+Array = NDArray[np.float64]
+T, D, X, Y = (sympy.Symbol(name, real=True) for name in ("t", "d", "x", "y"))
+
+
+class Along(NamedTuple):
+    """Points (k,) of a side, `t` = `anchor` + `offset` in side lengths; the sum rounds, the parts do not."""
+
+    t: Array
+    anchor: Array
+    offset: Array
+
+    def minus(self, t: float) -> Array:
+        """The signed distance from the point t, exact near it if the anchors are that point."""
+        return (self.anchor - t) + self.offset
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """A formula in x, y; the case's `u` where no atom is needed."""
+
+    u: sympy.Expr
+    in_H2: bool = field(default=True, init=False)
+    lipschitz: bool = field(default=True, init=False)
+    flux_in_L2: bool = field(default=True, init=False)
+    flux_bounded: bool = field(default=True, init=False)
+    finite: bool = field(default=True, init=False)
+
+    @cached_property
+    def _f(self) -> sympy.Expr:
+        return self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
+
+    @cached_property
+    def _values(self) -> tuple[Compiled, Compiled]:
+        du = [sympy.diff(self.u, X), sympy.diff(self.u, Y)]
+        return compile_numpy([self.u, *du], (X, Y)), compile_numpy([self._f], (X, Y))
+
+    def value_model(self, x: Model, y: Model) -> Model:
+        """u on the boxes of x and y."""
+        return evaluate(self.u, {X: x, Y: y})
+
+    def source_model(self, x: Model, y: Model) -> Model:
+        """-Delta u + u on the boxes of x and y."""
+        return evaluate(self._f, {X: x, Y: y})
+
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
+        value, dx, dy = self._values[0](*(points + offset).T)
+        return value, np.column_stack([dx, dy])
+
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        """(k,) values of -Delta u + u."""
+        return self._values[1](*(points + offset).T)[0]
+
+    def touches(self, side: int) -> bool:
+        """Whether `trace_and_flux` knows the side."""
+        return False
+
+    def kinks(self) -> list[Kink]:
+        return []
+
+    def singular(self) -> list[Singular]:
+        return []
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """What polar and tensor atoms share: a frame at the point `t` (in side lengths) of a side."""
+
+    polygon: Polygon
+    side: int
+    t: float
+
+    @property
+    def length(self) -> float:
+        return float(self.polygon.lengths[self.side])
+
+    @cached_property
+    def centre(self) -> Array:
+        return self.polygon.at(np.array([self.side]), np.array([self.t * self.length]))[0]
+
+    @cached_property
+    def frame(self) -> Array:
+        """(2, 2): rows the side's direction and its inward normal."""
+        return np.stack([self.polygon.tangents[self.side], -self.polygon.normals[self.side]])
+
+    def touches(self, side: int) -> bool:
+        return side == self.side
+
+    def local(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """Coordinates (k,), (k,) along the side from the centre and into Omega of points + offset."""
+        x, y = ((points - self.centre) + offset).T
+        along, into = self.frame / self.length
+        return x * along[0] + y * along[1], x * into[0] + y * into[1]
+
+    def local_models(self, x: Model, y: Model) -> tuple[Model, Model]:
+        """The same coordinates on the boxes of x and y."""
+        x, y = x + number(x, -self.centre[0]), y + number(y, -self.centre[1])
+        along, into = (x.scaled(a / self.length) + y.scaled(b / self.length) for a, b in self.frame)
+        return along, into
+
+    def to_xy(self, along: Array, into: Array) -> Array:
+        """(k, 2) vectors from their components along the side and into Omega."""
+        return np.column_stack([along * self.frame[0, i] + into * self.frame[1, i] for i in range(2)])
+
+
+@dataclass(frozen=True, eq=False)
+class Tensor(Local):
+    """-d l(t) (1 - (d / cutoff)^2)_+^4, d the distance to the side in side lengths, l in H2."""
+
+    profile: sympy.Expr
+    cutoff: sympy.Expr
+    in_H2: bool = field(default=True, init=False)
+    lipschitz: bool = field(default=True, init=False)
+    flux_in_L2: bool = field(default=True, init=False)
+    flux_bounded: bool = field(default=True, init=False)
+    finite: bool = field(default=True, init=False)
+
+    @cached_property
+    def _v(self) -> sympy.Expr:
+        return -D * self.profile * pos(1 - (D / self.cutoff) ** 2, 4)
+
+    @cached_property
+    def _f(self) -> sympy.Expr:
+        laplacian, scale = sympy.diff(self._v, T, 2) + sympy.diff(self._v, D, 2), sympy.Float(self.length, 17)
+        return scale * self._v - laplacian / scale
+
+    @cached_property
+    def _values(self) -> tuple[Compiled, Compiled]:
+        values = [self._v, sympy.diff(self._v, T), sympy.diff(self._v, D)]
+        return compile_numpy(values, (T, D)), compile_numpy([self._f], (T, D))
+
+    def value_model(self, x: Model, y: Model) -> Model:
+        """u on the boxes of x and y."""
+        t, d = self.local_models(x, y)
+        return evaluate(self._v, {T: t, D: d}).scaled(self.length)
+
+    def source_model(self, x: Model, y: Model) -> Model:
+        """-Delta u + u on the boxes of x and y."""
+        t, d = self.local_models(x, y)
+        profile = evaluate(self.profile, {T: t}).range
+        support = (d.range[0] < float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
+        return by_part([(lambda t, d: evaluate(self._f, {T: t, D: d}), support)], t, d)
+
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        v, v_t, v_d = self._values[0](*self.local(points, offset))
+        return self.length * v, self.to_xy(v_t, v_d)
+
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        return self._values[1](*self.local(points, offset))[0]
+
+    def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
+        """(k,) values of u and of its outward normal derivative on the side."""
+        v, _, v_d = self._values[0](along.t, np.zeros_like(along.t))
+        return self.length * v, -v_d
+
+    @cached_property
+    def _profile_kinks(self) -> list[tuple[float, sympy.Expr]]:
+        return kinks(self.profile, T)
+
+    def kinks(self) -> list[Kink]:
+        along, into = self.frame[0], self.frame[1]
+        middle = self.centre + 0.5 * self.length * along
+        lines = [Kink(tuple(middle + float(self.cutoff) * self.length * into), 0.0, tuple(along))]
+        for t, _ in self._profile_kinks:
+            lines.append(Kink(tuple(self.centre + t * self.length * along), 0.0, tuple(into)))
+        return lines
+
+    def singular(self) -> list[Singular]:
+        return [Singular(self.side, t, int(k.q)) for t, k in self._profile_kinks]

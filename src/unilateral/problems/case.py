@@ -1,0 +1,313 @@
+"""Cases: manufactured solutions, declared in YAML files and derived here.
+
+A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + u, lambda = du/dn
+and g = u - gap follow. `certificate.certify` checks what the paper asks of them.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from importlib import resources
+from importlib.resources.abc import Traversable
+from math import lcm
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from unilateral import declarations
+from unilateral.errors import InputError, shown
+from unilateral.formulas.elementary import Steps, evaluate
+from unilateral.formulas.formula import Compiled, compile_numpy, kinks, number, parse, pos, substituted
+from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
+from unilateral.formulas.taylor import Model, joined
+from unilateral.geometry.curves import Kink, Singular
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.atoms import Along, Smooth, T, Tensor, X, Y
+from unilateral.problems.cantor import Cantor
+from unilateral.problems.cantor import gap as cantor_gap
+from unilateral.problems.obstacle import Obstacle, enclosed, places
+from unilateral.problems.polar import Polar, corner, harmonic
+
+Array = NDArray[np.float64]
+RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
+Atom = Smooth | Tensor | Polar | Cantor
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A manufactured problem on a polygon; lengths along a side are measured from its start.
+
+    `gaps` holds one expression in t (the arc length in side lengths) per side. On `free_sides` lambda is 0,
+    and they are solved on without multipliers; `certificate.with_free_sides` checks that.
+    """
+
+    name: str
+    declaration: Mapping[str, Any]
+    polygon: Polygon
+    atoms: tuple[Atom, ...]
+    gaps: tuple[sympy.Expr, ...]
+    free_sides: tuple[int, ...] = ()
+
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
+
+        Near a singular point give that point and the offset from it, which the sum would round away.
+        """
+        found = (atom.value_and_gradient(points, offset) for atom in self.atoms)
+        values, gradients = zip(*found, strict=True)
+        return sum(values[1:], start=values[0]), sum(gradients[1:], start=gradients[0])
+
+    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+        """f = -Delta u + u (k,) at the places points + offset (k, 2) of Omega, (1.1)."""
+        first, *others = (atom.source(points, offset) for atom in self.atoms)
+        return sum(others, start=first)
+
+    @property
+    def jumps(self) -> dict[sympy.Expr, Kink]:
+        """f has none."""
+        return {}
+
+    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        """f on the boxes of x and y."""
+        return reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
+
+    def obstacle_model(self, side: NDArray[np.intp], t: Model) -> Model:
+        """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
+        x, y = places(self.polygon, side, t)
+        u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
+        parts = [
+            (evaluate(-self.gaps[i], {T: t.on(at)}), at)
+            for i, at in ((i, np.flatnonzero(side == i)) for i in np.unique(side))
+        ]
+        return u + joined(parts)
+
+    @cached_property
+    def enclosed_obstacle(self) -> Obstacle:
+        """g on all sides, enclosed."""
+        return enclosed(self.polygon, self.obstacle_model, cuts=self.singular())
+
+    def boundary(
+        self, side: NDArray[np.intp], s: Array, near: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array, Array]:
+        """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides.
+
+        `near`: for every place a point t of its side, in side lengths, and the arc length from there.
+        """
+        lengths = self.polygon.lengths[side]
+        anchor, offset = near or (s / lengths, np.zeros(len(s)))
+        u, flux, gap = (np.zeros(len(s)) for _ in range(3))
+        for i in np.unique(side):
+            here = np.flatnonzero(side == i)
+            along = Along((s / lengths)[here], anchor[here], (offset / lengths)[here])
+            u[here], flux[here], gap[here] = self._on_side(int(i), s[here], along)
+        return u, flux, gap
+
+    def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array, Array]:
+        points = self.polygon.at(np.full(len(s), side), s)
+        u, flux = np.zeros(len(s)), np.zeros(len(s))
+        for atom in self.atoms:
+            if not isinstance(atom, Smooth) and atom.touches(side):
+                value, normal = atom.trace_and_flux(side, along)
+            else:
+                value, gradient = atom.value_and_gradient(points)
+                normal = gradient @ self.polygon.normals[side]
+            u, flux = u + value, flux + normal
+        return u, flux, self._gap_functions[side](along.t)[0]
+
+    @cached_property
+    def _gap_functions(self) -> list[Compiled]:
+        return [compile_numpy([gap], (T,)) for gap in self.gaps]
+
+    @cached_property
+    def gap_kinks(self) -> list[list[tuple[float, sympy.Expr]]]:
+        """Per side, where the gap has a power of a positive part, t with the exponent."""
+        return [kinks(gap, T) for gap in self.gaps]
+
+    def transitions(self) -> Array:
+        """Arc lengths (k,) of the places inside sides where, by the declaration, contact can begin or end.
+
+        These are the kinks of the gap: where u > g turns into u = g the gap is declared by a positive part.
+        """
+        places = [(side, t) for side, points in enumerate(self.gap_kinks) for t, _ in points if 0 < t < 1]
+        side, t = np.array([side for side, _ in places], dtype=np.intp), np.array([t for _, t in places])
+        return self.polygon.starts[side] + t * self.polygon.lengths[side]
+
+    def kinks(self) -> list[Kink]:
+        """The curves in Omega across which u is only finitely smooth."""
+        return [kink for atom in self.atoms for kink in atom.kinks()]
+
+    @property
+    def flux_in_L2(self) -> bool:
+        """Whether lambda is square integrable; errors of lambda in L2 are NaN if not."""
+        return all(atom.flux_in_L2 for atom in self.atoms)
+
+    def flux_singular(self) -> list[Singular]:
+        """The points of sides at which lambda, and u in Omega, behave like a fractional power."""
+        points = [point for atom in self.atoms for point in atom.singular()]
+        return [point for point in points if point.grading > 1 and 0 <= point.t <= 1]
+
+    def singular(self) -> list[Singular]:
+        """The points of the sides at which u, lambda or the gap are not smooth, without repetition."""
+        found = [point for atom in self.atoms for point in atom.singular()]
+        found += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        for side, points in enumerate(self.gap_kinks):
+            found += [Singular(side, t, int(exponent.q)) for t, exponent in points]
+        merged: dict[tuple[int, float], Singular] = {}
+        for point in found:
+            t = round(point.t, 12)
+            if 0 <= t <= 1:
+                known = merged.get((point.side, t), point)
+                at = t if t in (0, 1) else known.t
+                merged[point.side, t] = Singular(point.side, at, lcm(known.grading, point.grading))
+        return [merged[key] for key in sorted(merged)]
+
+
+def names() -> list[str]:
+    """The names of the catalogue's cases."""
+    return sorted(entry.name[:-5] for entry in _catalogue().iterdir() if entry.name.endswith(".yaml"))
+
+
+def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
+    """The case of that name, or declared in that file, put on a side of a polygon.
+
+    Raises InputError for an unknown name, a declaration against the schema, or a polygon it is not for.
+    """
+    declaration, name = declared(case)
+    where = f"case '{name}'"
+    if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
+        raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
+    if not 0 <= side < polygon.n_sides:
+        raise InputError(f"{where}: '{polygon.name}' has the sides 0 to {polygon.n_sides - 1}, not {side}")
+    constants = _constants(declaration, polygon, where)
+    build = _Builder(where, polygon, side, constants)
+    atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
+    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]))
+
+
+def declared(case: str | Path) -> tuple[dict[str, Any], str]:
+    """The declaration of a case as the schema allows it, and the case's name."""
+    name = str(case)
+    file: Path | Traversable | None = None if name in names() else declarations.file_of(name)
+    if file is None:
+        file = _catalogue() / f"{name}.yaml"
+        if name not in names():
+            known = ", ".join(names())
+            raise InputError(f"case '{shown(name)}' is unknown; the catalogue has {known}")
+    schema = resources.files("unilateral.problems") / "case.schema.yaml"
+    declaration = declarations.validate(declarations.read(file, name), schema, name)
+    return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
+
+
+def _catalogue() -> Traversable:
+    return resources.files("unilateral.manufactured")
+
+
+Constants = dict[sympy.Symbol, sympy.Expr]
+
+
+def _constants(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> Constants:
+    constants = {}
+    for name, value in declaration.get("constants", {}).items():
+        if isinstance(value, Mapping):
+            if polygon.name not in value:
+                raise InputError(f"{where}: the constant '{name}' has no value for '{polygon.name}'")
+            value = value[polygon.name]
+        _check_name(name, where)
+        constants[sympy.Symbol(name, real=True)] = number(value, f"{where}, constant {name}")
+    return constants
+
+
+def _check_name(name: str, where: str) -> None:
+    """A formula can use a constant if its name is one for Python, and nothing else has it."""
+    if name in RESERVED or keyword.iskeyword(name) or not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
+        fault = "cannot be a constant's name; take one such as c1 that formulas do not have"
+        raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
+
+
+@dataclass(frozen=True)
+class _Builder:
+    where: str
+    polygon: Polygon
+    base: int
+    constants: Constants
+
+    def formula(self, text: object, variables: tuple[sympy.Symbol, ...], where: str) -> sympy.Expr:
+        allowed = [symbol.name for symbol in (*variables, *self.constants)]
+        return substituted(parse(text, allowed, where), self.constants, where)
+
+    def along_side(self, text: object, where: str) -> sympy.Expr:
+        """A formula in t whose kinks can be found."""
+        formula = self.formula(text, (T,), where)
+        try:
+            kinks(formula, T)
+        except ValueError as error:
+            raise InputError(f"{where}: {error}") from None
+        return formula
+
+    def side(self, offset: int) -> int:
+        return (self.base + offset) % self.polygon.n_sides
+
+    def atom(self, entry: Mapping[str, Any], where: str) -> Atom:
+        if entry["atom"] == "smooth":
+            u = self.formula(entry["formula"], (X, Y), where)
+            if u.has(pos, sympy.log) or any(not power.exp.is_integer for power in u.atoms(sympy.Pow)):
+                raise InputError(f"{where}: a smooth atom has no pos, log or fractional power")
+            return Smooth(u)
+        side = entry["vertex"] if "vertex" in entry else self.side(entry["side"])
+        if side >= self.polygon.n_sides:
+            raise InputError(
+                f"{where}, vertex: '{self.polygon.name}' has the vertices 0 to {self.polygon.n_sides - 1}"
+            )
+        cutoff = number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
+        if cutoff is not None and cutoff <= 0:
+            raise InputError(f"{where}, cutoff: {cutoff} must be positive")
+        if entry["atom"] == "tensor":
+            profile = self.along_side(entry["profile"], f"{where}, profile")
+            if any(k <= sympy.Rational(3, 2) for _, k in kinks(profile, T)):
+                raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
+            return Tensor(self.polygon, side, 0.0, profile, cutoff)
+        times = number(entry.get("times", 1), f"{where}, times")
+        alpha = self._alpha(entry, where)
+        if entry["atom"] == "cantor":
+            return Cantor(self.polygon, side, 0.0, *self.family(entry, where), alpha)
+        if entry["atom"] == "corner":
+            return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
+        at = number(entry["at"], f"{where}, at")
+        if not 0 < at < 1:
+            raise InputError(f"{where}, at: {at} must lie between 0 and 1")
+        return harmonic(self.polygon, side, at, alpha, cutoff, times)
+
+    def family(self, entry: Mapping[str, Any], where: str) -> tuple[sympy.Expr, int]:
+        """The share that a Cantor set keeps at either end, and its generations."""
+        keep = number(entry["keep"], f"{where}, keep")
+        if not 0 < keep < sympy.Rational(1, 2):
+            raise InputError(f"{where}, keep: {keep} must lie between 0 and 1/2")
+        return keep, entry["generations"]
+
+    def _alpha(self, entry: Mapping[str, Any], where: str) -> sympy.Expr | None:
+        if "alpha" not in entry:
+            return None
+        alpha = number(entry["alpha"], f"{where}, alpha")
+        if not (alpha.is_Rational and alpha.q <= MAX_DENOMINATOR):
+            limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
+            raise InputError(f"{where}, alpha: {alpha} must be {limit}")
+        return alpha
+
+    def gaps(self, entry: Mapping[str, Any]) -> tuple[sympy.Expr, ...]:
+        result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides
+        for i, item in enumerate(entry.get("sides", [])):
+            place = f"{self.where}, gap.sides[{i}]"
+            if "cantor" in item:
+                numbers = self.family(item["cantor"], f"{place}, cantor")
+                formula = cantor_gap(*numbers, number(item["cantor"]["at_vertices"], f"{place}, at_vertices"))
+            else:
+                formula = self.along_side(item["formula"], place)
+            result[self.side(item["side"])] = formula
+        return tuple(result)

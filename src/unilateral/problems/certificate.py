@@ -1,0 +1,164 @@
+"""The certificate of a case: that it solves (1.1)-(1.2), and which hypotheses of Theorem 4.1 hold.
+
+Signs and complementarity are checked in sampled points, dense on every side and geometrically denser
+towards every declared singular point; regularity follows from the atoms' and the gap's exponents,
+for it cannot be read off a formula.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.errors import InputError
+from unilateral.problems.case import Case
+
+Array = NDArray[np.float64]
+SAMPLES = 2001
+ROUND_OFF = 1e-12
+VANISHES = 1e-14
+"""Less than the slowest function here, a cutoff's (8 s)^4, has at a sample's distance from its zero."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was found: the hypotheses, and the contact set as (side, start, end) in side lengths."""
+
+    j: bool
+    jj: bool
+    jjj: bool
+    contact: tuple[tuple[int, float, float], ...]
+    lambda_max: float
+    gap_max: float
+
+    @property
+    def hypotheses(self) -> dict[str, bool]:
+        return {"j": self.j, "jj": self.jj, "jjj": self.jjj}
+
+
+def certify(case: Case) -> Certificate:
+    """The certificate of a case.
+
+    Raises InputError, with the point, where lambda < 0, u < g, lambda (u - g) is not 0, both vanish on
+    an interval, or g jumps at a vertex; and where the declared hypotheses are not the derived ones.
+    """
+    contact: list[tuple[int, float, float]] = []
+    largest_flux, largest_gap, size = 0.0, 0.0, _size(case)
+    for side in range(case.polygon.n_sides):
+        t = _sample(case, side)
+        flux, gap = _on_side(case, side, t, size)
+        largest_flux, largest_gap = max(largest_flux, flux.max()), max(largest_gap, gap.max())
+        contact += [(side, float(a), float(b)) for a, b in _contact(case, side)]
+    _continuous_at_vertices(case)
+    result = Certificate(
+        j=all(atom.in_H2 for atom in case.atoms),
+        jj=all(atom.lipschitz for atom in case.atoms)
+        and all(k >= 1 for side in case.gap_kinks for _, k in side),
+        jjj=all(atom.finite for atom in case.atoms),
+        contact=tuple(contact),
+        lambda_max=float(largest_flux) if all(atom.flux_bounded for atom in case.atoms) else math.inf,
+        gap_max=float(largest_gap),
+    )
+    _as_declared(case, result)
+    return result
+
+
+def _size(case: Case) -> float:
+    """What 0 is compared with: the largest |u|, gap and, times the diameter, typical |lambda| of a side."""
+    sizes = []
+    for side in range(case.polygon.n_sides):
+        t = _sample(case, side)
+        with np.errstate(all="ignore"):
+            u, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
+        sizes += [np.max(np.abs(u)), np.max(np.abs(gap)), case.polygon.diameter * np.median(np.abs(flux))]
+    return float(np.max(np.nan_to_num(sizes, posinf=0.0)))
+
+
+def _on_side(case: Case, side: int, t: Array, size: float) -> tuple[Array, Array]:
+    """lambda and the gap at the samples, or an InputError with the first point that fails."""
+    with np.errstate(all="ignore"):
+        _, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
+    least = size / case.polygon.diameter
+    scale_flux, scale_gap = max(least, np.max(np.abs(flux))), max(size, np.max(np.abs(gap)))
+    typical = max(least, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else least
+    empty = (flux <= VANISHES * typical) & (gap <= VANISHES * scale_gap)
+    interval = np.flatnonzero(empty[1:] & empty[:-1] & (np.diff(t) > 0.1 / SAMPLES))
+    for bad, what in (
+        (~np.isfinite(flux) | ~np.isfinite(gap), "lambda or the gap is not finite"),
+        (flux < -ROUND_OFF * scale_flux, "lambda = du/dn < 0"),
+        (gap < -ROUND_OFF * scale_gap, "u - g < 0"),
+        (np.abs(flux * gap) > ROUND_OFF * scale_flux * scale_gap, "lambda (u - g) is not 0"),
+        (np.isin(np.arange(len(t)), interval), "lambda and u - g vanish together on an interval"),
+    ):
+        if np.any(bad):
+            k = int(np.flatnonzero(bad)[0])
+            values = f"lambda = {flux[k]:.6g}, u - g = {gap[k]:.6g}"
+            raise InputError(f"{_place(case, side, t[k])}: {what} ({values})")
+    return flux, gap
+
+
+def _sample(case: Case, side: int) -> Array:
+    """Points in (0, 1): midpoints of a uniform grid, and geometric sequences about the singular points."""
+    uniform = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    near = np.logspace(-9, -2, 36)
+    points = [p.t + sign * near for p in case.singular() if p.side == side for sign in (-1, 1)]
+    t = np.unique(np.concatenate([uniform, *points]))
+    return t[(t > 0) & (t < 1)]
+
+
+def _contact(case: Case, side: int) -> list[tuple[float, float]]:
+    """The maximal intervals of a side on which the gap is 0, between singular points."""
+    ends = np.unique([0.0, 1.0, *(p.t for p in case.singular() if p.side == side)])
+    middles = 0.5 * (ends[1:] + ends[:-1])
+    _, _, gap = case.boundary(np.full(len(middles), side), middles * case.polygon.lengths[side])
+    merged: list[tuple[float, float]] = []
+    for start, end in zip(ends[:-1][gap == 0], ends[1:][gap == 0], strict=True):
+        if merged and merged[-1][1] == start:
+            start = merged.pop()[0]
+        merged.append((start, end))
+    return merged
+
+
+def _continuous_at_vertices(case: Case) -> None:
+    n, lengths = case.polygon.n_sides, case.polygon.lengths
+    sides = np.arange(n)
+    u_start, _, start = case.boundary(sides, np.zeros(n))
+    u_end, _, end = case.boundary(sides, lengths)
+    jump = (u_start - start) - np.roll(u_end - end, 1)
+    scale = np.max(np.abs([start, end, u_start]))
+    worst = int(np.argmax(np.abs(jump)))
+    if abs(jump[worst]) > ROUND_OFF * scale:
+        raise InputError(f"{_place(case, worst, 0.0)}: g jumps by {jump[worst]:.6g} at this vertex")
+
+
+def _place(case: Case, side: int, t: float) -> str:
+    x, y = case.polygon.at(np.array([side]), np.array([t * case.polygon.lengths[side]]))[0]
+    return f"case '{case.name}' on '{case.polygon.name}' at ({x:.6g}, {y:.6g}), side {side}, t = {t:.6g}"
+
+
+def _as_declared(case: Case, found: Certificate) -> None:
+    declared = case.declaration["hypotheses"]
+    for name, value in found.hypotheses.items():
+        if declared[name] != value:
+            found_out = f"({name}) {'holds' if value else 'does not hold'}, declared otherwise"
+            raise InputError(f"case '{case.name}', field hypotheses.{name}: {found_out}")
+
+
+def with_free_sides(case: Case, free: Sequence[int]) -> Case:
+    """The case with those sides free, which changes nothing of its solution: lambda is 0 there.
+
+    Raises InputError for sides that there are not, that have contact, or that are all.
+    """
+    contact, n = {side for side, _, _ in certify(case).contact}, case.polygon.n_sides
+    for side in free:
+        if not 0 <= side < n:
+            raise InputError(f"free sides: '{case.polygon.name}' has the sides 0 to {n - 1}, not {side}")
+        if side in contact:
+            raise InputError(f"free sides: case '{case.name}' has contact on side {side}")
+    if len(set(free)) == n:
+        raise InputError("free sides: one side at least must not be free")
+    return replace(case, free_sides=tuple(sorted(set(free))))

@@ -1,0 +1,168 @@
+"""Problems as YAML files: read, and refused with the file and the field if they cannot be solved so."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy
+
+from unilateral import declarations
+from unilateral.errors import InputError
+from unilateral.formulas.formula import kinks, number, parse, pos, substituted
+from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon
+from unilateral.problems import case as cases
+from unilateral.problems.atoms import T, X, Y
+from unilateral.problems.problem import Problem, curve
+
+FIELDS = {"polygon", "f", "g", "free_sides"}
+SMALLEST, LARGEST = 1e-140, 1e140
+"""Of |f| and |g|, so that squares of errors are normal numbers, and none overflows."""
+ZERO = 1e-320
+"""What interval arithmetic makes of 0, at most."""
+ROUND_OFF = 1e-12
+
+
+def is_declared_in(name: str) -> bool:
+    """Whether this is a YAML file with a field that only problems have, not a case."""
+    if name in cases.names():
+        return False
+    file = declarations.file_of(name)
+    if file is None:
+        return False
+    declaration = declarations.read(file, name)
+    if not isinstance(declaration, dict) or not declaration:
+        raise InputError(
+            f"{name} has no fields; a problem has polygon, f and g; a case title, polygons, u, ..."
+        )
+    return not FIELDS.isdisjoint(declaration)
+
+
+def load(name: str) -> Problem:
+    """The problem declared in a YAML file.
+
+    Raises InputError, with the field, for what the schema does not allow, for a polygon that is not simple
+    and anticlockwise, and for f and g that are not finite, not smooth enough, or do not fit together.
+    """
+    return made(declarations.read(Path(name), name), name)
+
+
+def made(declaration: Any, name: str) -> Problem:
+    """The problem of such fields, wherever they come from; errors begin with `name`."""
+    schema = resources.files("unilateral.problems") / "problem.schema.yaml"
+    declaration = declarations.validate(declaration, schema, name)
+    if len(declaration["polygon"]) > MAX_VERTICES:
+        raise InputError(f"{name}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
+    exact = [
+        [number(x, f"{name}, field polygon[{i}]") for x in vertex]
+        for i, vertex in enumerate(declaration["polygon"])
+    ]
+    try:
+        polygon = Polygon(np.array(exact, dtype=float), Path(name).stem)
+    except InputError as error:
+        raise InputError(f"{name}, field polygon: {error}") from None
+    free = _free_sides(declaration, polygon, name)
+    f = _formula(declaration["f"], f"{name}, field f")
+    g = _obstacles(declaration["g"], exact, free, f"{name}, field g")
+    problem = Problem(Path(name).stem, polygon, f, g, free)
+    _check(problem, name)
+    return problem
+
+
+def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tuple[int, ...]:
+    free = tuple(sorted(declaration.get("free_sides", [])))
+    where = f"{name}, field free_sides"
+    if free and free[-1] >= polygon.n_sides:
+        raise InputError(f"{where}: the polygon has the sides 0 to {polygon.n_sides - 1}, not {free[-1]}")
+    twice = [a for a, b in pairwise(free) if a == b]
+    if twice:
+        raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
+    if len(free) == polygon.n_sides:
+        raise InputError(f"{where}: all sides are free; one at least must have an obstacle")
+    return free
+
+
+def _obstacles(
+    given: Any, vertices: list[list[sympy.Expr]], free: tuple[int, ...], where: str
+) -> tuple[sympy.Expr, ...]:
+    """g on every side as a formula in x, y; 0 on free sides."""
+    n = len(vertices)
+    if isinstance(given, list) and len(given) != n:
+        raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
+    found = []
+    for side, ((x0, y0), (x1, y1)) in enumerate(zip(vertices, vertices[1:] + vertices[:1], strict=True)):
+        text, place = (given[side], f"{where}[{side}]") if isinstance(given, list) else (given, where)
+        if text is None and side not in free:
+            raise InputError(f"{place}: there is no formula, and side {side} is not free")
+        formula = parse(0 if text is None else text, ("x", "y"), place)
+        if side in free:
+            found.append(sympy.Integer(0))
+            continue
+        found.append(formula)
+        if not formula.has(pos, sympy.log) and not _fractional(formula):
+            continue
+        on_side = {X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)}
+        along = substituted(formula, on_side, f"{place}, on side {side}")
+        try:
+            powers = [k for t, k in kinks(along, T) if 0 <= t <= 1]
+        except ValueError as error:
+            raise InputError(f"{place}: {error}") from None
+        if any(k < 1 for k in powers):
+            raise InputError(f"{place}: a power of pos below 1 on side {side}; g must be Lipschitz")
+    return tuple(found)
+
+
+def _formula(text: object, where: str) -> sympy.Expr:
+    """A formula in x, y whose kinks can be found."""
+    f = parse(text, ("x", "y"), where)
+    if f.has(sympy.log):
+        raise InputError(f"{where}: log is not allowed here")
+    if _fractional(f):
+        raise InputError(f"{where}: write a fractional power as pos(a, k)")
+    for power in sorted(f.atoms(pos), key=str):
+        try:
+            curve(power.args[0])
+        except ValueError as error:
+            raise InputError(f"{where}: the argument of {power} {error}") from None
+    return f
+
+
+def _fractional(formula: sympy.Expr) -> bool:
+    """Whether it has a power whose exponent is no whole number."""
+    return any(not power.is_number and not power.exp.is_Integer for power in formula.atoms(sympy.Pow))
+
+
+def _check(problem: Problem, name: str) -> None:
+    """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace."""
+    of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area)
+    _check_size(of_f, unit, f"{name}, field f", "in the polygon")
+    n, obstacle = problem.polygon.n_sides, problem.enclosed_obstacle
+    constrained = [side for side in range(n) if side not in problem.free_sides]
+    largest = 0.0
+    for side in constrained:
+        largest = max(largest, *map(abs, obstacle.range(side)))
+        _check_size(largest, unit, f"{name}, field g", f"on side {side}", least=0.0)
+    _check_size(largest, unit, f"{name}, field g", "on all sides")
+    for side, before in ((side, (side - 1) % n) for side in constrained):
+        end, start, doubt = obstacle.at_vertex(side)
+        if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
+            raise InputError(
+                f"{name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
+                f"{start:.6g} on side {side}; it has to be continuous"
+            )
+
+
+def _check_size(size: float, unit: float, where: str, place: str, least: float = SMALLEST) -> None:
+    """|f| or |g| in the polygon whose area is the square of `unit`."""
+    if not np.isfinite(size):
+        raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
+    if size * max(unit, 1.0) > LARGEST or (size > ZERO and size * min(unit, 1.0) < least):
+        of_polygon = f", times {unit:.3g}, the root of the polygon's area," if unit != 1 else ""
+        raise InputError(
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "
+            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+        )

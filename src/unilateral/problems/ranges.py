@@ -1,0 +1,98 @@
+"""The guaranteed range of a formula in a polygon, by Taylor models on boxes that are quartered as needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from unilateral.formulas.elementary import evaluate
+from unilateral.formulas.formula import compile_numpy
+from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.geometry.mesh_io import segment_distances
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.atoms import X, Y
+
+ORDER = 3
+SHARP = 1e-3
+"""Of the spread of the values met: a bound that misses them by less is sharp enough."""
+SAME = 1e-9
+"""So is one that misses them by less than this share of the value."""
+MOST_BOXES = 20_000
+MOST_LEVELS = 40
+MOST_DISTANCES = 1 << 20
+"""At once, of boxes from sides."""
+
+
+def range_in(polygon: Polygon, formula: sympy.Expr) -> tuple[float, float]:
+    """A lower and an upper bound of the formula in x, y in the polygon, infinite where none is found."""
+    v = polygon.vertices
+    boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
+    value = compile_numpy([formula], (X, Y))
+    found, met = (np.inf, -np.inf), (np.inf, -np.inf)
+    for _ in range(MOST_LEVELS):
+        meets, inside = _part(polygon, boxes)
+        with np.errstate(all="ignore"):
+            values = value(*boxes[inside].mean(axis=2).T)[0]
+        met = float(np.fmin.reduce(values, initial=met[0])), float(np.fmax.reduce(values, initial=met[1]))
+        boxes = boxes[meets]
+        lower, upper = _bounds(formula, boxes)
+        slack = SHARP * (met[1] - met[0]) + SAME * np.abs(met).max() if met[0] <= met[1] else 0.0
+        wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
+        if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MOST_BOXES:
+            wide[:] = False
+        found = (
+            min(found[0], lower[~wide].min(initial=np.inf)),
+            max(found[1], upper[~wide].max(initial=-np.inf)),
+        )
+        boxes = _quarters(boxes[wide])
+        if len(boxes) == 0:
+            break
+    lower, upper = _bounds(formula, boxes)
+    return float(min(found[0], lower.min(initial=np.inf))), float(max(found[1], upper.max(initial=-np.inf)))
+
+
+def _bounds(formula: sympy.Expr, boxes: Array) -> Interval:
+    """(k,), (k,) of the formula on the boxes (k, 2, 2)."""
+    if len(boxes) == 0:
+        return np.zeros(0), np.zeros(0)
+    return evaluate(formula, {z: _variable(boxes, i) for i, z in enumerate((X, Y))}).range
+
+
+def _variable(boxes: Array, axis: int) -> Model:
+    lower, upper = boxes[:, axis].T
+    arms = np.zeros((2, len(boxes)))
+    arms[axis] = 0.5 * (upper - lower)
+    return affine(basis(2, ORDER), 0.5 * (lower + upper), arms, (lower, upper))
+
+
+def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
+    centres, half = boxes.mean(axis=2), 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
+    v = polygon.vertices
+    parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MOST_DISTANCES)
+    away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
+    rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
+    near = np.concatenate(away) <= half * (1 + 1e-9) + rounding
+    inside = _inside(polygon, centres)
+    return near | inside, inside
+
+
+def _inside(polygon: Polygon, points: Array) -> NDArray[np.bool_]:
+    """Which of the points (k, 2) lie in the polygon: a ray from them crosses an odd number of sides."""
+    (x0, y0), (x1, y1) = polygon.vertices.T, np.roll(polygon.vertices, -1, axis=0).T
+    x, y = points[:, :1], points[:, 1:]
+    with np.errstate(all="ignore"):
+        crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+    return np.asarray(crossed.sum(axis=1) % 2 == 1)
+
+
+def _quarters(boxes: Array) -> Array:
+    """The four equal parts of each box."""
+    for axis in range(2):
+        middle = boxes[:, axis].mean(axis=1)
+        left, right = boxes.copy(), boxes.copy()
+        left[:, axis, 1], right[:, axis, 0] = middle, middle
+        boxes = np.concatenate([left, right])
+    return boxes

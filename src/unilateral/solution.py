@@ -1,0 +1,166 @@
+"""A solution as users hold it: arrays, errors or bounds, files and a picture."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral import discrete
+from unilateral.accuracy.search import Search
+from unilateral.errors import InputError
+from unilateral.files import replacing
+from unilateral.geometry.mesh import Mesh, write
+from unilateral.geometry.partition import Partition
+from unilateral.norms.errors import Errors, errors
+from unilateral.norms.exact import exact
+from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+class Bounds(NamedTuple):
+    """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
+
+    `unknown` is the part of both that comes from how well f and g could be enclosed.
+    """
+
+    u: float
+    multiplier: float
+    unknown: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for."""
+
+    solved: discrete.Solution
+    search: Search | None = None
+
+    @property
+    def mesh(self) -> Mesh:
+        """`points` (n, 2) and `triangles` (k, 3)."""
+        return self.solved.discrete.mesh
+
+    @property
+    def partition(self) -> Partition:
+        """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
+        return self.solved.discrete.spaces.partition
+
+    @property
+    def u(self) -> Array:
+        """(n,) u_h at the nodes of the mesh."""
+        return self.solved.u_h
+
+    @property
+    def multiplier(self) -> Array:
+        """(m,) lambda_H, which approximates du/dn, on the cells of the partition; 0 on free sides."""
+        return self.solved.lambda_H
+
+    @cached_property
+    def gap(self) -> Array:
+        """(m,) the means of u_h - g on the cells; NaN on free sides."""
+        spaces, found = self.solved.discrete.spaces, np.full(self.partition.n_cells, math.nan)
+        found[spaces.cells] = spaces.operator.gap(self.solved.result.lambda_H, self.solved.discrete.offset)
+        return found
+
+    @property
+    def iterations(self) -> float:
+        """Steps of the algorithm, on all levels; NaN if it counts none."""
+        levels = [level.solved for level in self.search.done] if self.search else [self.solved]
+        return sum(level.result.iterations for level in levels)
+
+    @property
+    def converged(self) -> bool:
+        return bool(self.solved.result.converged)
+
+    @property
+    def certified(self) -> bool:
+        """Whether an accuracy was asked for and is guaranteed."""
+        return self.search is not None and self.search.best.certified
+
+    @cached_property
+    def errors(self) -> Errors | None:
+        """The true errors of a case's solution."""
+        problem, spaces = self.solved.discrete, self.solved.discrete.spaces
+        seen = problem.exact or (exact(problem.data, spaces) if isinstance(problem.data, Case) else None)
+        return errors(seen, spaces, self.solved.result.lambda_H) if seen else None
+
+    @cached_property
+    def bounds(self) -> Bounds | None:
+        """The guaranteed bounds of the errors, where f and g are formulas; slow on large meshes."""
+        bound = self.solved.bound
+        return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
+
+    def cells(self) -> pd.DataFrame:
+        """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
+        import pandas as pd
+
+        s, partition = self.partition.points, self.partition
+        start = partition.polygon.at(partition.side, s[:-1] - partition.polygon.starts[partition.side])
+        end = partition.polygon.at(partition.side, s[1:] - partition.polygon.starts[partition.side])
+        return pd.DataFrame(
+            {
+                "side": partition.side,
+                "start": s[:-1],
+                "end": s[1:],
+                **dict(zip(("x_start", "y_start"), start.T, strict=True)),
+                **dict(zip(("x_end", "y_end"), end.T, strict=True)),
+                "multiplier": self.multiplier,
+                "gap": self.gap,
+            }
+        )
+
+    def dataset(self) -> xr.Dataset:
+        """u_h on its mesh, and the columns of `cells`."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "u": ("node", self.u, {"long_name": "u_h"}),
+                "x": ("node", self.mesh.points[:, 0]),
+                "y": ("node", self.mesh.points[:, 1]),
+                "triangles": (("triangle", "corner"), self.mesh.triangles),
+                **{name: ("cell", column.to_numpy()) for name, column in self.cells().items()},
+            },
+            attrs={"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound},
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes a file: .vtu with u_h on its mesh, .csv with the cells of the boundary, .nc with both.
+
+        In .vtu the boundary edges carry the mean of lambda_H on each. Raises InputError for another ending.
+        """
+        ending = Path(path).suffix
+        if ending == ".vtu":
+            write(self.mesh, path, {"multiplier": self._on_edges()}, {"u": self.u})
+        elif ending == ".csv":
+            with replacing(path) as temporary:
+                self.cells().to_csv(temporary, index=False)
+        elif ending == ".nc":
+            with replacing(path) as temporary:
+                self.dataset().to_netcdf(temporary)
+        else:
+            raise InputError(f"{path}: the ending must be .vtu, .nc or .csv")
+
+    def plot(self) -> Figure:
+        """u_h on its mesh, and along the boundary lambda_H and the gap u_h - g."""
+        from unilateral.plot import figure
+
+        return figure(self.mesh, self.u, self.partition, self.multiplier, self.gap)
+
+    def _on_edges(self) -> Array:
+        """(nb,) the means of lambda_H on the boundary edges."""
+        integral = np.append(0.0, np.cumsum(self.partition.lengths * self.multiplier))
+        return np.diff(np.interp(self.mesh.s, self.partition.points, integral)) / np.diff(self.mesh.s)

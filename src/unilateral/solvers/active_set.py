@@ -1,0 +1,60 @@
+"""An active-set solver of the same discrete problem, independent of Uzawa and of lambda_min(S) > 0.
+
+With y = R (u_h - A^{-1} f) on the boundary, A_3 = R^T R, the discrete problem is the least-distance problem
+min |y|^2 subject to half^T y >= -H_i F(0), whose multipliers are lambda_H. Lawson and Hanson (Solving Least
+Squares Problems, 1974, chapter 23) reduce it to one non-negative least-squares problem, which
+an active-set method solves in finitely many steps, whatever the rank of D.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dnrm2
+from scipy.optimize import nnls
+
+from unilateral.fem.spaces import DualOperator
+from unilateral.solvers.uzawa import (
+    DualResult,
+    check_offset,
+    energy_bound,
+    residual_bound,
+    warn_unless_converged,
+)
+
+Array = NDArray[np.float64]
+
+
+def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:
+    """lambda_H (m,) for the offset F(0) (m,), one of them where it is not unique, with its bound.
+
+    The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, or the
+    solver gives up (lambda_H is then 0), the result warns and has converged False.
+    """
+    check_offset(operator, offset, tolerance)
+    try:
+        lambda_H = _least_distance(operator, offset)
+    except RuntimeError:
+        lambda_H = np.zeros(len(offset))
+    if operator.singular:
+        bound, applications = energy_bound(operator, offset, lambda_H), 1
+    else:
+        bound, applications = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max), 2
+    result = DualResult(
+        lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, algorithm="active_set"
+    )
+    warn_unless_converged(result, tolerance)
+    return result
+
+
+def _least_distance(operator: DualOperator, offset: Array) -> Array:
+    """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0."""
+    scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
+    if scale == 0:
+        return np.zeros(len(offset))
+    matrix = np.vstack([operator.half, -operator.H_i * offset / scale])
+    target = np.append(np.zeros(len(operator.half)), 1.0)
+    solution, _ = nnls(matrix, target, maxiter=10 * matrix.shape[1])
+    return scale * solution / (1 - matrix[-1] @ solution)

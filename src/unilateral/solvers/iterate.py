@@ -1,0 +1,84 @@
+"""The choice of the algorithm, and when it stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.errors import InputError
+from unilateral.fem.spaces import DualOperator
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.steps import STEPS
+from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
+
+Array = NDArray[np.float64]
+ALGORITHMS = ("auto", *STEPS, "active_set")
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When and how the iteration ends.
+
+    `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
+    `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is the active
+    set where S is singular, Nesterov where no rho is given and more than `max_steps` plain steps are
+    predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and a rho without a use.
+    """
+
+    fraction: float = 0.01
+    tolerance: float | None = None
+    max_steps: int = 200_000
+    algorithm: str = "auto"
+    rho: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.algorithm not in ALGORITHMS:
+            known = ", ".join(ALGORITHMS)
+            raise InputError(f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}")
+        if self.algorithm == "active_set" and self.rho is not None:
+            raise InputError(
+                "the algorithm active_set has no step rho; leave rho out, or take uzawa or nesterov"
+            )
+
+
+def iterate(
+    operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
+) -> DualResult:
+    """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for."""
+    algorithm = stop.algorithm
+    if len(offset) == 0:
+        return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
+    if algorithm == "auto" and operator.singular:
+        if stop.rho is not None:
+            raise InputError(
+                "rho has no use where S is singular (h/H too large); leave it out, or take smaller h"
+            )
+        algorithm = "active_set"
+    elif algorithm == "auto":
+        algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
+    if algorithm == "active_set":
+        return active_set(operator, offset, tolerance)
+    return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)
+
+
+def _plain_or_faster(
+    operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
+) -> str:
+    if stop.rho is not None:
+        return "uzawa"
+    rho = 1.9 / operator.lambda_max
+    with np.errstate(over="ignore", invalid="ignore"):
+        first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
+    return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
+
+
+def joined(first: DualResult, second: DualResult) -> DualResult:
+    """The second run, which went on where the first one ended, with the counts of both."""
+    return replace(
+        second,
+        iterations=first.iterations + second.iterations,
+        operator_applications=first.operator_applications + second.operator_applications,
+    )

@@ -1,0 +1,226 @@
+"""Uzawa's algorithm (5.1)-(5.3) on the condensed system, stopped by a guaranteed algebraic bound.
+
+Everything lives on the boundary: with D = B A_3^{-1} B^T and the offset F(0) (cell means of
+A^{-1} f - g), the cell means of u(mu) - g are F(mu) = D mu / H_i + F(0). The iteration runs on
+y_i = H_i^{1/2} mu_i, in which the L2 norm of mu is Euclidean and D becomes S = H^{-1/2} D H^{-1/2}.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dnrm2
+
+from unilateral.errors import InputError
+from unilateral.fem.spaces import DualOperator
+from unilateral.solvers.steps import STEPS, Step
+
+Array = NDArray[np.float64]
+Apply = Callable[[Array, Array], object]
+Observe = Callable[[Array, Array, Array], None]
+DIVERGED = 1e300
+"""A residual above it ends the run, which would soon overflow; a first one is refused."""
+LEAST = float(np.finfo(float).tiny)
+"""Data without a larger number have lost digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class DualResult:
+    """lambda_H (m,) with `bound` on ||lambda_H - exact||_{-1/2,h} = ||u(lambda_H) - u_h||_1.
+
+    `iterations` and `rho` are NaN for an algorithm that has or tells none.
+    """
+
+    lambda_H: Array
+    iterations: float
+    operator_applications: int
+    bound: float
+    converged: bool
+    rho: float
+    algorithm: str
+
+
+def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float) -> float:
+    """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
+
+    Guaranteed for the problem with the operator as it was computed, that is up to the rounding of A_3:
+    relative to the solution of the order of eps tr(K) / |Omega|, on the unit square 1e-15 / h^2.
+    """
+    if operator.singular:
+        return math.inf
+    R = np.minimum(mu, rho * operator.gap(mu, offset))
+    in_L2 = dnrm2(np.sqrt(operator.H_i) * R)
+    return energy_norm(operator.D, R, in_L2) + in_L2 / (rho * math.sqrt(operator.lambda_min))
+
+
+def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
+    """(c^2 |Omega| + 2 <mu, v - g>)^{1/2} with v = u(mu) + c, c >= 0 smallest so that no mean(v - g) < 0.
+
+    Bounds the same error as `residual_bound`, also where S is singular; rounding leaves about 5e-7.
+    """
+    return _energy(operator.gap(mu, offset), operator.H_i * mu, operator.area)
+
+
+def predicted_steps(operator: DualOperator, rho: float, bound0: float, tolerance: float) -> float:
+    """Steps of plain Uzawa from bound0 to tolerance: ln(bound0/tolerance) / -ln max |1 - rho lambda|."""
+    if bound0 <= tolerance:
+        return 0.0
+    q = max(abs(1 - rho * operator.lambda_min), abs(1 - rho * operator.lambda_max))
+    if operator.singular or q >= 1 or tolerance <= 0:
+        return math.inf
+    return math.log(bound0 / tolerance) / -math.log(q) if q > 0 else 1.0
+
+
+def uzawa(
+    operator: DualOperator,
+    offset: Array,
+    tolerance: float,
+    rho: float | None = None,
+    start: Array | None = None,
+    max_steps: int = 100_000,
+    method: str = "uzawa",
+    apply: Apply | None = None,
+    observe: Observe | None = None,
+) -> DualResult:
+    """lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
+
+    `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) to 0. Another `method` of
+    `acceleration.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
+    to S y; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step of the loop.
+    A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
+    Raises InputError for an offset, a start, a rho, a tolerance or a method that cannot be meant, and for
+    data or a start from which the first residual is not below DIVERGED.
+    """
+    check_offset(operator, offset, tolerance)
+    step = _step_of(method, operator)
+    y = np.sqrt(operator.H_i) * _checked_start(operator, start)
+    if rho is not None and not 0 < rho < math.inf:
+        raise InputError(f"the step rho = {rho} must be positive and finite")
+    if rho is None:
+        rho = step.share / operator.lambda_max
+    iteration = _Iteration(operator, offset, rho, apply, observe)
+    advance = step(operator.S, iteration.b, rho, y)
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps, bound = iteration.run(y, advance, tolerance, max_steps)
+    lambda_H = y / np.sqrt(operator.H_i)
+    result = DualResult(lambda_H, steps, iteration.applications, bound, bound <= tolerance, rho, method)
+    warn_unless_converged(result, tolerance)
+    return result
+
+
+def warn_unless_converged(result: DualResult, tolerance: float) -> None:
+    """A RuntimeWarning in one sentence if the result's bound misses the tolerance."""
+    if not result.converged:
+        message = (
+            f"{result.algorithm} stopped after {result.iterations} steps with the algebraic bound "
+            f"{result.bound:.3g}, above the tolerance {tolerance:.3g}"
+        )
+        warnings.warn(message, RuntimeWarning, stacklevel=3)
+
+
+class _Iteration:
+    """The loop and its buffers: F = S y + b is the scaled gap, R = min(y, rho F) the scaled residual."""
+
+    def __init__(
+        self,
+        operator: DualOperator,
+        offset: Array,
+        rho: float,
+        apply: Apply | None,
+        observe: Observe | None,
+    ) -> None:
+        self.operator, self.rho, self.observe = operator, rho, observe
+        self.apply = apply or (lambda y, out: np.dot(operator.S, y, out=out))
+        self.b = np.sqrt(operator.H_i) * offset
+        self.per_residual = math.inf if operator.singular else 1 / (rho * math.sqrt(operator.lambda_min))
+        self.applications = 0
+
+    def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
+        """Iterate in place on y; the number of steps and the bound that belongs to the final y."""
+        F, R = np.empty_like(y), np.empty_like(y)
+        for step in range(max_steps + 1):
+            self.apply(y, F)
+            np.add(F, self.b, out=F)
+            np.multiply(F, self.rho, out=R)
+            np.minimum(y, R, out=R)
+            if self.observe:
+                self.observe(y, F, R)
+            size = dnrm2(R)  # scaled: the square of a tiny R would be 0
+            if step == 0:
+                _check_range(size)
+            last = step == max_steps or not size < DIVERGED
+            if last or self.operator.singular or size * self.per_residual <= tolerance:
+                bound = self._bound(y, F, R, size)
+                if last or bound <= tolerance:
+                    break
+            advance(y, F, R)
+        self.applications += step + 1
+        return step, bound
+
+    def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
+        if self.operator.singular:
+            root = np.sqrt(self.operator.H_i)
+            return _energy(F / root, root * y, self.operator.area)
+        if not size < DIVERGED:
+            return math.inf
+        self.applications += 1
+        return energy_norm(self.operator.S, R, size) + size * self.per_residual
+
+
+def _check_range(first: float) -> None:
+    if not first < DIVERGED:
+        raise InputError(
+            f"the first residual, {first:.3g}, is not below {DIVERGED:g}; scale the data to about 1, start "
+            "from smaller numbers, or take a smaller rho"
+        )
+
+
+def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
+    """In units of the largest number, for the square of a tiny one would be 0."""
+    unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
+    if not 0 < unit < math.inf:
+        return unit
+    c = max(0.0, -float(np.min(gap))) / unit
+    return unit * math.sqrt(max(c * c * area + 2 * float(weighted_mu / unit @ (gap / unit + c)), 0.0))
+
+
+def energy_norm(matrix: Array, R: Array, unit: float) -> float:
+    """(R . matrix R)^{1/2} for R (m,) of the size `unit`, with which squares neither overflow nor vanish."""
+    return unit * math.sqrt(max(float(R / unit @ (matrix @ (R / unit))), 0.0)) if unit > 0 else 0.0
+
+
+def check_offset(operator: DualOperator, offset: Array, tolerance: float) -> None:
+    """InputError unless the offset (m,) is finite and not too small, and the tolerance is not negative."""
+    m = len(operator.H_i)
+    if np.shape(offset) != (m,) or not np.all(np.isfinite(offset)):
+        raise InputError(f"the offset must hold {m} finite numbers, one for each cell of T_H")
+    largest = float(np.max(np.abs(offset), initial=0))
+    if 0 < largest < LEAST:
+        raise InputError(
+            f"the offset's largest number, {largest:.3g}, has lost digits of double precision; scale the "
+            "data to about 1"
+        )
+    if not tolerance >= 0:
+        raise InputError(f"the tolerance {tolerance} must be a number that is not negative")
+
+
+def _step_of(method: str, operator: DualOperator) -> type[Step]:
+    if method not in STEPS:
+        raise InputError(f"the method '{method}' is unknown; the known ones are {', '.join(STEPS)}")
+    if method == "newton" and operator.singular:
+        raise InputError("the method newton needs a regular S, with h/H small; take active_set")
+    return STEPS[method]
+
+
+def _checked_start(operator: DualOperator, start: Array | None) -> Array:
+    m = len(operator.H_i)
+    if start is None:
+        return np.zeros(m)
+    if np.shape(start) != (m,) or not np.all(np.isfinite(start)) or np.min(start) < 0:
+        raise InputError(f"the start must hold {m} finite numbers >= 0, one for each cell of T_H")
+    return np.asarray(start, dtype=float)

@@ -1,0 +1,151 @@
+"""The figures that the configuration asks for: of each its module, what it reads, and its parameters.
+
+An entry with `scenes` asks for a figure of each scene, for whose name `{scene}` stands in the entry. A path
+with `{surveys}` stands for the files of all surveys.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from functools import cache, reduce
+from importlib import resources
+from typing import Any, NamedTuple
+
+Fields = Mapping[str, Any]
+Place = tuple[str | int, ...]
+FIGURES = resources.files("unilateral.study.figures")
+SHARED = ("__init__", "style")
+"""Modules that are no figures."""
+STUDIES = ("algorithm", "cost", "extremes", "sharpness")
+"""Folders of results that belong to no scene and no survey."""
+
+
+class Drawing(NamedTuple):
+    """A figure. `parts` are the names of its tables by their path; a figure's only table has no name.
+
+    `reads` are files of results, and `arguments` what else the module's `table` is given; `cases` are the
+    cases that it names. `look` is what `draw` is given beside the tables and the path of the figure.
+    """
+
+    module: str
+    parts: dict[str, str]
+    reads: dict[str, str | list[str]]
+    arguments: dict[str, Any]
+    cases: list[str]
+    look: dict[str, Any]
+
+
+def drawings(study: Fields) -> dict[str, Drawing]:
+    """All figures, by their path without its ending."""
+    return {path: drawing for name in study["figures"] for path, drawing in _of_entry(name, study)}
+
+
+def _of_entry(name: str, study: Fields) -> Iterator[tuple[str, Drawing]]:
+    entry = study["figures"][name]
+    for scene in entry["scenes"] or [""]:
+        path = f"{entry['folder']}/{name}{'_' if scene else ''}{scene}"
+        yield path, _drawing(path, entry, scene, study)
+
+
+def _drawing(path: str, entry: Fields, scene: str, study: Fields) -> Drawing:
+    given = entry["parameters"]
+    cases = [*given.get("cases", []), *([given["case"]] if "case" in given else [])]
+    return Drawing(
+        module=entry["module"],
+        parts={f"{path}_{part}": part for part in entry["tables"]} or {path: ""},
+        reads={key: _files(files, scene, study["surveys"]) for key, files in entry["reads"].items()},
+        arguments={key: _fields(where, scene, study) for key, where in entry["study"].items()} | given,
+        cases=list(dict.fromkeys(cases)),
+        look=entry["look"],
+    )
+
+
+def _files(given: str | list[str], scene: str, surveys: Fields) -> str | list[str]:
+    if isinstance(given, str) and "{surveys}" not in given:
+        return given.format(scene=scene)
+    paths = [given] if isinstance(given, str) else given
+    found = [path.format(scene=scene, surveys=survey) for path in paths for survey in surveys]
+    return list(dict.fromkeys(found))
+
+
+def _fields(where: str | list[str], scene: str, study: Fields) -> Any:
+    """The field of the configuration with a path such as cost.base, or the fields with such paths."""
+    if isinstance(where, list):
+        return [_fields(each, scene, study) for each in where]
+    return reduce(lambda found, name: found[name], where.format(scene=scene).split("."), study)
+
+
+def faults(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Where an entry names what there is not, and what is wrong; one after the other, as they depend."""
+    for name, entry in study["figures"].items():
+        for check in (_unknown, _unfit):
+            for place, said in check(name, entry, study):
+                yield ("figures", name, *place), said
+
+
+def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
+    """A module, a scene or a field of the configuration."""
+    if entry["module"] not in modules():
+        yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(modules())}"
+    for i, scene in enumerate(entry["scenes"]):
+        if scene not in study["scenes"]:
+            yield ("scenes", i), f"it is '{scene}'; it has to be one of {', '.join(study['scenes'])}"
+    for key, where in entry["study"].items():
+        for scene in entry["scenes"] or [""]:
+            try:
+                _fields(where, scene, study)
+            except (KeyError, TypeError):
+                yield ("study", key), f"it is {where}; the configuration has no such field"
+
+
+def _unfit(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
+    """Results and cases that there are not, and what the module's functions do not take."""
+    folders = (*study["scenes"], *study["surveys"], *STUDIES)
+    for _, drawing in _of_entry(name, study):
+        read = [(key, folder) for key, files in drawing.reads.items() for folder in _folders(files)]
+        for key, folder in read:
+            if folder not in folders:
+                yield ("reads", key), f"there are no results of '{folder}'"
+        known = {case for _, folder in read for case in study["scenes"].get(folder, {"cases": []})["cases"]}
+        for case in drawing.cases:
+            if read and case not in known:
+                yield ("parameters",), f"'{case}' is a case of no scene that is read"
+    yield from _not_taken(entry)
+
+
+def _folders(files: str | list[str]) -> list[str]:
+    """Those in results/ that hold these files."""
+    parts = [path.split("/") for path in ([files] if isinstance(files, str) else files)]
+    return [part[1] for part in parts if len(part) == 3]
+
+
+def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
+    module, given = entry["module"], [*entry["reads"], *entry["study"], *entry["parameters"]]
+    needed, optional = _signature(module, "table")
+    if not set(needed) <= set(given) <= {*needed, *optional} or len(given) > len(set(given)):
+        yield (), f"`table` of {module} is given {', '.join(given)}; it takes {', '.join(needed + optional)}"
+    (*paths, _), optional = _signature(module, "draw")
+    tables = [path.removesuffix("_csv") for path in paths]
+    if entry["tables"] != (tables if len(tables) > 1 else []):
+        yield ("tables",), f"`draw` of {module} takes {' and '.join(tables)}"
+    for name in entry["look"]:
+        if name not in optional:
+            yield ("look",), f"`draw` of {module} has no option '{name}'"
+
+
+@cache
+def modules() -> list[str]:
+    """The modules of figures."""
+    names = [file.name.removesuffix(".py") for file in FIGURES.iterdir() if file.name.endswith(".py")]
+    return sorted(set(names) - set(SHARED))
+
+
+@cache
+def _signature(module: str, function: str) -> tuple[list[str], list[str]]:
+    """The arguments that a function needs, and those with defaults; read, since an import takes a second."""
+    body = ast.parse((FIGURES / f"{module}.py").read_text(encoding="utf-8")).body
+    (found,) = (each.args for each in body if isinstance(each, ast.FunctionDef) and each.name == function)
+    names = [argument.arg for argument in found.args]
+    count = len(names) - len(found.defaults)
+    return names[:count], names[count:]

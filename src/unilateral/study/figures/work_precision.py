@@ -1,0 +1,236 @@
+"""Error against work, and what is behind it: the growth of the steps, the price of a step, when to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
+
+from unilateral.formulas.formula import real
+from unilateral.study import tables
+from unilateral.study.figures.style import (
+    COLOURS,
+    MARKERS,
+    NORMS,
+    SMALL,
+    WIDTH,
+    FilePath,
+    as_fraction,
+    axes_at,
+    figure_in,
+    light_grid,
+    read,
+)
+from unilateral.study.judge import cost
+from unilateral.study.runs.cost.variants import Variant
+
+COLUMNS = (
+    *("kind", "norm", "label", "H_over_h", "h", "H", "unknowns", "stop"),
+    *("work", "error", "steps", "slope", "excess"),
+)
+UNFITTED = ("barzilai_borwein", "newton")
+"""Algorithms whose steps follow no power of H: they change with rounding, or are a few."""
+KINDS = ("front", "line", "steps", "step", "stop")
+ALGORITHMS: dict[str, tuple[str, dict[str, Any]]] = {
+    "uzawa": (r"Uzawa, $\rho=1.9/\lambda_{\max}(S)$", {"color": COLOURS[0], "marker": "o", "ms": 5.2}),
+    "safe": (r"Uzawa, safe: $\rho=1.9\,\sigma_1$", {"color": COLOURS[6], "marker": "P", "ms": 3.4}),
+    "optimal": (
+        r"Uzawa, $\rho=2/(\lambda_{\min}+\lambda_{\max})$",
+        {"color": COLOURS[4], "marker": "x", "ms": 2.6},
+    ),
+    "nesterov": ("Nesterov, restarted", {"color": COLOURS[1], "marker": "s", "ms": 3.2}),
+    "barzilai_borwein": ("projected Barzilai–Borwein", {"color": COLOURS[2], "marker": "^", "ms": 3.8}),
+    "newton": ("primal–dual active set", {"color": COLOURS[3], "marker": "D", "ms": 3.0}),
+}
+MATRICES: dict[str, tuple[str, dict[str, Any]]] = {
+    "A": ("solve with $A$", {"color": COLOURS[0], "marker": "o"}),
+    "A_3": ("solve with $A_3$", {"color": COLOURS[1], "marker": "s"}),
+    "S": ("multiply by $S$", {"color": COLOURS[2], "marker": "^"}),
+    "setup_A": ("set-up, with $A$", {"color": COLOURS[0], "marker": "", "ls": (0, (3, 2))}),
+    "setup_S": ("set-up, with $S$", {"color": COLOURS[2], "marker": "", "ls": (0, (3, 2))}),
+}
+STOPS = {"h1": (COLOURS[0], "o"), "hm12": (COLOURS[1], "s"), "l2": (COLOURS[2], "^")}
+LEFT, ACROSS, TALL = (1.35, 6.95, 12.55), 4.25, 4.3
+HEIGHT = 14.8
+FRONT: dict[str, Any] = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
+LAST_STOP = 1e-5
+"""What is below it is drawn nowhere: all errors are then those of the discrete solution."""
+
+
+def table(
+    crossed: FilePath,
+    cases: FilePath,
+    algebra: FilePath,
+    base: Mapping[str, Any],
+    coarsest: object,
+    timings: FilePath | None = None,
+) -> pd.DataFrame:
+    """Work and relative errors, and what is behind them; work in seconds where timings are given.
+
+    kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
+    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
+    the exponent fitted up to the `coarsest` H; step: work of one, or of the set-up, by matrix; stop: the
+    largest excess at a level.
+    """
+    runs, of_cases, of_matrix = (tables.load(path) for path in (crossed, cases, algebra))
+    config = Variant(**{**base, "H_over_h": real(base["H_over_h"], "H_over_h")})
+    if timings:
+        runs, of_matrix = _in_seconds(runs, of_matrix, tables.load(timings), config)
+    largest = real(coarsest, "coarsest")
+    parts = [_of_norm(runs, of_cases, norm, largest) for norm in NORMS]
+    parts += [_of_steps(runs, config.H_over_h, largest), _of_matrices(of_matrix)]
+    return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
+
+
+def _in_seconds(
+    crossed: xr.Dataset, algebra: xr.Dataset, timings: xr.Dataset, base: Variant
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """The same tables with seconds in the place of operations."""
+    axes = [str(name) for name in crossed["operations"].dims if name in Variant._fields]
+    seconds, of_matrix = cost.along(timings, base, axes), cost.along(timings, base, ["algebra"])
+    step, setup = of_matrix["seconds_per_step"], of_matrix["setup_seconds"]
+    return (
+        crossed.assign(operations=seconds["seconds"]),
+        algebra.assign(step_operations=step, setup_operations=setup),
+    )
+
+
+def _of_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> pd.DataFrame:
+    at = cost.best(crossed, norm, cost.enough(cases.isel(case=[0]), norm, coarsest))
+    lines = at.to_dataframe().reset_index().dropna()
+    worst = cost.excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
+    stops = pd.DataFrame({"kind": "stop", "stop": worst["stop"], "excess": worst})
+    return pd.concat([front(crossed, norm), lines.assign(kind="line"), stops]).assign(norm=norm)
+
+
+def front(crossed: xr.Dataset, norm: str) -> pd.DataFrame:
+    """The runs that no cheaper one beats in a norm."""
+    crossed = crossed.sel(stop=crossed["stop"] < 1)
+    of = {"error": cost.relative(crossed, norm), "work": crossed["operations"], "h": crossed["h"]}
+    points = xr.Dataset(of).to_dataframe().reset_index().rename(columns={"algorithm": "label"})
+    kept = points.iloc[cost.front(points["work"].to_numpy(), points["error"].to_numpy())]
+    return kept.assign(kind="front")
+
+
+def _of_steps(crossed: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
+    parts = []
+    for algorithm in crossed["algorithm"].values:
+        steps = crossed["steps"].sel(H_over_h=H_over_h, algorithm=algorithm)
+        last = steps.sel(stop=cost.SHOWN, method="nearest")
+        fitted = algorithm not in UNFITTED
+        slope = round(cost.growth(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
+        line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
+        parts.append(pd.DataFrame(line))
+    return pd.concat(parts)
+
+
+def _of_matrices(algebra: xr.Dataset) -> pd.DataFrame:
+    lines = {name: algebra["step_operations"].sel(algebra=name) for name in algebra["algebra"].values}
+    lines |= {f"setup_{name}": algebra["setup_operations"].sel(algebra=name) for name in ("S", "A")}
+    unknowns = algebra["unknowns"].sel(algebra="S")
+    parts = [
+        pd.DataFrame({"kind": "step", "label": label, "unknowns": unknowns, "work": values})
+        for label, values in lines.items()
+    ]
+    return pd.concat(parts)
+
+
+def draw(csv_path: FilePath, svg_path: FilePath, work: str = "operations") -> None:
+    """Above: relative errors over work at fixed H/h, and the front of all. Below: steps, one step, stops.
+
+    Columns: kind (front, line, steps, step, stop), norm, label (algorithm or matrix), H_over_h, H, unknowns,
+    stop, work, error, steps, slope (p of steps ~ H^-p), excess. `work` is "operations" or "seconds". Raises
+    InputError for a table without them.
+    """
+    data = read(csv_path)
+    parts = {kind: rows for kind, rows in data.groupby("kind")}
+    ratios = sorted(parts["line"]["H_over_h"].unique())
+    with figure_in(svg_path, HEIGHT) as figure:
+        for left, (norm, title) in zip(LEFT, NORMS.items(), strict=True):
+            axes = axes_at(figure, left, 9.4, ACROSS, TALL)
+            rows = parts["front"][parts["front"]["norm"] == norm]
+            _line(axes, rows["work"], rows["error"], FRONT)
+            for ratio, rows in parts["line"][parts["line"]["norm"] == norm].groupby("H_over_h"):
+                _line(axes, rows["work"], rows["error"], _look(ratios, float(ratio)))
+            axes.set(title=f"{title}, relative", xlabel=work)
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_locator(NullLocator())
+        lower = [axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
+        _steps(lower[0], parts["steps"])
+        _step(lower[1], parts["step"], work)
+        _stop(lower[2], parts["stop"])
+        fronts = [Line2D([], [], label=f"$H/h={as_fraction(r)}$", **_look(ratios, r)) for r in ratios]
+        _legend(figure, [*fronts, Line2D([], [], label="front of all runs", **FRONT)], 8.2, 7)
+        named = [Line2D([], [], label=name, lw=0.9, **look) for name, look in ALGORITHMS.values()]
+        _legend(figure, named, 1.25, 3)
+
+
+def _look(ratios: list[float], ratio: float) -> dict[str, Any]:
+    i = ratios.index(ratio)
+    return {"color": COLOURS[i], "marker": MARKERS[i], "lw": 0.9, "ms": 3.6, "mec": "white", "mew": 0.3}
+
+
+def _line(axes: Axes, x: pd.Series, y: pd.Series, look: dict[str, Any]) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    light_grid(axes)
+    axes.plot(x, y, **look)
+
+
+def _steps(axes: Axes, rows: pd.DataFrame) -> None:
+    """With fitted exponents, if any, beside the finest points; one where lines coincide."""
+    ends: list[float] = []
+    for label, line in rows.groupby("label", sort=False):
+        look = {**ALGORITHMS[str(label)][1], "lw": 0.9}
+        _line(axes, line["H"], line["steps"], look)
+        end = line.loc[line["H"].idxmin()]
+        if end["slope"] == end["slope"] and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
+            place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
+            text = f"$H^{{-{end['slope']:.1f}}}$"
+            axes.annotate(text, (end["H"], end["steps"]), color=look["color"], fontsize=SMALL, **place)
+            ends.append(end["steps"])
+    sizes = sorted(rows["H"].unique(), reverse=True)
+    axes.set_xlim(1.3 * sizes[0], sizes[-1] / 5.0)
+    axes.set_xticks(sizes[::2], [as_fraction(H) for H in sizes[::2]])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set(title=r"steps to the level $10^{-6}$", xlabel="$H$")
+
+
+def _step(axes: Axes, rows: pd.DataFrame, work: str) -> None:
+    for label, (name, look) in MATRICES.items():
+        line = rows[rows["label"] == label]
+        _line(axes, line["unknowns"], line["work"], {**look, "lw": 0.9, "ms": 3.6, "label": name})
+    axes.set(title=f"{work}: a step, the set-up", xlabel="unknowns in $\\Omega$")
+    axes.set_ylim(top=200 * axes.get_ylim()[1])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.legend(loc="upper left", borderpad=0, borderaxespad=0.4, labelspacing=0.25, handlelength=1.6)
+
+
+def _stop(axes: Axes, rows: pd.DataFrame) -> None:
+    for norm, line in rows[rows["stop"] >= LAST_STOP].groupby("norm", sort=False):
+        colour, marker = STOPS[str(norm)]
+        look = {"color": colour, "marker": marker, "lw": 0.9, "ms": 3.6, "label": NORMS[str(norm)]}
+        _line(axes, line["stop"], line["excess"], look)
+    axes.invert_xaxis()
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+    axes.set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
+    axes.legend(loc="upper right", borderpad=0, borderaxespad=0.4, labelspacing=0.25, handlelength=1.6)
+
+
+def _legend(figure: Figure, handles: list[Line2D], top: float, columns: int) -> None:
+    corner = (1.35 / WIDTH, top / HEIGHT)
+    space: dict[str, float] = {"borderpad": 0, "borderaxespad": 0, "labelspacing": 0.4, "columnspacing": 1.15}
+    figure.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=columns, handlelength=1.6, **space
+    )

@@ -1,0 +1,112 @@
+"""Checks of section 4: Lemmas 4.2 to 4.4, and the steps of Theorem 4.1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from unilateral.norms.infsup import of_runs
+from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, along_ratio, forms, worst
+
+
+def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """The largest <Pi_H lambda, u-g> on the cells without a transition inside, in all cases."""
+    found = {}
+    for scene in scenes:
+        data = abs(tables[f"{scene}/errors"]["consistency_elsewhere"])
+        for case in data["case"].values:
+            found[f"{scene}, {case}"] = float(np.max(data.sel(case=case).values))
+    return worst(found, "the largest <Pi_H lambda, u-g> on these cells", ZERO, False)
+
+
+def keeps_falling(tables: Tables, scenes: Sequence[str], case: str, H_over_h: float) -> Evidence:
+    """The largest quotient of errors on neighbouring levels, in H1 and in H^{-1/2} from below."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"].sel(case=case)
+        for name in ("h1_error", "hm12_error_lower"):
+            errors = along_ratio(table, name, H_over_h)
+            found[f"{scene}, {name}"] = float(np.max(errors[1:] / errors[:-1]))
+    return worst(found, "the largest quotient of neighbouring levels", 1.0, False)
+
+
+def decrease(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], H_over_h: float, most: float
+) -> Evidence:
+    """||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
+    found = {}
+    for scene in scenes:
+        errors = tables[f"{scene}/errors"]
+        for case in sorted(set(cases) & set(errors["case"].values)):
+            lower, upper = (
+                along_ratio(errors.sel(case=case), f"hm12_error_{bound}", H_over_h)
+                for bound in ("lower", "upper")
+            )
+            found[f"{scene}, {case}"] = float(upper[-1] / lower[0])
+    return worst(found, "the finest error over the coarsest", most, False)
+
+
+def projection(
+    tables: Tables, scenes: Sequence[str], expected: Mapping[str, float], coarsest: float, tolerance: float
+) -> Evidence:
+    """The least excess of the rates of ||lambda - Pi_H lambda||_{-1/2} over factors of 4, by case."""
+    found = {}
+    for scene in scenes:
+        norms = [gram for cells, gram in forms(tables, scene) if coarsest >= cells.H]
+        names = list(tables[f"{scene}/dual_norm"]["case"].values)
+        for case in sorted(set(expected) & set(names)):
+            bounds = [gram.error(names.index(case), np.zeros((1, gram.n_cells))) for gram in norms]
+            errors = np.sqrt(np.mean(np.square(bounds), axis=1)).ravel()
+            rates_ = np.log(errors[:-2] / errors[2:]) / np.log(4)
+            found[f"{scene}, {case}"] = float(rates_.min()) - expected[case]
+    quantity = f"the rate over a factor of 4, from H = {coarsest:g} on, less the expected one"
+    return worst(found, quantity, -tolerance, True)
+
+
+def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) -> Evidence:
+    """(4.5) with v = z_h and mu = Pi_H lambda: ||u-u_h||^2 over the right side, by Cauchy and Schwarz."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"]
+        names = list(tables[f"{scene}/dual_norm"]["case"].values)
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            data = table.isel(partition=k)
+            assert np.isclose(float(data["H"]), cells.H)
+            for case in sorted(set(cases) & set(names)):
+                run = data.sel(case=case)
+                E, L = run["h1_error"].values, run["hm12_error_upper"].values
+                m = gram.error(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
+                right = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])
+                ratio = (E**2 / right)[np.isfinite(L)]
+                if ratio.size:
+                    found[f"{scene}, {case}, H = {cells.H:g}"] = float(ratio.max())
+    return worst(found, "the left side over the right one", 1.0, False)
+
+
+def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """(4.6) with the constants of its proof: the left side over the right one, see infsup.of_runs."""
+    found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
+    return worst(found, "the left side over the right one", 1.0, False)
+
+
+def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """(4.7) with its constants: 1, and 1/beta_0 before H^{-1/2} (||u-u_h||_1 + inf ||lambda-mu||_{-1/2})."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"]
+        weight = table["beta_0"] * np.sqrt(table["H"])
+        right = table["projection_error"] + (table["h1_error"] + table["hm12_best"]) / weight
+        nonzero = table["l2_error"] > ZERO * table["u_norm"]
+        found[scene] = float((table["l2_error"] / right).where(nonzero & (weight > 0)).max())
+    return worst(found, "the left side over the right one", 1.0, False)
+
+
+def quasi_optimal(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
+    """(4.10): the constant, ||u-u_h||^2 over inf||u-v||^2 + inf||lambda-mu||^2 + <Pi_H lambda, u-g>."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"]
+        right = table["ritz_error"] ** 2 + table["hm12_best"] ** 2 + table["consistency"]
+        found[scene] = float((table["h1_error"] ** 2 / right).where(table["beta_lower"] > 0.5).max())
+    return worst(found, "the largest constant c of (4.10)", most, False)

@@ -1,0 +1,81 @@
+"""What a check finds for or against a claim, and what checks share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import named
+from unilateral.norms.dual import Gram
+
+Tables = Mapping[str, xr.Dataset]
+Array = NDArray[np.float64]
+ZERO = 1e-12
+
+
+class Unjudged(Exception):
+    """There is nothing to judge, or a precondition of the check does not hold; the reason."""
+
+
+class Evidence(NamedTuple):
+    """What is observed and what it has to reach (`at_least`) or to stay below; `lines` are its numbers."""
+
+    quantity: str
+    observed: float
+    required: float
+    at_least: bool
+    lines: list[str]
+
+    @property
+    def margin(self) -> float:
+        """What is left, relative to what is required unless that is 0."""
+        slack = self.observed - self.required
+        slack = (slack if self.at_least else -slack) + 0.0
+        return slack / abs(self.required) if self.required else slack
+
+    @property
+    def holds(self) -> bool:
+        return self.margin >= 0
+
+
+def worst(values: Mapping[str, float], quantity: str, required: float, at_least: bool) -> Evidence:
+    """The worst of named values. Raises Unjudged where there is none, or one that is not known, NaN."""
+    if not values:
+        raise Unjudged(f"there is nothing of which to find {quantity}")
+    if unknown := [name for name, value in values.items() if np.isnan(value)]:
+        raise Unjudged(f"{quantity} is not known of {'; '.join(unknown)}")
+    lines = [f"  {name}: {value:.4g}" for name, value in values.items()]
+    observed = (min if at_least else max)(values.values())
+    return Evidence(quantity, float(observed), required, at_least, lines)
+
+
+def all_of(*parts: Evidence) -> Evidence:
+    """Of a statement in parts the first that fails or, if all hold, the first."""
+    return next((part for part in parts if not part.holds), parts[0])
+
+
+def provided(evidence: Evidence, faults: Sequence[str]) -> Evidence:
+    """The evidence. Raises Unjudged where it would pass, but for faults in what it rests on."""
+    if evidence.holds and faults:
+        raise Unjudged("; ".join(faults))
+    return evidence
+
+
+def along_ratio(table: xr.Dataset, variable: str, H_over_h: float) -> Array:
+    """(case, level) values along H/h, coarse to fine; without cases (level,)."""
+    mesh, partition = np.nonzero(np.isclose(1 / table["h_over_H"].values, H_over_h, rtol=1e-9))
+    index = {"mesh": xr.DataArray(mesh, dims="run"), "partition": xr.DataArray(partition, dims="run")}
+    return table[variable].isel({d: i for d, i in index.items() if d in table[variable].dims}).values
+
+
+def forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:
+    """The partitions of a scene on which the dual norm is known, with its forms there."""
+    gram, table = Gram.of_table(tables[f"{scene}/dual_norm"]), tables[f"{scene}/errors"]
+    polygon = named(str(tables[f"{scene}/dual_norm"]["polygon"].values))
+    cells = [uniform(polygon, H) for H in table["H"].values]
+    return [(each, gram.on(each)) for each in cells if each.n_cells <= gram.n_cells]

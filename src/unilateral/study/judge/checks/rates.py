@@ -1,0 +1,138 @@
+"""Checks of rates: of the cases' errors, as they were judged; of other quantities; over (alpha, gamma)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged, provided, worst
+from unilateral.study.judge.rates_table import smallest_rate
+
+LAST = "the rate over the last factor of 4"
+
+
+def rate(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, tolerance: float
+) -> Evidence:
+    """The smallest asymptotic rate of the cases, against what the theorem proves less a tolerance.
+
+    Raises Unjudged where it is reached, but a rate is not judged to hold.
+    """
+    judged = _judged(tables, scenes, cases, [norm], H_over_h)
+    rows = {name: row for name, row in judged.items() if row["verdict"].item() != "exact"}
+    if not rows:
+        raise Unjudged("there is no rate: all errors are 0")
+    smallest = {name: smallest_rate(row) for name, row in rows.items()}
+    proved = max(float(row["proved"]) for row in rows.values())
+    return provided(worst(smallest, "the smallest rate", proved - tolerance, True), _faults(rows))
+
+
+def not_faster(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, most: float
+) -> Evidence:
+    """The largest rate of the finest pair of levels."""
+    found = {}
+    for name, row in _judged(tables, scenes, cases, [norm], H_over_h).items():
+        rates = row["rate"].values
+        found[name] = float(rates[np.isfinite(rates)][-1])
+    return worst(found, "the largest rate of the finest pair", most, False)
+
+
+def _judged(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norms: Iterable[str], H_over_h: float
+) -> dict[str, xr.Dataset]:
+    """The rows of the tables of rates, by scene, case and norm."""
+    rows: dict[str, xr.Dataset] = {}
+    for scene in scenes:
+        rates = tables[f"{scene}/rates"].sel(h_over_H=1 / H_over_h)
+        for case in sorted(set(cases) & set(rates["case"].values)):
+            rows |= {f"{scene}, {case}, {norm}": rates.sel(case=case, norm=norm) for norm in norms}
+    return rows
+
+
+def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
+    """Of rates that are not judged to hold, why not."""
+    return [
+        f"{name}: {row['why'].item() or row['verdict'].item()}"
+        for name, row in rows.items()
+        if row["verdict"].item() != "holds"
+    ]
+
+
+def expected(
+    tables: Tables,
+    scenes: Sequence[str],
+    cases: Sequence[str],
+    H_over_h: float,
+    tolerances: Mapping[str, float],
+) -> Evidence:
+    """The least excess of the observed rates over the expected ones, less a tolerance by norm.
+
+    Raises Unjudged where there is none below, but a rate is judged to fail.
+    """
+    judged = _judged(tables, scenes, cases, tolerances, H_over_h)
+    rows = {name: row for name, row in judged.items() if row["verdict"].item() in ("holds", "fails")}
+    excess = {
+        name: smallest_rate(row) - float(row["expected"]) + tolerances[row["norm"].item()]
+        for name, row in rows.items()
+    }
+    quantity = "the smallest rate less the expected one, with its tolerance"
+    return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+
+
+def rate_of(
+    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
+) -> Evidence:
+    """The smallest rate over the last two pairs of levels (a factor of 4) of something over (case, mesh)."""
+    return worst(_last_rates(tables, scenes, variable, cases), LAST, least, True)
+
+
+def slow(tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], most: float) -> Evidence:
+    """The largest of the same rates."""
+    return worst(_last_rates(tables, scenes, variable, cases), LAST, most, False)
+
+
+def consistency_rate(tables: Tables, scenes: Sequence[str], cases: Sequence[str], least: float) -> Evidence:
+    """The rate of <Pi_H lambda, u-g> over the last two pairs of partitions."""
+    return worst(_last_rates(tables, scenes, "consistency", cases), LAST, least, True)
+
+
+def _last_rates(
+    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str]
+) -> dict[str, float]:
+    found = {}
+    for scene in scenes:
+        data = tables[f"{scene}/errors"][variable]
+        for case in sorted(set(cases) & set(data["case"].values)):
+            errors = data.sel(case=case).values
+            found[f"{scene}, {case}"] = float(np.log(errors[-3] / errors[-1]) / np.log(4))
+    return found
+
+
+def surface(
+    tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
+) -> Evidence:
+    """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
+    data = tables[table].sel(norm=norm, gamma=list(gammas))
+    excess = (data["rate"] - data["predicted"]).isel(pair=[-2, -1]).min("pair")
+    rows = {
+        f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
+        for alpha in data["alpha"].values
+        for gamma in gammas
+        if alpha >= least_alpha
+    }
+    return worst(rows, "the smallest rate less the predicted one", -tolerance, True)
+
+
+def consistency_surface(tables: Tables, table: str, most: float) -> Evidence:
+    """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
+    data = tables[table]
+    distance = abs(data["consistency_rate"].isel(pair=-1) - data["consistency_predicted"])
+    rows = {
+        f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
+        for alpha in data["alpha"].values
+        for gamma in data["gamma"].values
+    }
+    return worst(rows, "the largest distance from alpha + gamma + 1", most, False)

@@ -1,0 +1,29 @@
+"""The records of the ledger's claims, as they are stored, and the margins that are told apart."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from unilateral.errors import StorageError
+
+FAILS, UNJUDGED = "fails", "not judged"
+"""Verdicts that no document may rest on; the second one goes on with its reason."""
+LEAST, PLENTY = 1e-4, 10.0
+"""Margins below and above are told as these."""
+
+
+def holds(verdict: str) -> bool:
+    """Whether a sentence may rest on a claim with that verdict."""
+    return not verdict.startswith((FAILS, UNJUDGED))
+
+
+def read(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """The records of `results/claims.json`. Raises StorageError for a file that is damaged."""
+    try:
+        found: list[dict[str, Any]] = json.loads(Path(path).read_text(encoding="utf-8"))
+    except ValueError:
+        raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
+    return found

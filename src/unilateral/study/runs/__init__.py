@@ -1,0 +1,1 @@
+"""What the study computes: tables of errors, of beta, of costs, and of the extremes."""

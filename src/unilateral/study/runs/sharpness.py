@@ -1,0 +1,109 @@
+"""How sharp Theorem 4.1 is within a family: lambda ~ s_+^alpha and a gap ~ s_-^gamma at a transition.
+
+The transition is put at n places (k + 1/2)/n of a cell, the same on every level, and errors are averaged over
+them: a rate between levels is then not one of the position. u is a harmonic atom whose cutoff ends contact;
+on the exponents depends what the hypotheses (j) and (jj) say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import sympy
+import xarray as xr
+
+from unilateral.discrete import solve, with_solution
+from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import pos
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Polygon
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import Exact, cell_means, ritz_projection
+from unilateral.norms.infsup import infsup
+from unilateral.problems.atoms import T
+from unilateral.problems.case import Case
+from unilateral.problems.polar import harmonic
+from unilateral.solvers.iterate import Stop
+
+START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
+END = sympy.Rational(3, 2)
+"""Of the gap beyond the cutoff, where lambda ends like s^4: that transition adds nothing of lower order."""
+MEASURED = (
+    "h1_error",
+    "hm12_error_lower",
+    "hm12_error_upper",
+    "l2_error",
+    "consistency",
+    "algebraic_bound",
+    "converged",
+)
+
+
+def transition(polygon: Polygon, at: sympy.Expr, alpha: sympy.Expr, gamma: sympy.Expr) -> Case:
+    """A member of the family on side 0, contact from `at` to `at` + CUTOFF, in side lengths."""
+    rest = (T - at - CUTOFF) / (1 - at - CUTOFF)
+    gap = pos(at - T, gamma) + at**gamma * pos(rest, END)
+    gaps = (gap, *[at**gamma] * (polygon.n_sides - 1))
+    name = f"alpha {alpha}, gamma {gamma}, at {at}"
+    return Case(name, {}, polygon, (harmonic(polygon, 0, at, alpha, CUTOFF),), gaps)
+
+
+def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
+    """The transitions, inside the cell of size H that begins at START, in side lengths.
+
+    Raises InputError where no cell of a uniform partition begins there.
+    """
+    if not (START / H).is_integer:
+        raise InputError(
+            f"sharpness, H: {H} does not divide {START}, where the cell of the transitions begins"
+        )
+    return [START + H * sympy.Rational(2 * k + 1, 2 * positions) for k in range(positions)]
+
+
+def measure(
+    mesh: Mesh,
+    partition: Partition,
+    at: Sequence[sympy.Expr],
+    exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]],
+    stop: Stop,
+) -> xr.Dataset:
+    """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
+    alphas, gammas = exponents
+    polygon = mesh.polygon
+    condensed = condense(mesh)
+    spaces = mixed_spaces(condensed, partition)
+    of_u = [[transition(polygon, x, alpha, gammas[0]) for x in at] for alpha in alphas]
+    gram = dual_norm(partition, [case for row in of_u for case in row]).gram([c for row in of_u for c in row])
+    beta = infsup(spaces.operator, gram.p0).beta_lower
+    found = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
+    for a, alpha in enumerate(alphas):
+        for k, x in enumerate(at):
+            problem = ritz_projection(of_u[a][k], condensed)
+            for c, gamma in enumerate(gammas):
+                case = transition(polygon, x, alpha, gamma)
+                cells = cell_means(case, partition)
+                exact = Exact(replace(problem, case=case), cells)
+                solution = solve(with_solution(spaces, exact), stop, beta)
+                errors = exact.errors(spaces, solution.result.lambda_H)
+                difference = cells.lambda_means - solution.lambda_H
+                lower, upper = gram.error(a * len(at) + k, difference[None])
+                values = (
+                    errors.h1,
+                    max(float(lower[0]), errors.hm12_discrete),
+                    float(upper[0]),
+                    errors.l2,
+                    cells.consistency,
+                    solution.result.bound,
+                    float(solution.result.converged),
+                )
+                for name, value in zip(MEASURED, values, strict=True):
+                    found[name][a, c, k] = value
+    table = {name: (("alpha", "gamma", "position"), values) for name, values in found.items()}
+    coords = {"alpha": [float(x) for x in alphas], "gamma": [float(x) for x in gammas]}
+    sizes = {"h": mesh.h, "H": partition.H, "beta_lower": beta, "lambda_min": spaces.operator.lambda_min}
+    return xr.Dataset(table, coords=coords).assign({name: ((), value) for name, value in sizes.items()})

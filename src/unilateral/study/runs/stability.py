@@ -1,0 +1,69 @@
+"""beta over families of meshes and partitions: the table behind Lemma 3.1's condition on h/H."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import SINGULAR, mixed_spaces
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import square
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.infsup import InfSup, Resolution, infsup, resolution, worst_multiplier
+from unilateral.study.runs.families import Spec, mesh_of
+
+OF_PAIR = ("h", "h_over_H", *Resolution._fields, *InfSup._fields)
+
+
+def survey(
+    partitions: Sequence[Partition], meshes: Sequence[Spec], edges_per_cell: Sequence[object]
+) -> xr.Dataset:
+    """The constants of (3.4) for every partition, on meshes with so many boundary edges in a cell.
+
+    `meshes` holds the mapping of `families` that makes each partition's meshes. The dimension `mesh` counts
+    the numbers of edges. `worst` is the worst multiplier, NaN where beta = 0 on more than one of them;
+    `side` the side of each cell.
+    """
+    shape = (len(edges_per_cell), len(partitions))
+    longest = max(partition.n_cells for partition in partitions)
+    values = {name: np.full(shape, np.nan) for name in OF_PAIR}
+    worst = np.full((*shape, longest), np.nan)
+    points = np.full((len(partitions), longest + 1), np.nan)
+    side = np.full((len(partitions), longest), np.nan)
+    for p, (partition, spec) in enumerate(zip(partitions, meshes, strict=True)):
+        gram = dual_norm(partition).gram().p0
+        points[p, : len(partition.points)] = partition.points
+        side[p, : partition.n_cells] = partition.side
+        for k, K in enumerate(edges_per_cell):
+            mesh = mesh_of(partition, spec, K)
+            operator = mixed_spaces(condense(mesh), partition).operator
+            sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            found = resolution(mesh, partition)._asdict() | infsup(operator, gram)._asdict()
+            for name, value in (sizes | found).items():
+                values[name][k, p] = value
+            if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
+                symmetries = _symmetries(mesh, partition, spec)
+                worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
+    pair = ("mesh", "partition")
+    table: dict[str, Any] = {name: (pair, value) for name, value in values.items()}
+    table |= {"worst": ((*pair, "cell"), worst), "side": (("partition", "cell"), side)}
+    table |= {"points": (("partition", "point"), points)}
+    H = [partition.H for partition in partitions]
+    regularity = [partition.H_over_Hi_max for partition in partitions]
+    return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
+
+
+def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[NDArray[np.intp]]:
+    """Of a structured mesh of the square and a uniform partition: half a turn, and x and y exchanged."""
+    is_square = np.array_equal(mesh.polygon.vertices, square().vertices)
+    uniform = np.ptp(partition.lengths) <= 1e-12 * partition.H
+    if not (is_square and uniform and spec.get("kind") == "structured"):
+        return []
+    m = partition.n_cells
+    return [np.roll(np.arange(m), -(m // 2)), np.arange(m)[::-1]]

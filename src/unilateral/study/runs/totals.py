@@ -1,0 +1,61 @@
+"""The guaranteed total errors of a scene's solutions, over the true errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.bounds.source import enclosed
+from unilateral.bounds.total import total_bound
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling, load
+from unilateral.fem.quadrature import triangle_rules
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.case import Case
+from unilateral.study.tables import error_in
+
+Array = NDArray[np.float64]
+ZERO = 1e-12
+"""Relative to ||u||_1: an error below it is that of an exact lambda_H."""
+NAMES = ("total_index_u", "total_index_lambda", "total_index_v")
+
+
+def totals(
+    mesh: Mesh, partitions: Sequence[Partition], cases: Sequence[Case], solved: xr.Dataset, H_over_h: float
+) -> xr.Dataset:
+    """Bounds over errors at one H/h, one level long in `mesh`, of what `sweep` solved and measured there.
+
+    `total_index_lambda` is against the upper bound of the error, NaN where lambda_H is exact;
+    `total_index_v` takes the bound of ||u - v||_1 for one of ||u - u_h||_1, which it is not.
+    """
+    condensed, loads = condense(mesh), {case.name: _source_load(case, mesh) for case in cases}
+    k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
+    partition, B = partitions[k], coupling(mesh, partitions[k])
+    found = np.full((len(NAMES), len(cases), 1), np.nan)
+    for c, case in enumerate(cases):
+        of = solved.sel(case=case.name).isel(mesh=0, partition=k)
+        lambda_H = of["lambda_H"].values[: partition.n_cells]
+        total = loads[case.name]
+        total[mesh.boundary] += B.T @ lambda_H
+        f, g = enclosed(mesh, case), case.enclosed_obstacle
+        bound = total_bound(f, g, partition, condensed.solve(total), lambda_H)
+        of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
+        index_lambda = bound.lambda_ / of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
+        found[:, c, 0] = bound.u / of_u, index_lambda, bound.eta / of_u
+    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, found, strict=True)}
+    return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
+        H=("mesh", [partition.H])
+    )
+
+
+def _source_load(case: Case, mesh: Mesh) -> Array:
+    """(n,) values of (f, phi_i), by quadrature."""
+    moments = np.zeros((len(mesh.triangles), 3))
+    for rule in triangle_rules(mesh, case):
+        f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
+        np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
+    return load(mesh, moments)

@@ -1,0 +1,120 @@
+"""The netCDF schema of the study's tables, and their files: described, deterministic, never half, checked.
+
+Dimensions are `case`, `mesh` (levels, coarse to fine) and `partition` (coarse to fine), the full tensor
+grid; what was not computed is NaN, or the empty string. A file ends with a line that holds the SHA-256 of
+all before it, which other readers of netCDF pass over.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+import yaml
+
+from unilateral import __version__
+from unilateral.errors import InputError, StorageError
+from unilateral.files import replacing
+
+SOURCE = (
+    "J. Haslinger, J. Lovíšek: Mixed variational formulation of unilateral problems. "
+    "Comment. Math. Univ. Carolin. 21 (1980), No. 2, 231-246"
+)
+LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
+FLOAT_DIGITS = 4
+NEGLIGIBLE = 1e-12
+
+VARIABLES: dict[str, list[str]] = yaml.safe_load(
+    (resources.files("unilateral.study") / "variables.yaml").read_text(encoding="utf-8")
+)
+"""Name: long name, units, the paper's equation or definition."""
+
+
+def error_in(table: xr.Dataset, norm: str, bound: str | None = None) -> xr.DataArray:
+    """The error in a norm; in hm12 its "lower" or "upper" bound or, without one, their r.m.s. mean.
+
+    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed.
+    """
+    if norm != "hm12":
+        return table[f"{norm}_error"]
+    if bound:
+        return table[f"hm12_error_{bound}"]
+    square = 0.5 * (table["hm12_error_lower"] ** 2 + table["hm12_error_upper"] ** 2)
+    return square**0.5
+
+
+def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
+    """Write a table as netCDF with its variables described, its provenance, and no time stamp."""
+    table = table.copy()
+    for name, variable in table.variables.items():
+        if name in VARIABLES:
+            long_name, units, equation = VARIABLES[str(name)]
+            variable.attrs = {"long_name": long_name, "units": units, "equation": equation}
+    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    table.attrs = {"scene": scene, "unilateral": __version__, "libraries": libraries, "source": SOURCE}
+    with replacing(path) as temporary:
+        try:
+            table.to_netcdf(temporary, engine="netcdf4")
+        except RuntimeError as error:
+            raise OSError(f"{error}; is the disk full?") from error
+        content = temporary.read_bytes()
+        temporary.write_bytes(content + _seal(content))
+
+
+def load(path: str | os.PathLike[str]) -> xr.Dataset:
+    """A table, read whole. Raises InputError where there is none, StorageError for one that is damaged."""
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"there is no table {path}; run 'make', or 'snakemake -j2 {path}'") from None
+    except OSError as error:
+        raise StorageError(f"{path} cannot be read: {error.strerror}") from None
+    content, seal = data[:-SEAL], data[-SEAL:]
+    if seal != _seal(content):
+        raise StorageError(
+            f"{path} is damaged or no table of the study; 'snakemake -j2 -f {path}' makes it anew"
+        )
+    return xr.load_dataset(path, engine="netcdf4")
+
+
+def _seal(content: bytes) -> bytes:
+    """The last line of a file with this content."""
+    return f"\nsha256 {hashlib.sha256(content).hexdigest()}\n".encode()
+
+
+SEAL = len(_seal(b""))
+
+
+def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
+    """One table from those of single levels, coarse to fine."""
+    return xr.concat(
+        levels,
+        "mesh",
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="exact",
+        combine_attrs="drop",
+    )
+
+
+def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:
+    """Write a table to draw from, rounded so that another machine's last bits do not show."""
+    rounded = {name: _rounded(column) for name, column in frame.items()}
+    with replacing(path) as temporary:
+        pd.DataFrame(rounded).to_csv(temporary, index=False, lineterminator="\n")
+
+
+def _rounded(column: pd.Series) -> pd.Series:
+    if not pd.api.types.is_float_dtype(column):
+        return column
+    negligible = NEGLIGIBLE * column.abs().max()
+    cleaned = column.where(column.isna() | (column.abs() > negligible), 0.0)
+    return cleaned.map(lambda x: "" if np.isnan(x) else f"{x:.{FLOAT_DIGITS}g}")

@@ -1,0 +1,1 @@
+"""What readers read: numbers set into Markdown, tables, and the typeset paper."""

@@ -1,0 +1,43 @@
+"""The tables of all documents, in Markdown, by the names of their blocks."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from unilateral.formulas.formula import real
+from unilateral.study.text import cost_tables, error_tables, extremes_tables, verdicts
+from unilateral.study.text.sources import Sources
+
+LINE = 150
+"""Letters in a line: in a wider table columns are not aligned."""
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """All cells are texts."""
+    options = {"index": False, "tablefmt": "github", "disable_numparse": True}
+    text = table.to_markdown(**options)
+    return text if text.find("\n") <= LINE else table.to_markdown(stralign=None, **options)
+
+
+def collect(told: Sources) -> dict[str, str]:
+    """All blocks."""
+    of, study, infsup = told.tables, told.study, told.study["infsup"]
+    ratios = [real(each, "uniform_ratios") for each in infsup["uniform_ratios"]]
+    tolerances = {name: study["norms"][name]["tolerance"] for name in ("hm12", "l2")}
+    base = {"H_over_h": told.H_over_h, "coarsest": told.coarsest}
+    frames = verdicts.claims_tables(told.claims) | {
+        "rates": error_tables.rates(told.rates, real(study["judged_ratio"], "judged_ratio")),
+        "beta": error_tables.beta(told.pairs, ratios),
+        "correlations": error_tables.correlations(told.pairs, infsup["rule"]["smallest_angle"]),
+        "floors": error_tables.floors(of["floors"]),
+        "totals": error_tables.totals(told.totals),
+        "exceptions": error_tables.exceptions(of["sharpness"], tolerances),
+        "ratios": cost_tables.ratios(of["case"], told.coarsest),
+        "prices": cost_tables.price_table(of["case"], of["scene"], **base),
+        "expected": cost_tables.expected(of["case"], **base),
+        "algorithms": cost_tables.algorithms(of["algorithm"], told.H_over_h),
+        "targets": cost_tables.targets(of["algorithm"], study["cost"]["targets"]),
+        "extremes-limits": extremes_tables.limits(of["extremes"]),
+        "extremes-unlimited": extremes_tables.unlimited(of["extremes"]),
+    }
+    return {name: markdown(frame) for name, frame in frames.items()}

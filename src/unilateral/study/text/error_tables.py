@@ -1,0 +1,121 @@
+"""Tables of rates, floors, bounds and of beta, as documents show them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from unilateral.study.judge.rates import NORMS
+from unilateral.study.judge.rates_table import smallest_rate
+from unilateral.study.text.formats import cells, shown
+
+SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
+TITLES = {norm: f"{'u' if norm == 'h1' else 'λ'} in {space}" for norm, space in SPACES.items()}
+MEASURES = {
+    "h_over_H": "h/H",
+    "edges_per_cell": "fewest boundary edges in a cell",
+    "cell_over_edge": "smallest $H_i$ over the longest edge at it",
+}
+ROUNDED = 1e-4
+"""Relative, of the numbers in a committed table."""
+
+
+def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per scene and case, the smallest asymptotic rate in each norm."""
+    first = next(iter(scenes.values()))
+    proved = {norm: float(first["proved"].sel(norm=norm, h_over_H=ratio).max()) for norm in NORMS}
+    rows = [
+        {"scene": name, "case": f"`{case}`"}
+        | {
+            f"{TITLES[norm]} (proved {proved[norm]:g})": _rate(
+                found.sel(case=case, norm=norm, h_over_H=ratio)
+            )
+            for norm in NORMS
+        }
+        for name, found in scenes.items()
+        for case in found["case"].values
+    ]
+    return pd.DataFrame(rows)
+
+
+def _rate(of: xr.Dataset) -> str:
+    verdict = of["verdict"].item()
+    if verdict == "exact":
+        return "error 0, as exact"
+    if verdict == "not judged":
+        return str(verdict)
+    pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
+    suffix = "" if verdict == "holds" else f", **{verdict}**"
+    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({pairs} pairs){suffix}"
+
+
+FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
+    "errors fitted": ("pairs", ".0f"),
+    "largest misfit": ("residual", ".2g%"),
+}
+
+
+def floors(fits: xr.Dataset) -> pd.DataFrame:
+    """The fit of the errors over the whole (h, H) grid, by case."""
+    of = fits.to_dataframe()
+    table = pd.DataFrame([{"case": f"`{case}`"} | cells(fit, FLOORS) for case, fit in of.iterrows()])
+    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in of["s_uncertainty"]]
+    return table
+
+
+def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
+    """Guaranteed total errors over the true ones on the coarsest and finest level."""
+    rows = []
+    for name, table in scenes.items():
+        for case, norm in itertools.product(table["case"].values, ("h1", "hm12")):
+            index = table["total_index_u" if norm == "h1" else "total_index_lambda"].sel(case=case)
+            for k in (0, -1):
+                value = float(index[k])
+                head = f"{SPACES[norm]}, h = {shown(float(table['h'][k]), '1/n')}"
+                rows.append((name, f"`{case}`", head, "λ_H exact" if np.isnan(value) else f"{value:.2f}"))
+    long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
+    heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
+    return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
+
+
+def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFrame:
+    """Where, for alpha > 0, rates of the multiplier on the finest levels miss those predicted."""
+    missing = (found["predicted"] - found["rate"].isel(pair=-1)).where(found["alpha"] > 0, drop=True)
+    rows = []
+    for alpha, gamma in itertools.product(missing["alpha"].values, missing["gamma"].values):
+        here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
+        if any(here[norm] > tolerances[norm] for norm in tolerances):
+            lacks = {TITLES[n]: f"{here[n]:.2f}" if here[n] > tolerances[n] else "–" for n in tolerances}
+            rows.append({"α": f"{alpha:g}", "γ": f"{gamma:g}"} | lacks)
+    return pd.DataFrame(rows, columns=["α", "γ", *(TITLES[norm] for norm in tolerances)])
+
+
+def beta(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
+    """Lower bounds of beta on uniform meshes, per family of meshes and H/h."""
+    rows = []
+    for label, of in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
+        at = {ratio: np.isclose(of["h_over_H"] * ratio, 1, rtol=ROUNDED) for ratio in ratios}
+        least = {f"{ratio:g}": float(of.loc[here, "beta_lower"].min()) for ratio, here in at.items()}
+        rows.append({"β ≥ ... at H/h =": label} | {name: shown(b, "down.2f") for name, b in least.items()})
+    return pd.DataFrame(rows)
+
+
+def correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
+    """Which measure of h/H predicts beta best, on meshes that are not uniform: Spearman's coefficients."""
+    other = pairs[(pairs["kind"] != "uniform") & (pairs["edges_per_cell"] > 0)]
+    of = {
+        "pairs that are not uniform": other,
+        f"of them without angles below {smallest_angle:g}°": other[other["smallest_angle"] >= smallest_angle],
+    }
+    rows = []
+    for what, kept in of.items():
+        found = {name: kept[name].corr(kept["beta_lower"], method="spearman") for name in MEASURES}
+        rows.append(
+            {"rank correlation of β with": f"{len(kept)} {what}"}
+            | {MEASURES[name]: f"{value:.2f}" for name, value in found.items()}
+        )
+    return pd.DataFrame(rows)

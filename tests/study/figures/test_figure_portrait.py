@@ -1,0 +1,78 @@
+"""The picture of a solution: its tables against the solution, and what they have to hold."""
+
+from __future__ import annotations
+
+from math import sqrt, tanh
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import discrete
+
+from unilateral.discrete import solve
+from unilateral.geometry.mesh import structured
+from unilateral.geometry.polygon import named
+from unilateral.study.figures import portrait
+
+Tables = dict[str, pd.DataFrame]
+
+
+@pytest.fixture(scope="module")
+def natural() -> Tables:
+    return portrait.table("square", "natural", "1/16", "1/8")
+
+
+def test_the_portrait_s_triangles(natural: Tables) -> None:
+    """Each with its three corners: they cover the square, and u_h is one value at each node."""
+    field = natural["mesh"]
+    corners = field[["x", "y"]].to_numpy().reshape(-1, 3, 2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    assert np.all(areas > 0)
+    assert areas.sum() == pytest.approx(1, rel=1e-12)
+    assert field["triangle"].tolist() == np.repeat(np.arange(2 * 16**2), 3).tolist()
+    nodes = field.groupby(["x", "y"])["u_h"]
+    assert nodes.ngroups == 17**2
+    assert (nodes.nunique() == 1).all()
+
+
+def test_the_portrait_s_u_h_is_the_solution_s(natural: Tables) -> None:
+    field = natural["mesh"]
+    nodes = structured(named("square"), 1 / 16).triangles.ravel()
+    expected = solve(discrete("natural", 16, 8)).u_h[nodes]
+    np.testing.assert_allclose(field["u_h"], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_portrait_s_traces(natural: Tables) -> None:
+    """The gap and lambda as declared; contact for x >= 1/2 on the bottom, and on all other sides."""
+    boundary = natural["boundary"]
+    trace, flux = (boundary[boundary["kind"] == kind] for kind in ("trace", "flux"))
+    assert len(trace) == len(flux) == 4 * (portrait.SAMPLES_PER_SIDE + 1)
+    x = trace["s"].to_numpy()
+    bottom = trace["side"] == 0
+    free = bottom & (trace["s"] < 0.5)
+    assert trace["contact"].tolist() == (~free).astype(int).tolist()
+    gap = np.where(free, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, 0)
+    np.testing.assert_allclose(trace["exact"], gap, atol=1e-15)
+    held = 1.5 * np.sqrt(np.maximum(x - 0.5, 0))
+    np.testing.assert_allclose(flux["exact"][flux["side"] == 0], held[bottom], atol=1e-12)
+    assert flux["computed"].isna().all()
+
+
+def test_the_portrait_s_errors_are_those_of_the_solution(natural: Tables) -> None:
+    """int |u - u_h|^2 on the boundary <= ||u - u_h||_1^2 / sigma_1; on the square sigma_1 is known."""
+    boundary = natural["boundary"]
+    solution = solve(discrete("natural", 16, 8))
+    trace = boundary[boundary["kind"] == "trace"]
+    mean_square = np.mean((trace["computed"] - trace["exact"]) ** 2)
+    assert sqrt(4 * mean_square) <= solution.errors.h1 / sqrt(tanh(1 / (2 * sqrt(2))) / sqrt(2))
+    cells = boundary[boundary["kind"] == "multiplier"]
+    np.testing.assert_allclose(cells["computed"], solution.lambda_H, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(cells["end"] - cells["s"], 1 / 8, rtol=1e-12)
+    assert cells["side"].tolist() == np.repeat(np.arange(4), 8).tolist()
+
+
+def test_no_contact_has_none() -> None:
+    boundary = portrait.table("square", "no_contact", "1/8", "1/4")["boundary"]
+    assert set(boundary["contact"].dropna()) == {0}
+    assert np.all(boundary["computed"][boundary["kind"] == "multiplier"] == 0)

@@ -1,0 +1,480 @@
+"""The study's configuration: what is refused, where, and in which words; and what is still accepted."""
+
+import copy
+import datetime
+import math
+import re
+from collections.abc import Iterator
+from functools import reduce
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from conftest import ROOT
+
+from unilateral.errors import InputError
+from unilateral.problems import case
+from unilateral.study import config as configuration
+from unilateral.study.runs.extremes import KINDS
+from unilateral.study.runs.families import NODES, PARTITIONS
+
+SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
+RULES = yaml.safe_load(Path(SCHEMA).read_text())
+FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
+STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
+SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
+REMOVED = object()
+
+
+def fault(study):
+    """What is said of a configuration, or None."""
+    try:
+        configuration.check(study, SOURCES, SCHEMA)
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def parent(study, place):
+    return reduce(lambda found, key: found[key], place[:-1], study)
+
+
+def changed(path, value):
+    """The study with another value at a path."""
+    study = copy.deepcopy(STUDY)
+    place = path.split(".", 1 + path.count(".") * (".." not in path)) if isinstance(path, str) else [path]
+    if value is REMOVED:
+        del parent(study, place)[place[-1]]
+    else:
+        parent(study, place)[place[-1]] = value
+    return study
+
+
+def test_the_study_is_accepted_and_its_schema_is_one():
+    jsonschema.Draft202012Validator.check_schema(RULES)
+    assert fault(copy.deepcopy(STUDY)) is None
+
+
+def test_defaults_are_filled_in():
+    study = copy.deepcopy(STUDY)
+    assert "side" not in study["scenes"]["quick"]
+    configuration.check(study, SOURCES, SCHEMA)
+    quick, square = study["scenes"]["quick"], study["scenes"]["square"]
+    assert (quick["side"], quick["judged"], square["judged"]) == (0, False, True)
+    assert study["figures"]["rates"]["folder"] == "figures"
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("speed", 1),
+        (7, 1),
+        ("stop", REMOVED),
+        ("rates", REMOVED),
+        ("stop.steps", 10),
+        ("stop.fraction", 0),
+        ("stop.fraction", "1 %"),
+        ("stop.max_steps", 1.5),
+        ("scenes.Square", {}),
+        ("surveys.betasquare.partitions", REMOVED),
+        ("surveys.betasquare.kind", "odd"),
+        ("finds", REMOVED),
+        ("scenes.quick.h", "1/8"),
+        ("scenes.quick.polygon", "disc"),
+        ("scenes.quick.polygon", REMOVED),
+        ("scenes.quick.side", -1),
+        ("scenes.quick.cases", []),
+        ("scenes.quick.cases", "natural"),
+        ("scenes.quick.cases", ["natural", "natural"]),
+        ("scenes.quick.mesh.kind", "quads"),
+        ("scenes.quick.mesh.levels", 0),
+        ("scenes.quick.mesh.levels", True),
+        ("scenes.quick.mesh.levels", 4.0),
+        ("scenes.quick.mesh.h", "1/8\n"),
+        ("scenes.quick.mesh.h", math.inf),
+        ("scenes.quick.mesh.h", math.nan),
+        ("scenes.quick.H_over_h.max", math.inf),
+        ("scenes.quick.cases", ["../../etc/passwd"]),
+        ("scenes.quick.cases", ["natural.yaml"]),
+        ("scenes.quick.cases", ["natural\n"]),
+        ("scenes.../../etc/passwd", {}),
+        ("scenes.sharpness", {}),
+        ("surveys.betasquare.partitions", [{"H": "1/16", "shift": 1}]),
+        ("surveys.betasquare.partitions", [{"H": math.inf}]),
+        ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
+        ("surveys.betasquare.partitions", [{"H": "1/16", "spread": 2}]),
+        ("surveys.betasquare.partitions", [{"size": "1/16"}]),
+        ("surveys.betasquare.partitions", [{"counts": [4, 4, 4]}]),
+        ("surveys.betasquare.partitions", ["1/16"]),
+        ("surveys.betasquare.mesh", {"kind": "found"}),
+        ("surveys.betasquare.mesh", {"kind": "graded"}),
+        ("surveys.betasquare.mesh", {"kind": "equal", "seed": 1}),
+        ("surveys.betasquare.mesh", "equal"),
+        ("surveys.betathin.polygon", [[0, 0], [0, 1], [1, 0]]),
+        ("surveys.betaworst.edges_per_cell", [2]),
+        ("algorithm.shares", ["1/2"]),
+        ("scenes.quick.mesh.h", "1/0"),
+        ("scenes.quick.mesh.h", "0/1"),
+        ("scenes.quick.mesh.h", "0.0"),
+        ("scenes.quick.mesh.h", 0),
+        ("scenes.quick.mesh.h", -0.125),
+        ("scenes.quick.mesh.h", "-1/8"),
+        ("scenes.quick.mesh.h", "1 / 8"),
+        ("scenes.quick.mesh.h", "1/8/2"),
+        ("scenes.quick.mesh.h", "eighth"),
+        ("scenes.quick.mesh.h", None),
+        ("scenes.quick.H", "1/8"),
+        ("scenes.quick.H", ["1/4", "1/0"]),
+        ("scenes.quick.H_over_h.least", 2),
+        ("scenes.quick.H_over_h.max", -1),
+        ("scenes.quick.judged", "no"),
+        ("figures.Rates", {}),
+        ("figures.rates.module", REMOVED),
+        ("figures.rates.module", "style"),
+        ("figures.rates.folder", "results/square"),
+        ("figures.rates.reads.rates", REMOVED),
+        ("figures.rates.reads.rates", "results/{case}/rates.nc"),
+        ("figures.rates.reads.rates", "../../etc/passwd"),
+        ("figures.rates.reads.floors", "results/square/floors.nc"),
+        ("figures.rates.look", {"work": "seconds"}),
+        ("figures.grid_square.parameters", {}),
+        ("figures.grid_square.parameters.colour", "red"),
+        ("figures.grid_square.tables", ["one", "two"]),
+        ("figures.natural.tables", REMOVED),
+        ("figures.multiplier.parameters.h_over_H", []),
+        ("sharpness", REMOVED),
+        ("sharpness.alphas", ["1"]),
+        ("sharpness.alphas", ["1/21"]),
+        ("sharpness.alphas", [0.25]),
+        ("sharpness.gammas", [0]),
+        ("sharpness.gammas", ["-1/2"]),
+        ("sharpness.gammas", [1, 1]),
+        ("sharpness.positions", 0),
+        ("sharpness.H", ["1/8", "1/16"]),
+        ("sharpness.h_over_H", "0/1"),
+        ("figures.consistency.parameters.H", 0),
+        ("figures.consistency.parameters.case", REMOVED),
+        ("figures.consistency.parameters.cases", ["thirds", "thirds"]),
+        ("figures.consistency.study.scenes", []),
+        ("cost", REMOVED),
+        ("cost.base.algebra", "A_2"),
+        ("cost.base.case", REMOVED),
+        ("cost.vary.speed", [1]),
+        ("cost.vary.algorithm", ["fast"]),
+        ("cost.vary.H_over_h", ["0"]),
+        ("cost.jobs", []),
+        ("cost.stops", [2.0]),
+        ("cost.costly_steps", 0),
+        ("extremes", REMOVED),
+        ("extremes.accuracy", 0),
+        ("extremes.axes.ratio.values", [1]),
+        ("extremes.axes.ratio.values", [1, -1]),
+        ("extremes.axes.ratio.steps", 3),
+        ("extremes.jobs.cells", []),
+        ("figures.natural.parameters.levels", 3),
+        ("figures.natural.parameters.H", REMOVED),
+        ("rates.judged_ratio", "0"),
+        ("rates.norms.h1.bound.reference", "h"),
+        ("rates.norms.energy", {}),
+        ("rates.cases.thirds.h1.rate", "fast"),
+        ("rates.cases.thirds.h1.source", REMOVED),
+    ],
+)
+def test_a_bad_value_is_refused_where_it_stands(path, value):
+    """In the field itself, or in the mapping that lacks it, has it in vain, or has its name."""
+    found = fault(changed(path, value))
+    field = re.match(r"[\w./, ]+\.yaml(?:, field ([\w.\[\]]+))?: ", found)[1] or ""
+    assert str(path).startswith(field) or field.startswith((f"{path}[", f"{path}."))
+    assert "\n" not in found
+    assert len(found) < 400
+
+
+SAID = [
+    (
+        ("scenes.quick.mesh.levels", "four"),
+        "scenes.quick.mesh.levels: it is 'four'; it has to be a whole number, at least 1, at most 9",
+    ),
+    (
+        ("scenes.quick.mesh.kind", "quads"),
+        "scenes.quick.mesh.kind: it is 'quads'; it has to be one of structured, unstructured",
+    ),
+    (
+        ("stop.steps", 10),
+        "stop: there is no field 'steps' here; the fields are fraction, max_steps",
+    ),
+    (
+        ("rates.judged_ratio", math.nan),
+        "rates.judged_ratio: it is nan; it has to be a positive number, or a fraction such as 1/64",
+    ),
+    (
+        ("scenes.Quick", {}),
+        "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
+        "letter first, and none of algorithm, cost, extremes, paper, sharpness",
+    ),
+    (
+        ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
+        "surveys.betasquare.partitions[0]: it is {'H': '1/16', 'seed': 1}; it has to be one of {H}, "
+        "{H, shift}, {H, grading}, {H, spread, seed}, {counts}, {points}",
+    ),
+    (
+        ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
+        "surveys.betasquare.partitions[0].grading: it is 1/2; it has to be at least 1",
+    ),
+    (
+        ("surveys.betathin.mesh", {"kind": "structured"}),
+        "surveys.betathin.polygon: it is [[0, 0], [1, 0], [1, 0.176327]]; it has to be one of square, lshape",
+    ),
+    (
+        ("totals.scenes.nowhere", ["thirds"]),
+        "totals.scenes: it is 'nowhere'; it has to be one of square, unstructured, lshape, irregular, "
+        "cantor, corners, quick",
+    ),
+    (
+        ("scenes.quick.cases", ["natural", "third"]),
+        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}",
+    ),
+    (
+        ("scenes.quick.cases", ["violates_j"]),
+        "scenes.quick.cases[0]: case 'violates_j' is for lshape, not for 'square'",
+    ),
+    (
+        ("scenes.quick.side", 4),
+        "scenes.quick.cases[0]: case 'natural': 'square' has the sides 0 to 3, not 4",
+    ),
+    (
+        ("rates.cases.vertex", REMOVED),
+        "rates.cases: there is no 'vertex'; add it, for scene 'irregular' has that case",
+    ),
+    (
+        ("figures.natural.parameters.case", "violates_j"),
+        "figures.natural.parameters.case: case 'violates_j' is for lshape, not for 'square'",
+    ),
+    (
+        ("figures.grid_square.parameters.cases", ["rough"]),
+        "figures.grid_square.parameters: 'rough' is a case of no scene that is read",
+    ),
+    (
+        ("figures.verdict.module", "verdicts"),
+        "figures.verdict.module: it is 'verdicts'; it has to be one of consistency, dual_norm, extremes, "
+        "grid, infsup, multiplier, portrait, rates, sharpness, verdict, work_precision",
+    ),
+    (
+        ("figures.rates.scenes", ["square", "nowhere"]),
+        "figures.rates.scenes[1]: it is 'nowhere'; it has to be one of square, unstructured, lshape, "
+        "irregular, cantor, corners, quick",
+    ),
+    (
+        ("figures.multiplier.reads.survey", "results/nowhere/infsup.nc"),
+        "figures.multiplier.reads.survey: there are no results of 'nowhere'",
+    ),
+    (
+        ("figures.work_precision.study.base", "cost.bases"),
+        "figures.work_precision.study.base: it is cost.bases; the configuration has no such field",
+    ),
+    (
+        ("figures.rates.reads.rates", REMOVED),
+        "figures.rates: `table` of rates is given errors; it takes errors, rates",
+    ),
+    (
+        ("figures.natural.tables", ["mesh"]),
+        "figures.natural.tables: `draw` of portrait takes mesh and boundary",
+    ),
+    (
+        ("figures.verdict.look", {"work": "seconds"}),
+        "figures.verdict.look: `draw` of verdict has no option 'work'",
+    ),
+    (
+        ("scenes.quick.H", ["1/8", "1/4"]),
+        "scenes.quick.H: each number has to be smaller than the one before it",
+    ),
+    (
+        ("totals.levels", 7),
+        "totals.levels: it has to be at most 6, the levels of its scenes",
+    ),
+    (
+        ("rates.judged_ratio", "1/3"),
+        "rates.judged_ratio: it has to be one of ratios, 1/2, 1/4",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), SAID)
+def test_what_is_said(change, said):
+    """One line with the file, the field and what would be right."""
+    file = next((name for name in ("rates", "figures") if said.startswith(name)), "study")
+    assert fault(changed(*change)) == f"workflow/config/{file}.yaml, field {said}"
+
+
+def test_a_whole_part_that_is_missing_is_asked_for():
+    assert fault(changed("stop", REMOVED)) == f"{', '.join(FILES)}: the field 'stop' is missing"
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("totals.scenes.lshape", ["natural"]),
+        ("floors", ["nowhere"]),
+        ("figures.consistency.parameters", {"case": "reentrant", "H": 1, "cases": ["thirds"]}),
+        ("cost.base.scene", "nowhere"),
+        ("cost.base.case", "natural"),
+        ("cost.vary.scene", ["nowhere"]),
+        ("cost.vary.case", ["rough"]),
+        ("cost.jobs", [{"scene": "nowhere", "h": ["1/8"]}]),
+        ("cost.cross", [["algorithm", "scene"], ["case", "nothing"]]),
+        ("extremes.jobs.cells", ["nothing", "nowhere"]),
+        ("extremes.axes.odd.kind", "even"),
+        ("algorithm.cases", ["violates_j"]),
+    ],
+)
+def test_a_name_that_stands_for_nothing_is_refused(path, value):
+    """`natural` is for the square only, and the study of cost varies the scene of its base's case."""
+    assert f"field {path}" in fault(changed(path, value))
+
+
+@pytest.mark.parametrize("size", ["1/8", "0.125", 0.125, 1, "10/3", "1/10", "0.5/4"])
+def test_sizes_that_are_allowed(size):
+    assert fault(changed("scenes.quick.mesh.h", size)) is None
+
+
+def test_all_that_the_library_knows_can_be_asked_for():
+    """And nothing else: the schema's lists against the library's."""
+    axes, nodes = RULES["properties"]["extremes"]["properties"]["axes"], RULES["$defs"]["nodes"]
+    assert sorted(axes["additionalProperties"]["properties"]["kind"]["enum"]) == sorted(KINDS)
+    assert nodes["properties"]["kind"]["enum"] == ["structured", *NODES]
+    forms = [
+        (tuple(form["required"]), form["maxProperties"]) for form in RULES["$defs"]["partition"]["oneOf"]
+    ]
+    assert forms == [(keys, len(keys)) for keys in PARTITIONS]
+
+
+def patterns(rules) -> Iterator[dict]:
+    if isinstance(rules, dict):
+        if isinstance(rules.get("pattern"), str):
+            yield rules
+        rules = list(rules.values())
+    if isinstance(rules, list):
+        for part in rules:
+            yield from patterns(part)
+
+
+def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
+    """`$` would match before a newline."""
+    found = list(patterns(RULES))
+    assert len(found) > 8
+    for rules in found:
+        assert re.fullmatch(r"\^[^$]*\\Z", rules["pattern"].replace("\\Z)", ")"))
+        assert rules["description"]
+
+
+@pytest.mark.parametrize(
+    ("contents", "said"),
+    [
+        (("stop: 1\n", "stop: 1\n"), r"1\.yaml, field stop: .*0\.yaml has it, too; leave one of them out"),
+        (("stop: 1\nstop: 2\n",), r"0\.yaml is not a YAML file: the field 'stop' is given twice"),
+        (("stop: [1\n",), r"0\.yaml is not a YAML file: "),
+        (("",), r"0\.yaml has no fields; it has to hold a mapping"),
+        (("- 1\n",), r"0\.yaml has no fields; it has to hold a mapping"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, contents, said):
+    files = [tmp_path / f"{i}.yaml" for i in range(len(contents))]
+    for file, content in zip(files, contents, strict=True):
+        file.write_text(content)
+    with pytest.raises(InputError, match=said):
+        configuration.read(map(str, files))
+
+
+VALUES = {
+    "infinite": math.inf, "minus infinite": -math.inf, "nan": math.nan, "negative": -1, "zero": 0,
+    "huge": 10**30, "huge float": 1e300, "tiny": 1e-300, "digits": "1" * 5000, "float": 2.5, "three": 3,
+    "half": "1/2", "scientific": "1e-3", "null": None, "true": True, "text": "text", "empty": "",
+    "upper": "Natural", "path": "../../etc/passwd", "date": datetime.date(2000, 1, 1), "list": [],
+    "mapping": {}, "nested": {"x": [1]},
+}  # fmt: skip
+KEYS = {
+    "path": "../../etc/passwd", "number": 7, "newline": "square\n", "empty": "", "upper": "Square",
+    "null": None, "long": "a" * 300,
+}  # fmt: skip
+SIZES = "huge|huge float|tiny|float|three|half"
+ACCEPTED = [
+    # A list may be shorter; a study may have fewer surveys and figures; some fields have defaults.
+    (r".*\.\d+", "removed"),
+    (r"(scenes|surveys|totals\.scenes|rates\.cases)\.[\w.]+?|figures\.\w+", "removed"),
+    (r"figures\.work_seconds\.(look(\.work)?|reads\.timings)", "removed|mapping"),
+    (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle|folder)", "removed"),
+    (r"extremes\.axes\.\w+\.(h|H|accuracy)|cost\.vary\.\w+", "removed"),
+    # Any positive number is a size, and what is too fine is refused when it is made.
+    (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
+    (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
+    (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
+    # Other numbers within their limits.
+    (r".*\.(levels|max_steps|steps|compared_steps|costly_steps|positions|side|seed)", "three|zero"),
+    (r".*\.(counts|recorded_steps|gammas|alphas|shares|targets)\.\d+", "three|float|half|tiny"),
+    (r".*\.(cell_over_edge|smallest_angle|edge_ratio|beta)", "zero|three|float|tiny"),
+    (r".*\.(accuracy|memory|fraction)", "three|float|tiny"),
+    (r"finds\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
+    (r"cost\.stops\.\d+", "tiny"),
+    (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
+    # Text for readers.
+    (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
+    (r".*\.(label|name|what)", "text|upper|path|half|scientific"),
+    (r".*\.judged", "true"),
+    (r"floors", "list"),
+]
+"""Places and changes that leave a configuration that makes sense."""
+
+
+def places(value, at=()):
+    """All places in nested mappings and lists, but the whole."""
+    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in inside:
+        yield (*at, key)
+        yield from places(part, (*at, key))
+
+
+def mutant(rng, place):
+    """The study changed at a place, and how; or None where that is no change."""
+    study = copy.deepcopy(STUDY)
+    above, last = parent(study, place), place[-1]
+    old, how = above[last], str(rng.choice(["value"] * 6 + ["removed", "newline", "extra", "key", "entry"]))
+    if how == "value":
+        how = str(rng.choice(list(VALUES)))
+        above[last] = VALUES[how]
+    elif how == "removed":
+        del above[last]
+    elif how == "newline" and isinstance(old, str):
+        above[last] = f"{old}\n"
+    elif how in ("extra", "key") and isinstance(old, dict) and old:
+        name, taken = str(rng.choice(list(KEYS))), list(old)[rng.integers(len(old))]
+        value = old[taken] if how == "extra" else old.pop(taken)
+        old[KEYS[name]] = copy.deepcopy(value)
+        how = f"{how} {name}"
+    elif how == "entry" and isinstance(old, list):
+        old.append(old[0] if rng.random() < 0.5 else "../../etc/passwd")
+    return None if study == STUDY else (study, how)
+
+
+def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
+    """Some 500, of all places, but for most of the numbers that the search for the worst beta found."""
+    rng, accepted, number = np.random.default_rng(7), [], 0
+    found = list(places(STUDY))
+    found = [place for place in found if "finds" not in place or rng.random() < 0.1]
+    for place in (found[i] for i in rng.integers(len(found), size=600)):
+        made = mutant(rng, place)
+        if made is None:
+            continue
+        said, number = fault(made[0]), number + 1
+        if said is None:
+            accepted.append((".".join(map(str, place)), made[1]))
+        else:
+            assert re.match(r"[\w./, ]+\.yaml(, field \S+)?: [^\n]*\Z", said)
+            assert len(said) < 400
+    assert number > 400
+    surprising = [
+        (place, how)
+        for place, how in accepted
+        if not any(re.fullmatch(at, place) and re.fullmatch(hows, how) for at, hows in ACCEPTED)
+    ]
+    assert surprising == []

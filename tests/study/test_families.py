@@ -1,0 +1,204 @@
+"""Declared partitions and boundary nodes: expected values from the definitions, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from unilateral.errors import InputError
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.norms.infsup import resolution
+from unilateral.study.runs.families import boundary_nodes, mesh_of, partition_of
+
+TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
+"""Its sides are 4, 5 and 3 long."""
+ROUND_OFF = 1e-14
+"""Of a few operations on arc lengths up to 12."""
+RANDOM = {"H": "1/4", "spread": 4, "seed": 1}
+PARTITIONS = [
+    {"H": "1/4"},
+    {"H": "1/4", "shift": "1/3"},
+    {"H": "1/4", "grading": 3},
+    RANDOM,
+    {"counts": [4, 3, 5, 1]},
+    {"points": [0, "1/3", 1, 2, "5/2", 3, 4]},
+]
+KINDS = [
+    {"kind": "follow"},
+    {"kind": "equal"},
+    {"kind": "graded", "grading": 2},
+    {"kind": "random", "spread": 10, "seed": 3},
+]
+
+
+def test_uniform_partition():
+    assert_array_equal(
+        partition_of(named("lshape"), {"H": "1/3"}).points, partition.uniform(named("lshape"), 1 / 3).points
+    )
+
+
+def test_shifted_points_lie_a_fraction_of_a_cell_further():
+    """Side by side: 4 in two cells of 2, 5 in three of 5/3, 3 in two of 3/2; the first cell is longer."""
+    points = partition_of(TRIANGLE, {"H": 2, "shift": "1/4"}).points
+    expected = [0, 2 + 1 / 2, 4, 4 + 5 / 3 + 5 / 12, 4 + 10 / 3 + 5 / 12, 9, 9 + 3 / 2 + 3 / 8, 12]
+    assert_allclose(points, expected, rtol=0, atol=ROUND_OFF)
+
+
+def test_graded_points_are_powers_towards_both_ends():
+    points = partition_of(TRIANGLE, {"H": 2, "grading": 3}).points
+    expected = [0, 2, 4, 4 + 5 * 4 / 27, 4 + 5 * 23 / 27, 9, 9 + 3 / 2, 12]
+    assert_allclose(points, expected, rtol=0, atol=ROUND_OFF)
+
+
+def test_random_lengths_are_log_uniform():
+    """log(H_i) has a range of at most log 4 on each side, and is spread evenly in it: with 4000 cells its
+    standard deviation is log 4 / 12^(1/2), up to 5 %, five standard deviations of that estimate."""
+    cells = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 1})
+    logarithms = np.log(cells.lengths).reshape(4, 1000)
+    assert np.all(np.ptp(logarithms, axis=1) <= np.log(4) + 1e-9)
+    assert_allclose(logarithms.std(axis=1), np.log(4) / np.sqrt(12), rtol=0.05)
+    again = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 1})
+    other = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 2})
+    assert_array_equal(cells.points, again.points)
+    assert not np.array_equal(cells.points, other.points)
+
+
+def test_counts_are_equal_cells():
+    lengths = partition_of(TRIANGLE, {"counts": [1, 2, 3]}).lengths
+    assert_allclose(lengths, [4, 2.5, 2.5, 1, 1, 1], rtol=0, atol=ROUND_OFF)
+
+
+def test_points_are_taken_as_they_are():
+    spec = {"points": [0, "1/3", 1, 2, 3, 4]}
+    assert_array_equal(partition_of(square(), spec).points, [0, 1 / 3, 1, 2, 3, 4])
+
+
+@pytest.mark.parametrize("spec", [{"H": "1/4"}, {"H": "1/4", "shift": 0}, {"H": "1/4", "grading": 1}])
+def test_the_neutral_parameters_are_uniform(spec):
+    assert_array_equal(partition_of(square(), spec).points, np.arange(17) / 4)
+
+
+@pytest.mark.parametrize("spec", PARTITIONS)
+@pytest.mark.parametrize("K", [1, 2, 3])
+def test_followed_cells_have_the_same_number_of_edges(spec, K):
+    """Each cell in K equal edges, its ends nodes to the last bit."""
+    cells = partition_of(square(), spec)
+    nodes = boundary_nodes(cells, {"kind": "follow"}, K)
+    assert_array_equal(nodes[::K], cells.points[:-1])
+    expected = np.repeat(cells.lengths / K, K)
+    assert_allclose(np.diff(nodes, append=4), expected, rtol=0, atol=ROUND_OFF)
+
+
+def test_followed_fractions():
+    """Two cells of 1/4 and 3/4 with three edges: nodes at 2/3 of the first, at 1/3 of the second."""
+    cells = partition_of(square(), {"points": [0, "1/4", 1, "5/4", 2, "9/4", 3, "13/4", 4]})
+    nodes = boundary_nodes(cells, {"kind": "follow"}, "3/2")
+    assert_allclose(nodes[:3], [0, 1 / 6, 1 / 2], rtol=0, atol=ROUND_OFF)
+    assert_allclose(nodes, np.add.outer(np.arange(4), nodes[:3]).ravel(), rtol=0, atol=ROUND_OFF)
+
+
+def test_equal_and_graded_nodes():
+    """Sides with one cell each of length 4, 5, 3."""
+    cells = partition_of(TRIANGLE, {"counts": [1, 1, 1]})
+    assert_allclose(boundary_nodes(cells, {"kind": "equal"}, 2), [0, 2, 4, 6.5, 9, 10.5], atol=ROUND_OFF)
+    graded = boundary_nodes(cells, {"kind": "graded", "grading": 2}, 3)
+    shares = np.array([0, 2 / 9, 7 / 9])
+    assert_allclose(graded, [*(4 * shares), *(4 + 5 * shares), *(9 + 3 * shares)], rtol=0, atol=ROUND_OFF)
+
+
+def test_random_nodes_are_drawn_like_random_partitions():
+    cells = partition_of(square(), {"H": "1/4"})
+    nodes = boundary_nodes(cells, {"kind": "random", "spread": 4, "seed": 1}, 1)
+    assert_array_equal(nodes, partition_of(square(), RANDOM).points[:-1])
+
+
+@pytest.mark.parametrize("K", ["1/10", "9/8", "3/2", 2.7])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("spec", PARTITIONS)
+def test_numbers_of_edges(spec, kind, K):
+    """max(1, round(K m)) on a side with m cells, halves rounded up."""
+    cells = partition_of(square(), spec)
+    nodes = boundary_nodes(cells, kind, K)
+    factor = {"1/10": 0.1, "9/8": 1.125, "3/2": 1.5}.get(K, K)
+    expected = [max(1, int(factor * m + 0.5)) for m in np.bincount(cells.side)]
+    assert_array_equal(np.bincount(np.searchsorted([1, 2, 3], nodes, side="right")), expected)
+    assert np.isin(np.arange(4), nodes).all()
+    assert np.all(np.diff(nodes, append=4) > 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_meshes_have_the_nodes_asked_for(kind):
+    """To the last bit, so that nodes and ends of cells that are the same number stay the same."""
+    cells = partition_of(named("lshape"), RANDOM)
+    mesh = mesh_of(cells, kind, 2)
+    assert_array_equal(mesh.s[:-1], boundary_nodes(cells, kind, 2))
+    if kind["kind"] == "follow":
+        assert_allclose(resolution(mesh, cells)[:3], (2, 2, 1), rtol=1e-12)
+
+
+def test_explicit_nodes():
+    cells = partition_of(square(), {"H": 1})
+    mesh = mesh_of(cells, {"nodes": [0, "1/3", 1, 2, 2.5, 3]}, 1)
+    assert_array_equal(mesh.s, [0, 1 / 3, 1, 2, 2.5, 3, 4])
+
+
+def test_structured_meshes():
+    cells = partition_of(square(), {"H": "1/4"})
+    mesh = mesh_of(cells, {"kind": "structured"}, "3/2")
+    assert_array_equal(mesh.points, meshes.structured(square(), 1 / 6).points)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ({}, r"partition: \{\} is not one of \{H\}, \{H, shift\}"),
+        ("1/4", "partition: '1/4' is not one of"),
+        ({"H": "1/4", "shfit": 0.5}, "is not one of"),
+        ({"H": "1/4", "shift": 0.5, "grading": 2}, "is not one of"),
+        ({"H": "1/4", "spread": 2}, "is not one of"),
+        ({"H": "a quarter"}, "partition: H: 'a quarter' is not a formula"),
+        ({"H": 0}, "cannot be divided by the size 0"),
+        ({"H": "1/4", "shift": 1}, r"shift 1 is not in \[0, 1\)"),
+        ({"H": "1/4", "shift": -0.1}, r"shift -0.1 is not in \[0, 1\)"),
+        ({"H": "1/4", "grading": 0.5}, "partition: the grading 0.5 is less than 1"),
+        ({"H": "1/4", "spread": 0, "seed": 1}, "partition: the spread 0 is less than 1"),
+        ({"H": "1/4", "spread": 2, "seed": 0.5}, "seed 0.5 is not a whole number"),
+        ({"counts": [1, 2, 3]}, "are not 4 whole numbers"),
+        ({"counts": [1, 2, 3, 0]}, "are not 4 whole numbers"),
+        ({"counts": 4}, "counts 4 are not 4 whole numbers"),
+        ({"points": 4}, "partition: points: 4 is not a list"),
+        ({"points": [0, 1, 2, 4]}, "vertex 3 of polygon 'square'.* is missing"),
+        ({"points": [0, 2, 1, 3, 4]}, "point 2 .* is not greater"),
+    ],
+)
+def test_partitions_refused(spec, message):
+    with pytest.raises(InputError, match=message):
+        partition_of(square(), spec)
+
+
+@pytest.mark.parametrize(
+    ("spec", "K", "message"),
+    [
+        ({}, 1, r"boundary nodes: \{\} is not one of \{kind: follow\}, .*\{kind: graded, grading\}"),
+        ({"kind": "folow"}, 1, "is not one of"),
+        ({"kind": "graded"}, 1, "is not one of"),
+        ({"kind": "equal", "grading": 2}, 1, "is not one of"),
+        ({"kind": "graded", "grading": "1/2"}, 1, "boundary nodes: the grading 0.5 is less than 1"),
+        ({"kind": "random", "spread": 0.5, "seed": 1}, 1, "boundary nodes: the spread 0.5 is less than 1"),
+        ({"kind": "equal"}, 0, "edges_per_cell: 0 is not positive"),
+        ({"kind": "structured"}, -1, "edges_per_cell: -1 is not positive"),
+        ({"kind": "structured", "h": 1}, 1, "is not one of"),
+        ({"kind": "equal"}, "two", "edges_per_cell: 'two' is unknown"),
+        ({"nodes": "0, 1"}, 1, "boundary nodes: nodes: '0, 1' is not a list"),
+        ({"nodes": [0, 1, 2]}, 1, "boundary nodes: vertex 3 .* is missing"),
+        ({"nodes": [0, 1, 2, 3, 4]}, 1, "node 4 at arc length 4 is out of order"),
+        ({"nodes": [0, 1, 2, 3, 2.5]}, 1, "node 3 at arc length 3 is out of order"),
+        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1, "node 0 at arc length -0.5 is out of order"),
+    ],
+)
+def test_meshes_refused(spec, K, message):
+    with pytest.raises(InputError, match=message):
+        mesh_of(partition_of(square(), {"H": 1}), spec, K)

@@ -1,0 +1,274 @@
+"""The judge itself: on made-up tables whose rates are known, and spoilt ones that it must refuse."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from unilateral.errors import InputError
+from unilateral.study.judge import rates_table
+from unilateral.study.judge.rates import Expectation, judge
+
+LEVELS = 0.5 ** np.arange(3, 9)
+H1 = Expectation(
+    proved=1,
+    rate=1.0,
+    tolerance=0.03,
+    start=1 / 8,
+    factor=2,
+    reference="interpolation_error",
+    power=0,
+    bound=2,
+    algebraic_share=0.01,
+    judged_ratio=1 / 2,
+)
+
+
+def table(power=1.0, **changes):
+    """Errors 3 h^power along H = 2h, all else as it should be."""
+    n = len(LEVELS)
+    grid = np.full((1, n, n), np.nan)
+    error, algebraic, converged = grid.copy(), grid.copy(), grid.copy()
+    i = np.arange(n)
+    error[0, i, i] = 3 * LEVELS**power
+    algebraic[0, i, i], converged[0, i, i] = 1e-3 * error[0, i, i], 1.0
+    run = ("case", "mesh", "partition")
+    found = xr.Dataset(
+        {
+            "h1_error": (run, error),
+            "hm12_error_lower": (run, error),
+            "hm12_error_upper": (run, error.copy()),
+            "l2_error": (run, error),
+            "algebraic_bound": (run, algebraic),
+            "converged": (run, converged),
+            "u_norm": (("case", "mesh"), np.ones((1, n))),
+            "interpolation_error": (("case", "mesh"), 2 * LEVELS[None]),
+            "projection_error": (("case", "partition"), 2 * LEVELS[None]),
+            "lambda_min": (("mesh", "partition"), np.ones((n, n))),
+            "beta_lower": (("mesh", "partition"), np.ones((n, n))),
+        },
+        coords={
+            "case": ["made_up"],
+            "h": ("mesh", LEVELS),
+            "H": ("partition", 2 * LEVELS),
+            "h_over_H": (("mesh", "partition"), LEVELS[:, None] / (2 * LEVELS)[None]),
+        },
+    )
+    for name, (index, value) in changes.items():
+        found[name].values[(0, *index)] = value
+    return found
+
+
+def judged(found, norm="h1", expected=H1):
+    return judge(found, "made_up", norm, 0.5, expected)
+
+
+def changed(**fields):
+    return Expectation(**{**vars(H1), **fields})
+
+
+def test_an_exact_power_is_observed_on_every_pair():
+    found = judged(table(1.0))
+    assert found.verdict == "holds"
+    np.testing.assert_allclose(found.rate, 1.0, rtol=1e-12)
+    assert found.fitted == pytest.approx(1.0, rel=1e-12)
+    assert len(found.rate) == 5
+    assert found.bound == pytest.approx(2 * 2 * LEVELS[-1])
+
+
+def test_a_better_rate_holds_too():
+    assert judged(table(1.5)).verdict == "holds"
+
+
+def test_pairs_a_factor_of_four_apart():
+    found = judged(table(1.0), expected=changed(factor=4))
+    np.testing.assert_allclose(found.h_coarse / found.h_fine, 4)
+    assert len(found.rate) == 4
+
+
+@pytest.mark.parametrize(
+    ("found", "expected", "reason"),
+    [
+        (table(0.9), H1, "is below 0.970"),
+        (table(h1_error=((2, 2), 1.05 * 3 * LEVELS[2])), H1, "is below 0.970"),
+        (table(1.2), changed(rate=1.5), "is below 1.470"),
+        (table(1.0), changed(bound=1.4), "is above its bound"),
+        (table(converged=((4, 4), 0.0)), H1, "did not converge"),
+        (table(algebraic_bound=((3, 3), 0.011 * 3 * LEVELS[3])), H1, "algebraic error is above"),
+        (table(algebraic_bound=((3, 3), np.nan)), H1, "algebraic error is above"),
+        (table(1.0), changed(start=1 / 64), "fewer than 3 pairs"),
+        (table(h1_error=((5, 5), np.nan)), H1, "is below 0.970"),
+    ],
+    ids=[
+        "slow",
+        "one slow pair",
+        "slower than expected",
+        "bound",
+        "unconverged",
+        "algebraic",
+        "no algebraic bound",
+        "too few levels",
+        "no finest error",
+    ],
+)
+def test_what_must_fail_does(found, expected, reason):
+    judgement = judged(found, expected=expected)
+    assert judgement.verdict == "fails"
+    assert reason in str(judgement)
+
+
+def test_where_nothing_is_judged_no_level_counts():
+    """Not even of a table that would fail; its rates are still there to be looked at."""
+    found = judged(table(0.5), expected=changed(rate=np.nan))
+    assert found.verdict == "not judged"
+    assert not found.asymptotic.any()
+    assert np.isnan(found.fitted)
+    np.testing.assert_allclose(found.rate, 0.5, rtol=1e-12)
+
+
+def test_what_is_not_asymptotic_does_not_count():
+    early = table(h1_error=((0, 0), 3 * LEVELS[1]))
+    assert judged(early).verdict == "fails"
+    assert judged(early, expected=changed(start=1 / 16)).verdict == "holds"
+
+
+def test_a_coarse_partition_is_not_asymptotic_either():
+    """With H = 4h a level counts one halving of h later than with H = 2h."""
+    found = table()
+    found["H"] = 2 * found["H"]
+    found["h_over_H"] = found["h_over_H"] / 2
+    judgement = judge(found, "made_up", "h1", 0.25, changed(start=1 / 8))
+    assert list(judgement.asymptotic) == [False, True, True, True, True]
+
+
+def with_bounds(**factors):
+    """Errors in H^{-1/2} between bounds 1/2 and (7/4)^{1/2} of them, whose r.m.s. mean they are."""
+    found = table()
+    found["hm12_error_lower"] *= 0.5
+    found["hm12_error_upper"] *= 1.75**0.5
+    for name, factor in factors.items():
+        found[name] *= factor
+    return found
+
+
+@pytest.mark.parametrize(
+    ("found", "bound", "reason"),
+    [
+        (with_bounds(), 2, ""),
+        (with_bounds(), 1.9, "is above its bound"),
+        (with_bounds(algebraic_bound=4.9), 2, ""),
+        (with_bounds(algebraic_bound=5.1), 2, "algebraic error is above"),
+        (table(interpolation_error=((5,), np.nan)), 2, "is above its bound"),
+    ],
+    ids=["both met", "finest error", "share met", "share", "no bound"],
+)
+def test_each_of_the_bounds_of_an_error_is_on_its_unfavourable_side(found, bound, reason):
+    """The finest error is up to 3 (7/4)^{1/2} = 3.97 times h, where 2 h times `bound` is allowed.
+
+    A hundredth of its lower bound is 5 times the algebraic error, 1e-3 of the mean.
+    """
+    judgement = judged(found, "hm12", changed(bound=bound))
+    assert judgement.verdict == ("fails" if reason else "holds")
+    assert reason in str(judgement)
+    np.testing.assert_allclose(judgement.rate, 1.0, rtol=1e-12)
+
+
+def test_the_bound_on_the_finest_level_may_have_a_power_of_H():
+    """2 H^{1/2} times the reference 2 h, with H = 2h."""
+    bound = judged(table(), expected=changed(power=0.5)).bound
+    assert bound == pytest.approx(4 * LEVELS[-1] * (2 * LEVELS[-1]) ** 0.5, rel=1e-14)
+
+
+def test_an_error_that_vanishes_leaves_no_fit():
+    assert np.isnan(judged(table(h1_error=((2, 2), 0.0))).fitted)
+
+
+@pytest.mark.parametrize(("norm", "factor"), [("hm12", 0.05), ("l2", 1e-2)])
+def test_the_algebraic_share_is_taken_in_the_norm_that_is_judged(norm, factor):
+    """A bound in ||.||_{-1/2,h} is worth 1/beta as much in H^{-1/2}, lambda_min^{-1/2} as much in L2."""
+    found = table(1.0)
+    found["lambda_min"][:], found["beta_lower"][:] = 1e-4, 0.05
+    found["algebraic_bound"] *= 10 * factor * 0.99
+    assert judged(found, norm).verdict == "holds"
+    found["algebraic_bound"] *= 1.02
+    assert judged(found, norm).verdict == "fails"
+
+
+def test_an_exact_zero_must_be_zero():
+    exact = changed(rate=None)
+    assert judged(table(h1_error=((slice(None), slice(None)), 1e-13)), expected=exact).verdict == "exact"
+    assert judged(table(h1_error=((slice(None), slice(None)), 1e-11)), expected=exact).verdict == "fails"
+
+
+def test_an_exact_zero_is_one_of_the_upper_bound_relative_to_u():
+    everywhere = (slice(None), slice(None))
+    small = {"hm12_error_lower": (everywhere, 1e-13), "hm12_error_upper": (everywhere, 1e-11)}
+    assert judged(table(**small), "hm12", changed(rate=None)).verdict == "fails"
+    large = table(**small, u_norm=((slice(None),), 100.0))
+    assert judged(large, "hm12", changed(rate=None)).verdict == "exact"
+
+
+@pytest.mark.parametrize("rate", [1.0, None])
+def test_no_run_at_a_ratio_fails(rate):
+    assert judge(table(), "made_up", "h1", 1 / 3, changed(rate=rate)).verdict == "fails"
+
+
+def test_the_collected_table_tells_what_was_judged():
+    found = rates_table.collect(
+        {("made_up", "h1", 0.5): judged(table(0.9)), ("made_up", "h1", 0.25): judged(table())}, 0.5
+    )
+    row = found.sel(case="made_up", norm="h1")
+    assert row["verdict"].sel(h_over_H=0.5).item() == "fails"
+    assert row["verdict"].sel(h_over_H=0.25).item() == "not judged"
+    assert rates_table.smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
+    assert "is below 0.970" in rates_table.summary(found, 0.5)
+
+
+def test_the_collected_table_has_what_was_observed_and_expected():
+    """Errors 3 h, 3 h^{3/2}; what was not judged has no reasons, and a pair that there is not no rate."""
+    few = judged(table(0.5), expected=changed(proved=0.5, rate=0.75, factor=4))
+    exact = judged(table(), expected=changed(rate=None))
+    ratios = {0.5: few, 0.25: judged(table(1.5)), 1.0: exact}
+    found = rates_table.collect({("made_up", "h1", ratio): of for ratio, of in ratios.items()}, 0.25)
+    row = found.sel(case="made_up", norm="h1")
+    np.testing.assert_allclose(row["finest_error"], 3 * LEVELS[-1] ** np.array([1.5, 0.5, 1]), rtol=1e-12)
+    np.testing.assert_allclose(row["fitted"], [1.5, 0.5, np.nan], rtol=1e-12)
+    assert row["proved"].values.tolist() == [1, 0.5, 1]
+    np.testing.assert_equal(row["expected"].values, [1, 0.75, np.nan])
+    assert row["why"].values.tolist() == ["", "", ""]
+    assert np.isfinite(row["rate"]).sum("pair").values.tolist() == [5, 4, 0]
+
+
+@pytest.mark.parametrize(("ratio", "levels"), [(1 / 2, 5), (1, 4), (1 / 8, 5)])
+def test_a_level_counts_from_an_H_on_that_the_judged_ratio_gives(ratio, levels):
+    """H = 2h and h from 1/8 on, where levels start."""
+    assert judged(table(), expected=changed(judged_ratio=ratio)).asymptotic.sum() == levels
+
+
+def test_the_smallest_rate_is_of_asymptotic_pairs():
+    of = xr.Dataset({"rate": ("pair", [0.1, 1.5, 1.2]), "asymptotic": ("pair", [0.0, 1.0, 1.0])})
+    assert rates_table.smallest_rate(of) == 1.2
+    assert np.isnan(rates_table.smallest_rate(of.isel(pair=[0])))
+
+
+def test_what_is_expected_is_as_declared():
+    general = {
+        "proved": "1/2",
+        "tolerance": 0.1,
+        "bound": {"reference": "x", "factor": 3, "power_of_H": "1/4"},
+    }
+    study = {
+        "algebraic_share": 0.01,
+        "judged_ratio": "1/3",
+        "norms": {"l2": general, "h1": general | {"bound": {"reference": "x", "factor": 3}}},
+        "cases": {"made_up": {"l2": {"rate": "3/4"}, "h1": {"rate": "exact"}}},
+    }
+    levels = {"l2": {"from": "1/8", "factor": 4}, "h1": {"from": "1/16"}}
+    expected = Expectation(0.5, 0.75, 0.1, 1 / 8, 4, "x", 0.25, 3, 0.01, 1 / 3)
+    assert Expectation.of(study, "made_up", "l2", levels) == expected
+    expected = Expectation(0.5, None, 0.1, 1 / 16, 2, "x", 0, 3, 0.01, 1 / 3)
+    assert Expectation.of(study, "made_up", "h1", levels) == expected
+
+
+def test_a_case_without_expected_rates_is_named():
+    with pytest.raises(InputError, match="the table of expected rates has no case 'made_up'"):
+        Expectation.of({"cases": {}, "norms": {}}, "made_up", "h1", {})

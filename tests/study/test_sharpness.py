@@ -1,0 +1,263 @@
+"""The family of the sharpness study: its places, its certificates, one member solved by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+import sympy
+import xarray as xr
+from conftest import coupled
+
+from unilateral.discrete import solve, with_solution
+from unilateral.errors import InputError
+from unilateral.formulas.formula import pos
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import named
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import cell_means, exact
+from unilateral.problems.case import Case
+from unilateral.problems.certificate import certify
+from unilateral.problems.polar import harmonic
+from unilateral.solvers.iterate import Stop
+from unilateral.study.judge import surfaces
+from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, transition
+from unilateral.study.tables import VARIABLES
+
+SQUARE = named("square")
+R = sympy.Rational
+LEVELS = [R(1, 2**k) for k in range(3, 8)]
+
+
+def thetas(points: list[sympy.Expr], H: sympy.Expr) -> list[sympy.Expr]:
+    """Positions inside their cells of size H, from 0 to 1, exactly."""
+    return [x / H - sympy.floor(x / H) for x in points]
+
+
+@pytest.mark.parametrize("H", LEVELS)
+def test_transitions_are_at_the_same_theta_on_every_level(H: sympy.Expr) -> None:
+    """In the cell that begins at START; and so are those where the cutoff ends."""
+    expected = [R(2 * k + 1, 16) for k in range(8)]
+    found = places(H, 8)
+    assert thetas(found, H) == expected
+    assert thetas([x + CUTOFF for x in found], H) == expected
+    assert all(START < x < START + H for x in found)
+    assert thetas([R(1, 3)], H) != thetas([R(1, 3)], H / 2)
+
+
+def test_a_size_without_a_cell_at_the_start_is_refused() -> None:
+    with pytest.raises(InputError, match="1/6 does not divide 1/4"):
+        places(R(1, 6), 8)
+
+
+def certified(alpha: sympy.Expr, gamma: sympy.Expr, at: sympy.Expr, j: bool, jj: bool) -> Case:
+    declared = {"hypotheses": {"j": j, "jj": jj, "jjj": True}}
+    return replace(transition(SQUARE, at, alpha, gamma), declaration=declared)
+
+
+FAMILY = list(product([R(-1, 4), R(1, 20), R(7, 4)], [R(1, 2), R(1), R(5, 2)]))
+
+
+@pytest.mark.parametrize("at", [places(LEVELS[0], 8)[0], places(LEVELS[0], 8)[-1], places(LEVELS[-1], 8)[2]])
+@pytest.mark.parametrize(("alpha", "gamma"), FAMILY)
+def test_members_have_a_certificate(alpha: sympy.Expr, gamma: sympy.Expr, at: sympy.Expr) -> None:
+    """(j) fails for alpha < 0; (jj) there, by the trace r^(1 + alpha), and for gamma < 1."""
+    case = certified(alpha, gamma, at, alpha > 0, alpha > 0 and gamma >= 1)
+    found = certify(case)
+    np.testing.assert_allclose(found.contact, [(0, float(at), float(at + CUTOFF))], atol=1e-14)
+    assert found.lambda_max > 0
+    table = surfaces.rates_over(made_up([float(alpha)], [float(gamma)]))
+    assert [bool(table[name].item()) for name in ("j", "jj")] == [found.j, found.jj]
+
+
+def test_a_wrong_claim_of_a_hypothesis_is_noticed() -> None:
+    """Control."""
+    with pytest.raises(InputError, match=r"\(jj\) does not hold, declared otherwise"):
+        certify(certified(R(1, 2), R(1, 2), R(2, 5), True, True))
+
+
+def test_a_member_with_contact_in_its_gap_is_refused() -> None:
+    """Control: lambda begins an eighth before the gap ends."""
+    case = certified(R(1, 2), R(1), R(2, 5), True, True)
+    moved = replace(case, gaps=(case.gaps[0].subs(T, T - R(1, 8)), *case.gaps[1:]))
+    with pytest.raises(InputError, match="is not 0"):
+        certify(moved)
+
+
+EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (5 / 4, 3 / 2), (7 / 4, 1 / 2)]
+
+
+def without_cutoff(a: float, c: float, theta: float) -> float:
+    """The consistency term of one transition, at theta of a cell with H = 1/16, the gap before it."""
+    alpha, gamma, place = (R(exact).limit_denominator(20) for exact in (a, c, theta))
+    at = R(3, 8) + place / 16
+    gaps = (pos(at - T, gamma), *[sympy.S.Zero] * 3)
+    case = Case("no cutoff", {}, SQUARE, (harmonic(SQUARE, 0, at, alpha),), gaps)
+    return cell_means(case, partitions.uniform(SQUARE, 1 / 16)).consistency
+
+
+def formula(a: float, c: float, theta: float) -> float:
+    """H times the means over the cell of s_+^a and s_-^c, H = 1/16."""
+    return (1 / 16) ** (a + c + 1) * theta ** (c + 1) * (1 - theta) ** (a + 1) / ((a + 1) * (c + 1))
+
+
+@pytest.mark.parametrize("theta", [0.1, 1 / 3, 0.5, 0.9])
+@pytest.mark.parametrize(("a", "c"), EXPONENTS)
+def test_the_consistency_term_of_one_transition(a: float, c: float, theta: float) -> None:
+    """1e-10: the transition is known to 1e-16, of a cell of size H to 1e-15, powers to a few times that."""
+    assert without_cutoff(a, c, theta) == pytest.approx(formula(a, c, theta), rel=1e-10)
+
+
+def test_the_consistency_term_knows_from_which_end_theta_is_measured() -> None:
+    """Control: and which exponent belongs to which side."""
+    found = without_cutoff(0.5, 1.5, 0.1)
+    assert found != pytest.approx(formula(0.5, 1.5, 0.9), rel=0.1)
+    assert found != pytest.approx(formula(1.5, 0.5, 0.1), rel=0.1)
+
+
+AT = places(R(1, 4), 2)
+ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
+
+
+@cache
+def measured() -> xr.Dataset:
+    mesh, cells = meshes.structured(SQUARE, 1 / 8), partitions.uniform(SQUARE, 1 / 4)
+    return measure(mesh, cells, AT, (ALPHAS, GAMMAS), Stop())
+
+
+@pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
+def test_a_measurement_is_the_solve_of_its_member(a: int, c: int, k: int) -> None:
+    """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
+    spaces, case = coupled("square", 8, 4), transition(SQUARE, AT[k], ALPHAS[a], GAMMAS[c])
+    discrete = with_solution(spaces, exact(case, spaces))
+    found = measured().isel(alpha=a, gamma=c, position=k)
+    solution = solve(discrete, beta=float(found["beta_lower"]))
+    expected = {
+        "h1_error": solution.errors.h1,
+        "l2_error": solution.errors.l2,
+        "consistency": discrete.exact.means.consistency,
+        "algebraic_bound": solution.result.bound,
+        "converged": 1.0,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(found[name], value, rtol=1e-9, err_msg=name)
+    family = [transition(SQUARE, x, alpha, GAMMAS[0]) for alpha in ALPHAS for x in AT]
+    lower, upper = dual_norm(spaces.partition, family).of_error(case, solution.lambda_H[None])
+    np.testing.assert_allclose(
+        found["hm12_error_lower"], max(lower[0], solution.errors.hm12_discrete), rtol=1e-8
+    )
+    np.testing.assert_allclose(found["hm12_error_upper"], upper[0], rtol=1e-8)
+    other = measured().isel(alpha=a, gamma=c, position=1 - k)
+    assert abs(float(other["h1_error"]) / solution.errors.h1 - 1) > 1e-4
+
+
+def test_every_variable_is_described() -> None:
+    tables = (measured(), surfaces.rates_over(made_up([0.5], [1.0])))
+    assert {name for table in tables for name in table.variables} - {"norm"} <= set(VARIABLES)
+    assert set(MEASURED) <= set(measured().data_vars)
+
+
+def made_up(alphas: list[float], gammas: list[float]) -> xr.Dataset:
+    """Errors H^alpha in H1 and H^gamma in L2, those in H^{-1/2} between bounds; 2 positions, 4 levels."""
+    H, position = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), np.array([0.6, 0.8])
+    dims = ("level", "alpha", "gamma", "position")
+    h, a, c, p = np.ix_(H, alphas, gammas, position)
+    zero = 0 * (h + a + c + p)
+    values = {
+        "h1_error": p * h**a + zero,
+        "l2_error": p * h**c + zero,
+        "hm12_error_lower": 0.6 * p * h + zero,
+        "hm12_error_upper": 0.8 * p * h + zero,
+        "consistency": p**2 * h ** (a + c + 1) + zero,
+        "algebraic_bound": 1e-3 * h**2 * p + zero,
+        "converged": 1 + zero,
+    }
+    table = {name: (dims, value) for name, value in values.items()}
+    per_level = {"beta_lower": ("level", np.full(4, 0.5)), "lambda_min": ("level", np.full(4, 0.25))}
+    sizes = {"h": ("level", H / 2), "H": ("level", H)}
+    return xr.Dataset(table | per_level, coords={"alpha": alphas, "gamma": gammas} | sizes)
+
+
+def test_rates_of_errors_with_known_rates() -> None:
+    """Positions have the errors 0.6 and 0.8 of one law: their r.m.s. mean is 0.5^(1/2) of it."""
+    alphas, gammas = [0.25, 0.75], [0.5, 1.5, 2.5]
+    errors = made_up(alphas, gammas)
+    found = surfaces.rates_over(errors)
+    for norm, expected in (("h1", found["alpha"]), ("hm12", 1.0), ("l2", found["gamma"])):
+        rate = found["rate"].sel(norm=norm)
+        np.testing.assert_allclose(rate, (xr.zeros_like(rate) + expected).transpose(*rate.dims), rtol=1e-12)
+    np.testing.assert_allclose(found["error"].sel(norm="h1", level=3, alpha=0.25), 0.5**0.5 / 32**0.25)
+    np.testing.assert_allclose(found["error"].sel(norm="hm12", level=3), 0.5 / 32)
+    np.testing.assert_allclose(found["uncertainty"], 0, atol=1e-12)
+    predicted = found["consistency_predicted"]
+    np.testing.assert_allclose(found["consistency_rate"].isel(pair=1), predicted, rtol=1e-12)
+    np.testing.assert_allclose(predicted, np.add.outer(alphas, gammas) + 1, rtol=1e-14)
+    spoilt = errors.assign(h1_error=errors["h1_error"].where(errors["H"] > 0.04, 1.5 * errors["h1_error"]))
+    again = surfaces.rates_over(spoilt).sel(norm="h1")
+    np.testing.assert_allclose(again["uncertainty"], np.log2(1.5), rtol=1e-12)
+
+
+def test_shares_are_the_bound_in_the_norm_over_the_error_s_lower_bound() -> None:
+    """H = 1/4: 1e-3/16 of p, over p H^alpha; over beta = 1/2 and 0.6 p H; over 0.5 and p H^gamma."""
+    found = surfaces.rates_over(made_up([0.5], [1.0]))["share"].isel(level=0)
+    expected = [1e-3 / 16 / 0.5, 1e-3 / 16 / 0.5 / (0.6 / 4), 1e-3 / 16 / 0.5 / 0.25]
+    np.testing.assert_allclose(found.values.ravel(), expected, rtol=1e-12)
+
+
+def test_one_position_without_convergence_counts() -> None:
+    errors = made_up([0.5], [1.0, 2.0])
+    errors["converged"][{"level": 2, "gamma": 1, "position": 0}] = 0.0
+    found = surfaces.rates_over(errors)["converged"].values
+    assert np.argwhere(found == 0).tolist() == [[2, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("norm", "alpha", "gamma", "best", "left"),
+    [
+        ("h1", 0.5, 0.5, 1.0, 1.0),
+        ("h1", -0.25, 0.5, 0.75, 0.625),
+        ("h1", 0.1, 0.5, 1.0, 0.8),
+        ("hm12", 0.5, 1.0, 1.5, 1.25),
+        ("hm12", 1.25, 2.5, 1.5, 1.5),
+        ("l2", 0.25, 2.5, 0.75, 0.75),
+        ("l2", 0.25, 0.5, 0.75, 0.375),
+        ("l2", 1.75, 0.5, 1.0, 1.0),
+    ],
+)
+def test_predicted_rates(norm: str, alpha: float, gamma: float, best: float, left: float) -> None:
+    """By hand: P1 and P0 on s_+^alpha; half of alpha + gamma + 1, and 1/2 less in L2."""
+    assert float(surfaces.predicted(norm, alpha)) == pytest.approx(best, rel=1e-14)
+    assert float(surfaces.left_by_proof(norm, alpha, gamma)) == pytest.approx(left, rel=1e-14)
+
+
+def two_level_rates(at_third: bool) -> xr.Dataset:
+    """alpha = 1/2, gamma = 1 on three levels."""
+    levels = []
+    for H in LEVELS[1:4]:
+        mesh, cells = meshes.structured(SQUARE, float(H) / 2), partitions.uniform(SQUARE, float(H))
+        at = [R(1, 3)] if at_third else places(H, 8)
+        levels.append(measure(mesh, cells, at, ([R(1, 2)], [R(1)]), Stop()))
+    return surfaces.rates_over(surfaces.along_levels(levels))
+
+
+def judged(table: xr.Dataset) -> bool:
+    """Whether all rates of lambda in L2 reach min(1, alpha + 1/2) less the study's tolerance."""
+    return bool((table["rate"].sel(norm="l2") >= 1 - 0.1).all())
+
+
+def test_a_fixed_transition_fakes_rates_and_the_average_does_not() -> None:
+    """At 1/3 theta is 1/3 and 2/3 in turn: the consistency term jumps by 2^(gamma - alpha), either way.
+
+    0.15 is room for the cutoff: at H = 1/16 it takes up to 4 (H/R)^2 = 25 % of lambda in the cell.
+    """
+    third, average = two_level_rates(True), two_level_rates(False)
+    jump = third["consistency_rate"].values.ravel() - 2.5
+    np.testing.assert_allclose(np.abs(jump), 0.5, atol=0.15)
+    assert jump[0] * jump[1] < 0
+    np.testing.assert_allclose(average["consistency_rate"].values.ravel(), 2.5, atol=0.15)
+    assert judged(average)
+    assert not judged(third)

@@ -1,0 +1,212 @@
+"""Tables as files: described, byte-identical, never half written."""
+
+import hashlib
+import re
+import subprocess
+import sys
+
+import netCDF4
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import ROOT
+
+import unilateral
+from unilateral.errors import InputError, StorageError
+from unilateral.study import tables
+
+SCRIPTS = ROOT / "workflow/scripts"
+RUN = ("case", "mesh", "partition")
+
+
+def level(h, case="made_up", error=0.25):
+    """What a sweep gives for one mesh, in small."""
+    return xr.Dataset(
+        {
+            "h1_error": (RUN, np.array([[[error, np.nan]]])),
+            "algorithm": (RUN, np.array([[["uzawa", ""]]], dtype=object)),
+            "projection_error": (("case", "partition"), np.array([[0.5, 0.25]])),
+        },
+        coords={"case": [case], "h": ("mesh", [h]), "H": ("partition", [0.5, 0.25])},
+    )
+
+
+@pytest.fixture
+def stored(tmp_path):
+    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
+    return tmp_path / "errors.nc"
+
+
+def digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
+    written = level(0.125)
+    tables.save(written, tmp_path / "errors.nc", "made_up_scene")
+    read = tables.load(tmp_path / "errors.nc")
+    xr.testing.assert_equal(read, written)
+    assert read.attrs["scene"] == "made_up_scene"
+    assert read.attrs["unilateral"] == unilateral.__version__
+    assert read.attrs["source"] == tables.SOURCE
+    assert [entry.split()[0] for entry in read.attrs["libraries"].split(", ")] == list(tables.LIBRARIES)
+    for name in read.variables:
+        described = [read[name].attrs.get(key) for key in ("long_name", "units", "equation")]
+        assert described == (tables.VARIABLES[name] if name != "case" else [None] * 3)
+
+
+def test_saving_leaves_the_table_as_it_is(tmp_path):
+    table = level(0.125)
+    tables.save(table, tmp_path / "errors.nc", "scene")
+    assert table.attrs == {}
+    assert table["h"].attrs == table["h1_error"].attrs == {}
+
+
+def test_two_files_of_one_table_are_byte_identical(tmp_path):
+    for name in ("one.nc", "two.nc"):
+        tables.save(level(0.125), tmp_path / name, "scene")
+    tables.save(level(0.125, error=np.nextafter(0.25, 1)), tmp_path / "other.nc", "scene")
+    assert digest(tmp_path / "one.nc") == digest(tmp_path / "two.nc") != digest(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize("ending", ["nc", "csv"])
+def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, ending):
+    path = tmp_path / f"table.{ending}"
+    path.write_text("old")
+
+    def half(self, file, *_, **__):
+        file.write_text("half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
+    monkeypatch.setattr(pd.DataFrame, "to_csv", half)
+    with pytest.raises(StorageError, match=rf"table\.{ending} cannot be written: no space left"):
+        tables.save(level(0.5), path, "scene") if ending == "nc" else tables.save_csv(pd.DataFrame(), path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=r"errors\.nc cannot be written: there is no folder .*missing"):
+        tables.save(level(0.5), tmp_path / "missing" / "errors.nc", "scene")
+
+
+def test_loading_what_is_not_there():
+    with pytest.raises(InputError, match=r"no table results/none\.nc; run 'make', or 'snakemake -j2 res"):
+        tables.load("results/none.nc")
+
+
+@pytest.mark.parametrize("content", [b"", b"h\n1\n", b"\x89HDF\r\n\x1a\n"], ids=["empty", "text", "cut"])
+def test_loading_what_is_no_table(tmp_path, content):
+    path = tmp_path / "errors.nc"
+    path.write_bytes(content)
+    with pytest.raises(StorageError, match=r"errors\.nc is damaged or no table of the study; 'snakemake"):
+        tables.load(path)
+    with pytest.raises(StorageError, match="cannot be read: Is a directory"):
+        tables.load(tmp_path)
+
+
+def test_a_table_of_another_hand_is_refused(tmp_path):
+    """Control: what is wrong with it is the missing checksum alone."""
+    level(0.5).to_netcdf(tmp_path / "errors.nc", engine="netcdf4")
+    with pytest.raises(StorageError, match="is damaged or no table of the study"):
+        tables.load(tmp_path / "errors.nc")
+
+
+def test_other_readers_pass_over_the_checksum(stored):
+    """The last line, as `sha256sum` gives it for all before it."""
+    content, _, seal = stored.read_bytes()[:-1].rpartition(b"\n")
+    assert seal == b"sha256 " + hashlib.sha256(content).hexdigest().encode()
+    xr.testing.assert_identical(xr.load_dataset(stored), tables.load(stored))
+    with netCDF4.Dataset(stored) as other:
+        assert other["h1_error"][0, 0, 0] == 0.25
+
+
+def test_no_flipped_bit_and_no_cut_goes_unnoticed(stored):
+    """200 bits drawn from all of the file, each bit of its last line, and 50 lengths."""
+    whole, rng = stored.read_bytes(), np.random.default_rng(1)
+    bits = [*rng.integers(8 * len(whole), size=200), *range(8 * (len(whole) - tables.SEAL), 8 * len(whole))]
+    for bit in bits:
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        stored.write_bytes(damaged)
+        with pytest.raises(StorageError, match="is damaged"):
+            tables.load(stored)
+    for length in [*rng.integers(len(whole), size=49), len(whole) - 1]:
+        stored.write_bytes(whole[:length])
+        with pytest.raises(StorageError, match="is damaged"):
+            tables.load(stored)
+    stored.write_bytes(whole)
+    assert tables.load(stored)["h1_error"][0, 0, 0] == 0.25
+
+
+def test_a_flipped_bit_changes_a_value_where_nothing_checks(stored):
+    """Control."""
+    whole, right = stored.read_bytes(), xr.load_dataset(stored)
+    place = whole.index(np.array([0.25, np.nan]).tobytes())
+    stored.write_bytes(whole[: place + 6] + bytes([whole[place + 6] ^ 16]) + whole[place + 7 :])
+    assert not xr.load_dataset(stored).equals(right)
+
+
+@pytest.mark.parametrize("size", [0, 4000])
+def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
+    """A limit on the size of files stands for the disk; netCDF itself says "HDF error" of it."""
+    code = (
+        f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
+        "import sentences, xarray; from unilateral.study import tables; sentences.speak_plainly()\n"
+        f"tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
+    )
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
+    assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: .*\n", found.stderr)
+    assert found.returncode == 4
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_levels_are_put_along_mesh():
+    """What has no mesh dimension is kept once."""
+    table = tables.along_mesh([level(0.5), level(0.25, error=0.125)])
+    assert table.sizes == {"case": 1, "mesh": 2, "partition": 2}
+    assert table["h"].values.tolist() == [0.5, 0.25]
+    assert table["h1_error"].values[0, :, 0].tolist() == [0.25, 0.125]
+    assert np.isnan(table["h1_error"].values[0, :, 1]).all()
+    assert table["projection_error"].dims == ("case", "partition")
+    assert table["H"].values.tolist() == [0.5, 0.25]
+
+
+def test_levels_of_different_cases_are_refused():
+    with pytest.raises(ValueError, match="case"):
+        tables.along_mesh([level(0.5), level(0.25, case="another")])
+
+
+def written_csv(path, **columns):
+    tables.save_csv(pd.DataFrame(columns), path / "table.csv")
+    return [line.split(",") for line in (path / "table.csv").read_text().splitlines()]
+
+
+def test_numbers_are_rounded_to_four_digits(tmp_path):
+    rows = written_csv(tmp_path, x=[1.23456789, -0.000123456789, 123456.0, 2.0])
+    assert rows == [["x"], ["1.235"], ["-0.0001235"], ["1.235e+05"], ["2"]]
+
+
+def test_what_is_negligible_in_its_column_is_0(tmp_path):
+    """Below 1e-12 of the column's largest value, a sign included; above it is kept."""
+    rows = written_csv(tmp_path, x=[1e3, 1.1e-9, 0.9e-9, -0.9e-9], y=[1e-20, 1e-21, 0.0, -0.0])
+    assert [row[0] for row in rows[1:]] == ["1000", "1.1e-09", "0", "0"]
+    assert [row[1] for row in rows[1:]] == ["1e-20", "1e-21", "0", "0"]
+
+
+def test_another_machine_s_last_bit_does_not_show(tmp_path):
+    value = np.pi
+    assert written_csv(tmp_path, x=[value]) == written_csv(tmp_path, x=[np.nextafter(value, 4)])
+    assert written_csv(tmp_path, x=[value]) != written_csv(tmp_path, x=[value * 1.001])
+
+
+def test_nan_is_empty_and_integers_and_strings_are_untouched(tmp_path):
+    rows = written_csv(tmp_path, x=[np.nan, 1.5], n=[1234567, 0], name=["thirds", "0.123456"])
+    assert rows == [["x", "n", "name"], ["", "1234567", "thirds"], ["1.5", "0", "0.123456"]]
+
+
+def test_a_column_of_nothing_but_nan(tmp_path):
+    assert written_csv(tmp_path, x=[np.nan, np.nan], n=[1, 2])[1:] == [["", "1"], ["", "2"]]

@@ -1,0 +1,161 @@
+"""The paper as HTML and PDF: a page with every feature that the paper uses, and faults to be refused."""
+
+import re
+
+import pytest
+import typst
+from conftest import ROOT
+
+from unilateral.errors import InputError
+from unilateral.study.text import typesetting
+
+BIBLIOGRAPHY = "@book{Known, author = {Jane Doe}, title = {A Book}, year = {1980}}\n"
+PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><circle cx="4" cy="4" r="3"/></svg>\n'
+FRONT = """---
+title: The *title*
+tags: [one tag, another]
+authors:
+  - name: The developers
+    affiliation: 1
+affiliations:
+  - name: Nowhere
+    index: 1
+date: 21 November 2026
+bibliography: paper.bib
+---
+
+"""
+PAGE = r"""# Summary {#sec-summary}
+
+Unicode such as λ, β, ‖·‖, ∂Ω, H⁻½, ≤, ∇ and mathematics such as $\|\lambda-\lambda_H\|_{-1/2}$; see
+[Section 1.1](#sec-in), [Figure 1](#fig-one), [Table 1](#tbl-wide), [Theorem A](#thm-a) and [@Known, p. 3].
+
+## Inside {#sec-in}
+
+$$\begin{aligned} (u_h, v)_1 &= (f, v)_0 && \text{for all } v \in V_h \end{aligned} \tag{2.7}$$
+
+::: {.theorem #thm-a}
+**Theorem A.** It is $O(H^{3/2})$.
+:::
+
+![What it shows.](one.svg){#fig-one}
+
+<!-- wide: begin -->
+| a | b | c | d | e | f | g | h |
+|---|---|---|---|---|---|---|---|
+| 1 | 2 | 3 | 4 | 5 | 6 | LONG | `a/path/to/some_file.svg` |
+<!-- wide: end -->
+
+: What it lists. {#tbl-wide}
+""".replace("LONG", "a sentence that is much longer than a column " * 3)
+
+
+@pytest.fixture
+def typeset(tmp_path):
+    """Typesets a page; returns its HTML and its PDF."""
+    (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
+    (tmp_path / "one.svg").write_text(PICTURE)
+    templates = [ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.html", "paper.typ")]
+    html, pdf = tmp_path / "paper.html", tmp_path / "paper.pdf"
+
+    def run(text):
+        (tmp_path / "paper.md").write_text(text, encoding="utf-8")
+        typesetting.typeset(tmp_path / "paper.md", *templates, html, pdf)
+        return html.read_text(encoding="utf-8"), pdf.read_bytes()
+
+    return run
+
+
+def shown(html):
+    """The text that a reader of the HTML sees, formulas without their TeX."""
+    body = html.split("<body>")[1]
+    return " ".join(re.sub(r"<annotation.*?</annotation>|<[^>]*>", "", body, flags=re.DOTALL).split())
+
+
+def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
+    html, pdf = typeset(FRONT + PAGE)
+    assert pdf.startswith(b"%PDF")
+    text = shown(html).replace("\u00a0", " ")
+    for expected in ("The title", "The developers1", "1Nowhere", "21 November 2026", "one tag, another"):
+        assert expected in text
+    assert "see Section 1.1, Figure 1, Table 1, Theorem A and (Doe 1980, 3)" in text
+    for numbered in ("1 Summary", "1.1 Inside", "Figure 1. What it shows.", "Table 1. What it lists."):
+        assert numbered in text
+    assert "(2.7)" in text, "pandoc drops \\tag, which the filter turns into text"
+    assert html.count("<math") == 3
+    assert 'form="prefix">‖' in html, "the bars of a norm open and close"
+    assert "one.svg" not in html, "figures are part of the page"
+
+
+def test_the_same_page_gives_the_same_bytes(typeset):
+    first = typeset(FRONT + PAGE)
+    assert typeset(FRONT + PAGE) == first
+    assert typeset(FRONT + PAGE.replace("It is", "It was"))[1] != first[1]
+
+
+def test_marks_are_not_seen_in_text_formulas_tables_and_captions(typeset):
+    """The same bytes as without them."""
+    text = "\n\nIt is 0.19 here: $x=0.19$.\n"
+    marked = PAGE.replace("| 1 |", "| <!--=a-->1<!--/--> |").replace(
+        "What it lists", "What <!--?A.1-->it lists<!--/-->"
+    )
+    assert marked.count("<!--") == PAGE.count("<!--") + 4
+    given = "\n\nIt <!--?A.1-->is <!--=a:.2f-->0.19<!--/-->\nhere:<!--/--> $x=<!--=a:.2f-->0.19<!--/-->$.\n"
+    assert typeset(FRONT + marked + given) == typeset(FRONT + PAGE + text.replace("0.19 here", "0.19\nhere"))
+
+
+def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest(typeset):
+    html, _ = typeset(FRONT + PAGE)
+    widths = [int(width) for width in re.findall(r'<col style="width: (\d+)%"', html)]
+    assert len(widths) == 8
+    assert sum(widths) <= 100
+    assert min(widths[6:]) > 2 * max(widths[:6])
+    assert len(set(widths[:6])) == 1
+    assert "<col " not in typeset(FRONT + PAGE.replace("that is much longer than a column", ""))[0]
+
+
+def test_scripts_in_plain_text_are_raised_and_lowered_and_code_and_links_are_not(typeset):
+    text = "\n\n2·10^9 u_h, λ^n, H^(−1/2), ‖μ‖_{-1/2,h}, `a_b^2`, [a_b](https://example.org/a_b).\n"
+    html, _ = typeset(FRONT + PAGE + text)
+    wanted = ("10<sup>9</sup> u<sub>h</sub>", "λ<sup>n</sup>", "H<sup>−1/2</sup>", "‖μ‖<sub>-1/2,h</sub>")
+    for shown_as in (*wanted, "<code>a_b^2</code>", ">a_b</a>"):
+        assert shown_as in html
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "told"),
+    [
+        ("@Known", "@Unknown", "citation Unknown not found"),
+        ("(#fig-one)", "(#fig-two)", r"\[Figure 1\]\(#fig-two\) leads to no section, figure or table"),
+        ("[Figure 1]", "[Figure 2]", r"\[Figure 2\]\(#fig-one\) should say Figure 1"),
+        ("[Section 1.1]", "[]", r"\[\]\(#sec-in\) should say Section 1.1"),
+        ("(#thm-a)", "(#thm-b)", "label `<thm-b>` does not exist"),
+        ("(one.svg)", "(two.svg)", "two.svg"),
+        (r"\begin{aligned} (", r"\begin{aligned} \rule{1cm}{1cm} (", "Could not convert TeX math"),
+        ("(u_h, v)_1", "+".join(["(u_h, v)_1"] * 12), "a formula is .* wide, and the text"),
+        ("such as λ", "such as \u1369", "could not be displayed"),
+        ("21 November 2026", "one day", "needs a date such as"),
+    ],
+)
+def test_what_cannot_be_typeset_is_refused_and_nothing_is_written(typeset, tmp_path, right, wrong, told):
+    assert right in FRONT + PAGE
+    with pytest.raises(InputError, match=f"paper.md was not typeset: .*{told}") as refused:
+        typeset((FRONT + PAGE).replace(right, wrong))
+    assert "\n" not in str(refused.value)
+    assert not list(tmp_path.glob("*.pdf")) + list(tmp_path.glob("*.html"))
+
+
+def test_print_uses_only_fonts_that_typst_carries():
+    template = (ROOT / "workflow/paper/paper.typ").read_text(encoding="utf-8")
+    used = set(re.findall(r'"([A-Z][a-z]+(?: [A-Z][a-z]+)+)"', template))
+    assert used
+    assert used <= set(typst.Fonts(include_system_fonts=False).families())
+
+
+def test_every_reference_of_the_bibliography_can_be_cited(typeset, tmp_path):
+    bibliography = (ROOT / "paper.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{(\w+),$", bibliography, re.MULTILINE)
+    assert len(keys) == len(set(keys)) == bibliography.count("@")
+    (tmp_path / "paper.bib").write_text(bibliography, encoding="utf-8")
+    html, _ = typeset(FRONT + "[" + "; ".join(f"@{key}" for key in keys) + "]\n")
+    assert html.count('class="csl-entry"') == len(keys)

@@ -1,0 +1,395 @@
+"""The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is run."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+
+import grimp
+import pytest
+import yaml
+from conftest import ROOT
+
+from unilateral.errors import StorageError
+from unilateral.study import drawings, tables
+from unilateral.study.judge import claims
+
+WORKFLOW = ROOT / "workflow"
+SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
+LIBRARY = ROOT / "src/unilateral"
+STUDY = {
+    name: field
+    for file in (WORKFLOW / "config").glob("*.yaml")
+    for name, field in yaml.safe_load(file.read_text()).items()
+}
+GENERIC = ("table_figure", "draw_figure")
+"""Scripts that import the module of a figure by its name."""
+STARTS = [(script, "") for script in SCRIPTS if script.stem not in GENERIC]
+STARTS += [(WORKFLOW / f"scripts/{name}.py", module) for name in GENERIC for module in drawings.modules()]
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """The project without results."""
+    copied = tmp_path_factory.mktemp("study") / "project"
+    copied.mkdir()
+    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
+        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
+        shutil.copy(ROOT / name, copied / name)
+    (copied / "figures").mkdir()
+    return copied
+
+
+def plan(tree, *target):
+    """The text of a dry run, and how many jobs it plans of each rule."""
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", *target]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    text = found.stdout + found.stderr
+    assert found.returncode == 0, text
+    table = text.partition("Job stats:")[2].partition("total")[0]
+    return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
+
+
+def built(text):
+    """The folders below results/ that a plan names."""
+    return set(re.findall(r"\bresults/(\w+)/", text))
+
+
+def jobs_of(scene):
+    return {"mesh": 1, "solve": STUDY["scenes"][scene]["mesh"]["levels"], "dual_norm": 1, "errors": 1}
+
+
+def test_a_table_plans_no_figure_and_no_other_scene(tree):
+    text, jobs = plan(tree, "results/square/errors.nc")
+    assert jobs == jobs_of("square")
+    assert built(text) == {"square"}
+    assert "figures/" not in text
+
+
+def test_a_figure_plans_its_own_scene_only(tree):
+    text, jobs = plan(tree, "figures/rates_square.svg")
+    assert jobs == {**jobs_of("square"), "rates": 1, "figure_table": 1, "figure": 1}
+    assert built(text) == {"square"}
+    assert set(re.findall(r"figures/\w+\.\w+", text)) == {
+        "figures/rates_square.csv",
+        "figures/rates_square.svg",
+    }
+
+
+def test_one_figure_of_the_lshape_plans_no_other_scene(tree):
+    """Counted: its mesh, levels, dual norm, errors and rates, its table and itself."""
+    text, jobs = plan(tree, "figures/rates_lshape.svg")
+    assert jobs == {**jobs_of("lshape"), "rates": 1, "figure_table": 1, "figure": 1}
+    assert sum(jobs.values()) == STUDY["scenes"]["lshape"]["mesh"]["levels"] + 6
+    assert built(text) == {"lshape"}
+
+
+def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
+    text, jobs = plan(tree, "figures/sharpness.svg")
+    chain = ("sharpness", "sharpness_rates", "figure_table", "figure")
+    assert jobs == {"sharpness_level": len(STUDY["sharpness"]["H"])} | dict.fromkeys(chain, 1)
+    assert built(text) == {"sharpness"}
+
+
+def test_the_extremes_plan_their_own_jobs(tree):
+    text, jobs = plan(tree, "figures/extremes.svg")
+    parts = len(STUDY["extremes"]["jobs"])
+    chain = ("extremes", "figure_table", "figure")
+    assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
+    assert built(text) == {"extremes"}
+
+
+def test_every_axis_of_the_extremes_is_in_one_job():
+    listed = [name for job in STUDY["extremes"]["jobs"].values() for name in job]
+    assert sorted(listed) == sorted(STUDY["extremes"]["axes"])
+
+
+def test_floors_plan_their_scene_without_rates(tree):
+    text, jobs = plan(tree, "results/square/floors.nc")
+    assert jobs == {**jobs_of("square"), "floors": 1}
+    assert built(text) == {"square"}
+
+
+def test_quick_plans_the_quick_scene_only(tree):
+    text, jobs = plan(tree, "quick")
+    assert jobs == {**jobs_of("quick"), "rates": 1, "quick": 1}
+    assert built(text) == {"quick"}
+
+
+def test_everything_that_is_computed_is_a_target_of_the_whole_study(tree):
+    """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
+    text, _ = plan(tree)
+    targets = re.search(r"^rule all:\n    input: (.*)$", text, re.MULTILINE)[1].split(", ")
+    command = [sys.executable, "-m", "snakemake", "--summary"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    files = [line.split("\t")[0] for line in found.stdout.splitlines()[1:]]
+    computed = {
+        file for file in files if file.startswith("results/") and file.endswith((".nc", ".json", ".vtu"))
+    }
+    assert len(computed) > 100
+    assert computed <= set(targets)
+    assert {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads} <= computed
+
+
+QUICK = [
+    ("mesh.vtu", "mesh"),
+    ("dual_norm.nc", "dual_norm"),
+    *((f"levels/{k}{part}.nc", "solve") for k in range(4) for part in ("", "_timings")),
+    *((f"{name}.nc", "errors") for name in ("errors", "infsup", "timings")),
+    ("rates.nc", "rates"),
+]
+"""Files of the scene `quick` and their rules, in the order in which they are made."""
+
+
+@pytest.fixture
+def computed(tree):
+    """The project with files in place of the scene's results."""
+    folder = tree / "results/quick"
+    (folder / "levels").mkdir(parents=True)
+    for i, (name, _) in enumerate(QUICK):
+        (folder / name).write_text("a result")
+        os.utime(folder / name, (time.time() + i, time.time() + i))
+    yield folder
+    shutil.rmtree(tree / "results")
+
+
+def test_what_is_there_is_not_made_anew(tree, computed):
+    """Control."""
+    assert "Nothing to be done" in plan(tree, "quick", "--rerun-triggers", "mtime")[0]
+
+
+@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 1, 2, 9, 10, 11, 13)])
+def test_what_is_missing_is_made_anew_with_what_follows_from_it(tree, computed, name, rule):
+    (computed / name).unlink()
+    _, jobs = plan(tree, "quick", "--rerun-triggers", "mtime")
+    assert jobs[rule] == 1
+    assert jobs["rates"] == 1
+
+
+@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 2, 10)])
+def test_one_command_makes_a_damaged_file_anew(tree, computed, name, rule):
+    """The one that messages name."""
+    assert plan(tree, "-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
+    with pytest.raises(StorageError, match=f"; 'snakemake -j2 -f .*/results/quick/{name}' makes it anew"):
+        tables.load(computed / name)
+
+
+def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
+    """An emptied one, as solve_level.py reads it."""
+    (computed / "mesh.vtu").write_text("")
+    code = (
+        "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
+        f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
+    )
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+    said = r"unilateral: .*mesh\.vtu: no mesh can be read .*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
+    assert re.fullmatch(said, found.stderr)
+    assert found.returncode == 4
+
+
+def test_a_portrait_needs_no_results(tree):
+    text, jobs = plan(tree, "figures/natural.svg")
+    assert jobs == {"figure_table": 2, "figure": 1}
+    assert built(text) == set()
+
+
+REFUSED = [
+    (
+        ("study", "levels: 4 }", "levels: four }"),
+        "workflow/config/study.yaml, field scenes.quick.mesh.levels: it is 'four'; it has to be a whole "
+        "number, at least 1, at most 9",
+    ),
+    (
+        ("study", " cases: [natural, thirds]\n", " cases: [natural, reentrant]\n"),
+        "workflow/config/study.yaml, field scenes.quick.cases[1]: case 'reentrant' is for lshape, not for "
+        "'square'",
+    ),
+    (
+        ("rates", "    smooth:", "    smoother:"),
+        "workflow/config/rates.yaml, field rates.cases: there is no 'smooth'; add it, for scene 'square' has "
+        "that case",
+    ),
+    (
+        ("study", "judged: false", "judged: false\n    judged: true"),
+        "workflow/config/study.yaml is not a YAML file: the field 'judged' is given twice",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), REFUSED)
+def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, change, said):
+    """Also by a dry run, and whatever the target is."""
+    name, old, new = change
+    file = tree / f"workflow/config/{name}.yaml"
+    kept = file.read_text()
+    assert kept.count(old) == 1
+    file.write_text(kept.replace(old, new))
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/natural.svg"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    file.write_text(kept)
+    assert (found.returncode, found.stderr) == (2, f"unilateral: {said}\n")
+
+
+def test_a_parameter_from_the_command_line_is_checked_too(tree):
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick", "--config", "stop=4"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    assert found.returncode == 2
+    assert "field stop: it is 4; it has to be a mapping" in found.stderr
+
+
+@pytest.fixture
+def code(monkeypatch):
+    """The rules' function that lists the files that a script's imports lead to."""
+    monkeypatch.chdir(ROOT)
+    text = (WORKFLOW / "rules/common.smk").read_text()
+    source = ast.parse(re.search(r"^@cache.*(?=^def scene_of)", text, re.MULTILINE | re.DOTALL)[0])
+    names = {"re": re, "Path": Path, "cache": cache}
+    exec(compile(source, "common.smk", "exec"), names)
+    return names["code"]
+
+
+@cache
+def graph():
+    """The library's imports, as import-linter sees them."""
+    return grimp.build_graph("unilateral", cache_dir=None)
+
+
+def file_of(module):
+    path = LIBRARY.joinpath(*module.split(".")[1:])
+    return str((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).relative_to(ROOT))
+
+
+def imported(script):
+    """The modules that a script and its neighbours import, by Python's own parser."""
+    names = set()
+    for node in ast.walk(ast.parse(script.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            assert not any("unilateral" in alias.name for alias in node.names), script
+    neighbours = [other for other in SCRIPTS if other.stem in names and other != script]
+    return names | {name for other in neighbours for name in imported(other)}
+
+
+@pytest.mark.parametrize(("script", "module"), STARTS, ids=lambda start: getattr(start, "stem", start))
+def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, script, module):
+    """And on its figure's module, if it draws one."""
+    name = f"study.figures.{module}" if module else ""
+    used = imported(script) & graph().modules | ({f"unilateral.{name}"} if module else set())
+    used |= {each for module in used for each in graph().find_upstream_modules(module)}
+    used |= {".".join(each.split(".")[:k]) for each in used for k in range(1, each.count(".") + 2)}
+    found = {file for file in code(script.stem, name) if file.endswith(".py") and "scripts" not in file}
+    assert found == {file_of(each) for each in used}
+
+
+@pytest.mark.parametrize("script", GENERIC)
+@pytest.mark.parametrize("module", drawings.modules())
+def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, script, module):
+    """So a change of one figure's module redraws that figure only."""
+    found = [Path(file).stem for file in code(script, f"study.figures.{module}") if "study/figures" in file]
+    assert sorted(found) == sorted(["__init__", "style", module])
+
+
+def test_a_rule_depends_on_the_data_that_its_modules_read(code):
+    data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
+    assert data == {"case.schema.yaml", "ledger.yaml", "polygons.yaml", "variables.yaml"}
+
+
+def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
+    found = code("solve_level")
+    assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
+    assert not [file for file in found if "figures" in file or "cli" in file]
+    assert "src/unilateral/solvers/uzawa.py" not in code("draw_figure", "study.figures.rates")
+
+
+def test_each_rule_depends_on_its_own_script():
+    for text in re.split(r"^rule ", rules(), flags=re.MULTILINE)[1:]:
+        assert re.search(r'"\.\./scripts/(\w+)\.py"', text)[1] == re.search(r'code\("(\w+)"', text)[1]
+
+
+def rules():
+    return "".join(file.read_text() for file in sorted((WORKFLOW / "rules").glob("*.smk")))
+
+
+def guard(tree):
+    return [node for node in tree.body if isinstance(node, ast.If) and "__name__" in ast.unparse(node.test)]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_script_uses_snakemake_under_its_main_guard_only(script):
+    tree = ast.parse(script.read_text())
+    assert ast.get_docstring(tree)
+    guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
+    assert all(id(node) in guarded for node in names)
+    assert bool(names) == (script.name != "sentences.py")
+    allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
+    assert all(isinstance(node, allowed) for node in tree.body)
+    assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
+
+
+def parameters(source):
+    """The numbers in a source file that are not 0 or 1."""
+    constants = [node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant)]
+    return [value for value in constants if isinstance(value, int | float) and value not in (0, 1)]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_script_holds_no_parameter_and_no_path(script):
+    text = script.read_text()
+    assert parameters(text) == []
+    assert not re.search(r"""["'](/|~|\.\./|results|figures)""", text)
+
+
+def test_a_hidden_parameter_would_be_found():
+    """Control."""
+    assert parameters("h = [1 / 8, x[-1], -0.5]") == [8, 0.5]
+
+
+def test_no_absolute_path_in_the_workflow():
+    for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk"), *WORKFLOW.rglob("*.yaml")]:
+        assert not re.search(r"""(^|[\s"'])(/[a-z]\w*/|~/)""", file.read_text()), file
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("errors.InputError('case x: u < g')", (2, "unilateral: case x: u < g\n")),
+        ("errors.StorageError('x.nc is damaged')", (4, "unilateral: x.nc is damaged\n")),
+    ],
+)
+def test_bad_input_and_bad_files_end_a_script_in_one_sentence(fault, said):
+    found = raised_in_a_script(fault)
+    assert (found.returncode, found.stderr) == said
+
+
+def test_any_other_error_keeps_its_traceback():
+    """Control."""
+    found = raised_in_a_script("KeyError('x')")
+    assert found.returncode == 1
+    assert found.stderr.startswith("Traceback")
+
+
+def raised_in_a_script(fault):
+    code = "import sentences; from unilateral import errors; sentences.speak_plainly(); raise " + fault
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+
+
+def test_cases_of_a_scene_are_certified(tmp_path):
+    """A case whose gap is negative next to its transition does not get into the study."""
+    text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
+    (tmp_path / "broken.yaml").write_text(text)
+    scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
+    code = "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
+    code += f"scenes.cases({scene!r})"
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+    assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)

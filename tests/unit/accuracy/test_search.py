@@ -1,0 +1,438 @@
+"""Certified accuracies: the bound against much finer solutions, what is chosen, and what ends the search."""
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy
+from conftest import DATA, load
+
+from unilateral.accuracy.budget import limits, wanted_H
+from unilateral.accuracy.level import Goal, standing, unknowable
+from unilateral.accuracy.search import SHARE, levels, prolonged, two_edges_per_cell
+from unilateral.bounds import source
+from unilateral.discrete import discretise, solve
+from unilateral.errors import InputError
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import ritz_projection
+from unilateral.problems import problem_file
+from unilateral.solvers.iterate import Stop, iterate
+
+PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
+SMOOTH_AND_CONVEX = ("pentagon", "rectangle_free_sides", "square_all_sides", "triangle")
+LIMITS = {"max_unknowns": 20_000}
+
+
+def problem(name):
+    return problem_file.load(str(PROBLEMS[0].parent / f"{name}.yaml"))
+
+
+def on_level(of, cells_per_side):
+    """The problem with that many cells on the longest side, H = 2h."""
+    cells = partitions.uniform(of.polygon, of.polygon.lengths.max() / cells_per_side)
+    return discretise(of, two_edges_per_cell(cells, meshes.natural_kind(of.polygon)), cells)
+
+
+def finer(discrete, u_h, lambda_H, times):
+    """The same problem on the mesh and the partition refined so often, and u_h and lambda_H there."""
+    mesh, cells = discrete.mesh, discrete.spaces.partition
+    for _ in range(times):
+        v, n = mesh.triangles, mesh.n_nodes
+        ends = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
+        low, high = np.divmod(np.unique(ends.min(axis=0) * n + ends.max(axis=0)), n)
+        u_h = np.concatenate([u_h, 0.5 * (u_h[low] + u_h[high])])
+        mesh, cells = meshes.refine(mesh), partitions.refine(cells)
+    fine = discretise(discrete.data, mesh, cells)
+    return fine, u_h, np.repeat(lambda_H, 2**times)
+
+
+def distances(fine, u_h, lambda_H, exact_u, exact_lambda):
+    """||exact_u - u_h||_1, and ||exact_lambda - lambda_H|| in the discrete dual norm of the finer mesh."""
+    difference = exact_u - u_h
+    of_lambda = (exact_lambda - lambda_H)[fine.spaces.cells]
+    return (
+        math.sqrt(difference @ (fine.spaces.condensed.A @ difference)),
+        float(np.linalg.norm(fine.spaces.operator.half @ of_lambda)),
+    )
+
+
+@pytest.mark.parametrize("file", PROBLEMS, ids=[file.stem for file in PROBLEMS])
+def test_the_bound_is_never_violated(file):
+    """||u - u_h|| >= ||u_fine - u_h|| - bound_fine, h/8; likewise for lambda, whose discrete norm is smaller.
+
+    And the bound of the coarse solution is not idle: it is at most 4 times what is seen.
+    """
+    discrete = on_level(problem_file.load(str(file)), 2)
+    coarse = solve(discrete)
+    fine, u_h, lambda_H = finer(discrete, coarse.u_h, coarse.lambda_H, 3)
+    solved = solve(fine)
+    u, of_lambda = distances(fine, u_h, lambda_H, solved.u_h, solved.lambda_H)
+    assert u - solved.bound.u > 0.5 * u
+    assert coarse.bound.u >= u - solved.bound.u
+    assert coarse.bound.lambda_ >= of_lambda - solved.bound.lambda_
+    assert coarse.bound.u <= 4 * u
+
+
+@pytest.mark.parametrize("name", SMOOTH_AND_CONVEX)
+def test_the_index_is_at_most_1_5_on_smooth_convex_problems(name):
+    """Against u_fine at h/4, which by Galerkin orthogonality misses about 1/32 of the error."""
+    discrete = on_level(problem(name), 12)
+    coarse = solve(discrete)
+    fine, u_h, lambda_H = finer(discrete, coarse.u_h, coarse.lambda_H, 2)
+    tolerance = 0.01 * coarse.bound.u
+    exact = iterate(fine.spaces.operator, fine.offset, tolerance, Stop(), lambda_H[fine.spaces.cells])
+    solution = fine.spaces.response(fine.load, exact.lambda_H)
+    u, _ = distances(fine, u_h, lambda_H, solution, fine.spaces.extended(exact.lambda_H))
+    assert 1 <= coarse.bound.u / u <= 1.5
+
+
+def test_a_spoilt_solution_has_a_larger_bound():
+    """Control: the bound is of the given u_h and lambda_H, not of the discrete solution."""
+    discrete = on_level(problem("triangle"), 8)
+    solved = solve(discrete)
+    spoilt = discrete.solution(replace(solved.result, lambda_H=solved.lambda_H + 1), 0.0)
+    difference = spoilt.u_h - solved.u_h
+    moved = math.sqrt(difference @ (discrete.spaces.condensed.A @ difference))
+    assert spoilt.bound.u >= moved - solved.bound.u > 2 * solved.bound.u
+
+
+@pytest.mark.parametrize("norm", ["h1", "hm12"])
+def test_an_accuracy_is_reached_and_certified(norm):
+    """The certificate, and that the accuracy holds: against the exact solution of a case."""
+    goal = Goal(0.05, norm, **LIMITS)
+    done = list(levels(load("natural"), goal))
+    solved = done[-1].solved
+    assert [level.certified for level in done] == [False] * (len(done) - 1) + [True]
+    assert all(a.unknowns < b.unknowns for a, b in pairwise(done))
+    assert solved.algebraic(norm) <= SHARE * goal.accuracy * solved.size(norm)
+    assert solved.total(norm) <= goal.accuracy * solved.size(norm)
+    exact = ritz_projection(load("natural"), solved.discrete.spaces.condensed)
+    difference = exact.flux_load - solved.discrete.spaces.B.T @ solved.result.lambda_H
+    error = exact.h1_error(difference)[0] if norm == "h1" else exact.discrete_dual(difference)
+    size = exact.u_norm if norm == "h1" else exact.discrete_dual(exact.flux_load)
+    assert error <= solved.total(norm)
+    assert solved.size(norm) <= size * (1 + 1e-12) or norm == "hm12"
+    assert error <= goal.accuracy * size
+
+
+def test_levels_are_not_wasted():
+    """From the second on, each aims at the target; and each starts from the last lambda_H."""
+    done = list(levels(load("natural"), Goal(0.02, **LIMITS)))
+    assert len(done) <= 5
+    assert done[-1].solved.total("h1") > 0.5 * done[-1].target
+    discrete = done[-1].solved.discrete
+    alone = iterate(discrete.spaces.operator, discrete.offset, done[-1].solved.result.bound, Stop(), None)
+    assert done[-1].solved.result.iterations < alone.iterations
+
+
+def test_the_next_size_follows_the_observed_rate():
+    """A bound of 2H meets 0.9 of the target 0.1 at H = 0.045; rates are believed within limits only."""
+    assert wanted_H([0.2, 0.1], [0.4, 0.2], 0.1) == pytest.approx(0.045)
+    assert wanted_H([0.1], [0.2], 0.1) == 0.05
+    assert wanted_H([0.2, 0.1], [0.4, 0.2], 0.0) == 0.05
+    assert wanted_H([0.2, 0.1], [0.4, 0.2], 1e-9) == pytest.approx(0.025)
+    assert wanted_H([0.2, 0.1], [0.4, 0.2], 0.199) == pytest.approx(0.08)
+    assert wanted_H([0.2, 0.1], [0.2, 0.3], 0.25) == pytest.approx(0.1 * 0.75**4)
+    assert wanted_H([0.2, 0.1], [math.inf, 0.2], 0.1) == 0.05
+    assert wanted_H([0.2, 0.1], [0.2, math.inf], 0.1) == 0.05
+
+
+def test_prolongation_keeps_the_integral_and_nested_values():
+    cells = partitions.uniform(named("lshape"), 1 / 3)
+    values = np.random.default_rng(1).random(cells.n_cells)
+    assert prolonged(values, cells, partitions.refine(cells)) == pytest.approx(
+        np.repeat(values, 2), rel=1e-12
+    )
+    other = partitions.uniform(named("lshape"), 1 / 5)
+    found = prolonged(values, cells, other)
+    assert other.lengths @ found == pytest.approx(cells.lengths @ values, rel=1e-13)
+    assert values.min() <= found.min() <= found.max() <= values.max()
+
+
+@pytest.mark.parametrize(
+    "polygon", [square(), named("lshape"), Polygon(np.array([[0, 0], [2, 0], [2, 0.1]]))]
+)
+def test_every_cell_has_two_edges(polygon):
+    cells = partitions.uniform(polygon, 1 / 3)
+    kinds = [meshes.natural_kind(polygon), "unstructured"]
+    for mesh in (two_edges_per_cell(cells, kind) for kind in kinds):
+        assert mesh.s == pytest.approx(partitions.refine(cells).points, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("limits", "ended"),
+    [({"max_unknowns": 300}, lambda last: 200 < last.unknowns <= 300), ({"max_seconds": 1e-9}, bool)],
+)
+def test_a_budget_ends_the_search_with_the_best_so_far(limits, ended):
+    done = list(levels(load("natural"), Goal(1e-4, **{**LIMITS, **limits})))
+    assert not done[-1].certified
+    assert ended(done[-1])
+    assert len(done) == (1 if "max_seconds" in limits else len(done))
+    totals = [level.solved.total("h1") for level in done]
+    assert totals == sorted(totals, reverse=True)
+
+
+def test_a_budget_below_the_coarsest_mesh_is_bad_input():
+    with pytest.raises(InputError, match="'square' needs 9 unknowns; --max-unknowns 8 has to be"):
+        next(levels(load("natural"), Goal(0.1, max_unknowns=8)))
+
+
+def test_nothing_to_do_is_done_at_once(tmp_path):
+    """f = g = 0: u = 0 without an error."""
+    file = tmp_path / "zero.yaml"
+    file.write_text("polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: 0\ng: 0\n")
+    (only,) = levels(problem_file.load(str(file)), Goal(0.01, **LIMITS))
+    assert only.certified
+    assert only.solved.total("h1") == only.solved.u_norm == 0
+
+
+PEAKS = {
+    "g": ("0", '["-1 + 4*exp(-((x - 3/10)*{0})**2)", -1, -1, -1]', ("300", "1000", "10000")),
+    "f": ("{0}*exp(-((x - 3/10)**2 + (y - 1/2)**2)*1e6)", "0", ("1e4",)),
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "size"), [(field, size) for field, (_, _, sizes) in PEAKS.items() for size in sizes]
+)
+def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(tmp_path, field, size):
+    """Where u_h = 0 was certified: ||u||_1 >= (sigma_1 int g_+^2)^(1/2), int g_+^2 > 4 / k, or by f's mean.
+
+    Where k s <= 1/2 g is at least 2, for 4 exp(-1/4) > 3, and 1 / sigma_1 = sqrt(2) / tanh(1 / sqrt(8)).
+    """
+    f, g, _ = PEAKS[field]
+    file = tmp_path / "peak.yaml"
+    file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f.format(size)}\ng: {g.format(size)}\n")
+    done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
+    least = math.sqrt(4 / float(size) / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
+    assert len(done) == 3
+    for level in done:
+        assert not level.certified
+        assert level.solved.bound.u >= (least if field == "g" else of_peak(float(size)))
+
+
+def of_peak(height):
+    """||u||_1 for that f: at least |(f, 1)| = pi 1e-6 times its height."""
+    return np.pi * 1e-6 * height
+
+
+@pytest.mark.parametrize("h", [1 / 4, 1 / 8, 1 / 16])
+def test_waves_of_f_are_integrated(tmp_path, h):
+    """f = 1 + cos(k x), whose u has the mean 1: |1 - mean u_h| = |(u - u_h, 1)_1| <= ||u - u_h||_1.
+
+    Of 160 / pi and 320 / pi waves any two rules that are alike in all triangles are mistaken alike, by .15.
+    What is not known of f is as little as is wanted of a wave with ||cos||^2 = 1/2, or at most |cos| = 1.
+    """
+    for n in (20, 64, 160, 320):
+        of = declared(tmp_path, f=f"1 + cos({2 * n}*pi*x)", g=-1)
+        mesh, cells = meshes.structured(square(), h), partitions.uniform(square(), 2 * h)
+        solved = solve(discretise(of, mesh, cells))
+        error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
+        assert error <= min(solved.bound.u, solved.bound.unknown + 1e-12)
+        wanted = math.sqrt(source.RESOLVED) * source.ENOUGH * mesh.h * math.sqrt(1 / 2)
+        assert solved.bound.unknown <= (1.01 * wanted if solved.discrete.source.resolved else 1 + 1e-9)
+        assert solved.discrete.source.resolved or n > 20
+
+
+def test_a_wave_that_cannot_be_enclosed_is_not_certified(tmp_path):
+    """As above: |u - 1| is below 1e-3, u_h may have any mean. It ends the search, for no mesh would help."""
+    (only,) = levels(declared(tmp_path, f="1 + cos(4096*pi*(x - y))", g=-10), Goal(0.01))
+    assert not only.certified
+    assert unknowable(only)
+    assert not any(map(unknowable, levels(load("natural"), Goal(0.03))))
+
+
+def test_jumps_of_f_are_integrated_where_they_are(tmp_path):
+    """u depends on x only; with v = cosh(1 - x) sqrt(coth 1) |int (lambda - lambda_H)| is at most the error.
+
+    The jumps are where a rule of degree 8 on the pieces beside them is mistaken most, all in the same way.
+    """
+    places = [k / 16 + 0.0009702 for k in range(16)]
+    of = declared(
+        tmp_path,
+        f=" + ".join(f"pos(x - {place:.7f}, 0)" for place in places) + " - 12",
+        g="[null, null, null, 0]",
+        free_sides=[0, 1, 2],
+    )
+    exact = (12 * math.sinh(1) - sum(math.sinh(1 - place) for place in places)) / math.cosh(1)
+    mesh, cells = meshes.structured(square(), 1 / 50), partitions.uniform(square(), 1 / 25)
+    solved = solve(discretise(of, mesh, cells), Stop(tolerance=1e-5))
+    error = math.sqrt(1 / math.tanh(1)) * abs(exact - cells.lengths @ solved.lambda_H)
+    assert error < 2e-4 < solved.bound.lambda_ < 3e-3
+
+
+def test_a_peak_of_g_is_found_where_terms_cancel(tmp_path):
+    """By interval arithmetic alone the obstacle's range is 1e7 times too wide; ||u||_1 as for PEAKS."""
+    eighth = str(sympy.expand((sympy.Symbol("x") - 10) ** 8))
+    bottom = f"({eighth})/2 - 1 + 4*exp(-((x - 10.31)*10**4)**2)"
+    moved = [[10, 0], [11, 0], [11, 1], [10, 1]]
+    of = declared(tmp_path, polygon=moved, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
+    least = math.sqrt(4e-4 / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
+    for level in levels(of, Goal(0.1, max_unknowns=100)):
+        assert not level.certified
+        assert level.solved.bound.u >= least
+
+
+def test_free_sides_have_no_multipliers():
+    """Counted: those of the 4 cells on the bottom, of 10 in all; elsewhere lambda_H is 0."""
+    of = problem("rectangle_free_sides")
+    cells = partitions.uniform(of.polygon, 1 / 2)
+    mesh = two_edges_per_cell(cells, "unstructured")
+    discrete = discretise(of, mesh, cells)
+    assert (cells.n_cells, len(discrete.spaces.cells), discrete.spaces.operator.D.shape) == (10, 4, (4, 4))
+    assert len(discrete.offset) == 4
+    solved = solve(discrete)
+    assert solved.lambda_H.shape == (10,)
+    assert np.all(solved.lambda_H[4:] == 0)
+    assert solved.lambda_H[:4].max() > 0
+
+
+def test_no_multiplier_at_all_is_the_neumann_problem():
+    of = replace(problem("rectangle_free_sides"), free_sides=(0, 1, 2, 3))
+    cells = partitions.uniform(of.polygon, 1 / 2)
+    discrete = discretise(of, two_edges_per_cell(cells, "unstructured"), cells)
+    solved = solve(discrete)
+    assert solved.result.converged
+    assert discrete.spaces.condensed.A @ solved.u_h == pytest.approx(discrete.load, abs=1e-13)
+
+
+def gmsh_is_imported_after(*steps):
+    """Of each step, one after the other in a process of their own."""
+    source = "; ".join(["import sys", *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])
+    command = [sys.executable, "-c", source]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    return [line == " True" for line in found.stdout.splitlines() if line in (" True", " False")]
+
+
+def test_structured_meshes_need_no_gmsh():
+    """Neither does a certified accuracy; control: a triangle, which has no structured mesh."""
+    solve = "from unilateral.cli import main; main(['solve', {!r}, '--accuracy', '0.9'])"
+    files = [str(PROBLEMS[0].parent / f"{name}.yaml") for name in ("square_all_sides", "triangle")]
+    assert gmsh_is_imported_after(*(solve.format(file) for file in files)) == [False, True]
+
+
+def test_a_scene_on_structured_meshes_needs_no_gmsh(tmp_path):
+    """Its levels are solved with the dual norm's forms from their table; control: those are made with it."""
+    cells, table = partitions.uniform(square(), 1 / 4), tmp_path / "dual_norm.nc"
+    dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
+    solve = (
+        "import xarray; from unilateral.geometry import mesh, partition, polygon; "
+        "from unilateral.norms import dual; "
+        "from unilateral.problems import case; from unilateral.study.runs import scene; "
+        "domain = polygon.square(); cases = [case.load('natural', domain)]; "
+        "cells = partition.uniform(domain, 1 / 4); "
+        f"gram = dual.Gram.of_table(xarray.open_dataset({str(table)!r})); "
+        "scene.sweep(mesh.structured(domain, 1 / 8), cases, [cells], gram)"
+    )
+    assert gmsh_is_imported_after(solve, "dual.dual_norm(cells, cases)") == [False, True]
+
+
+def declared(folder, **fields):
+    """The problem of a file with these fields, on the unit square unless they say otherwise."""
+    given = {"polygon": [[0, 0], [1, 0], [1, 1], [0, 1]]} | fields
+    file = folder / "mine.yaml"
+    file.write_text("".join(f"{name}: {value}\n" for name, value in given.items()))
+    return problem_file.load(str(file))
+
+
+def test_a_peak_at_a_declared_kink_is_seen(tmp_path):
+    """g = 0 > u_h = -5 in one point only, not one of the rule's; the error is at least 0.49."""
+    apex = declared(tmp_path, f=-5, g="-1e5*pos(x-2/5,1) - 1e5*pos(2/5-x,1)")
+    first = next(levels(apex, Goal(0.05)))
+    assert not first.certified
+    assert first.solved.total("h1") >= 0.49
+
+
+def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path, monkeypatch):
+    """Two nodes a side; `Polygon` itself has at most 1000 sides, so that less is made possible here."""
+    monkeypatch.setattr("unilateral.accuracy.search.LARGEST_BOUNDARY", 1024)
+    monkeypatch.setattr("unilateral.accuracy.search.two_edges_per_cell", None)
+    angles = 2 * np.pi * np.arange(600) / 600
+    polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
+    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
+    with pytest.raises(InputError, match=r"'wheel' needs 1200 boundary nodes .* at most 1024 are possible"):
+        next(levels(wheel, Goal(0.05)))
+
+
+@pytest.mark.parametrize("width", [20_000, 282_000])
+def test_peaks_between_all_nodes_do_not_end_the_search(tmp_path, width):
+    """f < 0 has its peak where no coarse mesh has a node; its integral is seen by u_h on all of them."""
+    of = declared(tmp_path, f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
+    done = list(levels(of, Goal(0.1, max_unknowns=1000)))
+    assert len(done) > 3
+    for level in done:
+        mean = level.solved.u_integral
+        assert mean == pytest.approx(-100 * np.pi / width, rel=1e-2)
+        assert level.solved.result.converged
+
+
+def test_a_budget_that_is_too_small_is_said_before_meshing(tmp_path, monkeypatch):
+    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles."""
+    angles = 2 * np.pi * np.arange(600) / 600
+    polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
+    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
+    monkeypatch.setattr("unilateral.accuracy.search.two_edges_per_cell", None)
+    with pytest.raises(
+        InputError, match=r"'wheel' needs at least 5.7e\+04 unknowns; --max-unknowns 20000 has"
+    ):
+        next(levels(wheel, Goal(0.05, max_unknowns=20_000)))
+
+
+def test_the_limit_that_ends_the_search_is_named():
+    """Those that the next level would break; 24 is found to be too few, for 25, when the mesh is there."""
+    few = Goal(1e-3, max_unknowns=24, max_seconds=1000)
+    assert limits(list(levels(load("natural"), few)), few) == ["--max-unknowns 24"]
+    done = list(levels(load("natural"), Goal(1e-3, max_unknowns=300)))
+    assert limits(done, Goal(1e-3, max_unknowns=300)) == ["--max-unknowns 300"]
+    assert limits(done, Goal(1e-3, max_seconds=1e-3)) == ["--max-seconds 0.001"]
+
+
+def test_structured_cells_consist_of_whole_edges():
+    """On the L-shape, whose sides have lengths 1 and 2, for any H."""
+    for level in levels(load("violates_j", "lshape"), Goal(0.1, "hm12", 3_000)):
+        mesh = level.solved.discrete.mesh
+        assert set(level.partition.points) <= set(mesh.s)
+        assert 2 * level.partition.n_cells == len(mesh.boundary)
+
+
+def test_an_iteration_that_fails_ends_the_search():
+    """A finer mesh would not help it."""
+    with pytest.warns(RuntimeWarning, match="stopped after 1 steps"):
+        found = list(levels(load("natural"), Goal(1e-2), stop=Stop(max_steps=1)))
+    assert len(found) == 1
+    assert not found[0].certified
+
+
+def test_no_multiplier_at_all_is_exact(tmp_path):
+    """Every side is left out, so lambda = lambda_H = 0."""
+    idle = declared(tmp_path, f="1 + x", g=0)
+    assert idle.idle_sides() == (0, 1, 2, 3)
+    found = list(levels(idle.without_idle_sides(), Goal(0.1, "hm12")))
+    assert len(found) == 1
+    assert found[0].certified
+    assert found[0].solved.total("hm12") == 0
+
+
+def falsified(level, factor):
+    """The level with bounds that many times too small."""
+    bound = replace(
+        level.solved.bound, u=level.solved.bound.u * factor, lambda_=level.solved.bound.lambda_ * factor
+    )
+    spoilt = replace(level.solved)
+    vars(spoilt)["bound"] = bound  # in place of what it would find
+    return replace(level, solved=spoilt)
+
+
+@pytest.mark.parametrize("name", ["natural", "full_contact"])
+def test_bounds_that_contradict_each_other_are_withdrawn(name):
+    """One's is 1000 times too small, and nobody knows which; control: as they are, all stand."""
+    done = list(levels(load(name), Goal(0.02)))
+    assert standing(done) == done
+    assert standing([falsified(done[0], 1e-3), done[-1]]) == []

@@ -1,0 +1,248 @@
+"""Problems made to fool a certificate: each of its levels is above the true error, or it is refused.
+
+All have a known solution u, so that the true error is measured by a quadrature of its own, refined to the
+features that are declared here and that the certificate does not know. `make fuzz` runs many more of them.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import sympy
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.accuracy.search import Goal, Level, levels
+from unilateral.bounds import source
+from unilateral.errors import InputError
+from unilateral.fem.splitting import quarter
+from unilateral.formulas.formula import compile_numpy, pos
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems import problem_file
+from unilateral.problems.atoms import X, Y
+
+FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
+"""Further problems of each family; with more than 0 the seeds go on where the suite ends."""
+MOST = 400
+"""Unknowns on the finest mesh."""
+SIZE = 1 / 3
+"""Of a feature's width: how large pieces may be that are near it."""
+
+
+class Feature(NamedTuple):
+    """What is narrow or not smooth: within `width` of a point, or of a line or circle {level = 0}."""
+
+    level: sympy.Expr
+    width: float
+
+
+class Adversary(NamedTuple):
+    """A solution u with g = u - gap on the unit square moved by `shift`; `features` of u and g.
+
+    `spoil` is a formula that is 0, added to f.
+    """
+
+    u: sympy.Expr
+    gap: sympy.Expr
+    features: tuple[Feature, ...]
+    free: tuple[int, ...] = ()
+    shift: int = 0
+    spoil: str = ""
+
+    def declaration(self) -> str:
+        f = self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
+        a = self.shift
+        square = [[a, 0], [a + 1, 0], [a + 1, 1], [a, 1]]
+        g = "[" + ", ".join("null" if i in self.free else f'"{self.u - self.gap}"' for i in range(4)) + "]"
+        return f"polygon: {square}\nf: {f}{self.spoil}\ng: {g}\nfree_sides: {[*self.free]}\n"
+
+
+def true_error(of: Adversary, mesh: Mesh, u_h: np.ndarray) -> float:
+    """||u - u_h||_1, by a rule of degree 8 on pieces that are small against the features near them."""
+    value = compile_numpy([of.u, of.u.diff(X), of.u.diff(Y)], (X, Y))
+    distances = [(compile_numpy([feature.level], (X, Y)), feature.width) for feature in of.features]
+    points, weights = get_quadrature_tri(8)
+    rule = np.column_stack([1 - points.sum(axis=0), *points])
+    corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
+    total = 0.0
+    for _ in range(14):
+        vertices = corners @ mesh.points[mesh.triangles[parent]]
+        centre = vertices.mean(axis=1)
+        radius = np.linalg.norm(vertices - centre[:, None], axis=2).max(axis=1)
+        coarse = np.zeros(len(parent), dtype=bool)
+        for level, width in distances:
+            away = np.abs(level(*centre.T)[0])
+            coarse |= (radius > SIZE * np.maximum(width, 0.5 * (away - radius))) & (away < radius + 8 * width)
+        fine = ~coarse
+        total += _squares(mesh, u_h, corners[fine], parent[fine], value, rule, weights)
+        corners, parent = quarter(corners[coarse]), np.repeat(parent[coarse], 4)
+    return float(np.sqrt(total + _squares(mesh, u_h, corners, parent, value, rule, weights)))
+
+
+def _squares(mesh, u_h, corners, parent, value, rule, weights) -> float:
+    nodes = mesh.points[mesh.triangles[parent]]
+    places = rule @ corners
+    x, y = np.moveaxis(places @ nodes, 2, 0)
+    u, u_x, u_y = value(x, y)
+    nodal = u_h[mesh.triangles[parent]]
+    edges = nodes[:, 1:] - nodes[:, :1]
+    slope = np.linalg.solve(edges, (nodal[:, 1:] - nodal[:, :1])[..., None])[..., 0]
+    areas = 0.5 * np.abs(np.linalg.det(edges)) * np.abs(np.linalg.det(corners))
+    rest = (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
+    rest += (u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2
+    return float(areas @ (rest @ (2 * weights)))
+
+
+def least_error_of_lambda(of: Adversary, level: Level) -> float:
+    """||lambda - lambda_H||_{-1/2,h}, a lower bound; lambda = du/dn, by 2000 points on every edge."""
+    discrete = level.solved.discrete
+    mesh, slopes = discrete.mesh, compile_numpy([of.u.diff(X), of.u.diff(Y)], (X, Y))
+    x = (np.arange(2000) + 0.5) / 2000
+    start, end = mesh.points[mesh.boundary], mesh.points[np.roll(mesh.boundary, -1)]
+    at = start[:, None] + x[:, None] * (end - start)[:, None]
+    normals = mesh.polygon.normals[mesh.side]
+    flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
+    lengths, shapes = np.diff(mesh.s), (1 - x, x)
+    first, second = (lengths * (flux * shape).mean(axis=1) for shape in shapes)
+    load = first + np.roll(second, 1) - discrete.spaces.B.T @ level.solved.result.lambda_H
+    return float(np.sqrt(max(load @ discrete.spaces.condensed.solve_boundary(load), 0.0)))
+
+
+def exact(number: float) -> sympy.Rational:
+    return sympy.Rational(round(number * 10**6), 10**6)
+
+
+def bowl(rng, shift=0):
+    """k |x - c|^2/2, whose flux is at least k/4 on the unit square."""
+    a, b = (exact(c) for c in rng.uniform(0.3, 0.7, 2))
+    return 4 * ((X - a - shift) ** 2 + (Y - b) ** 2) / 2
+
+
+def peak(rng, place: str, logarithm: tuple[float, float] = (-3, -1)):
+    """A Gaussian inside, on a side or at a vertex, as high as the bowl's flux allows, and its feature."""
+    width = 10.0 ** rng.uniform(*logarithm)
+    inner = rng.uniform(0.15, 0.85, 2)
+    at = {"inside": inner, "side": np.array([inner[0], 0.0]), "vertex": np.array([1.0, 1.0])}[place]
+    if place == "inside":
+        width = min(width, 0.15 * np.min([inner, 1 - inner]))
+    height = width * (20.0 if place == "inside" else 0.5)
+    a, b, w = exact(at[0]), exact(at[1]), exact(width)
+    bump = exact(height) * sympy.exp(-((X - a) ** 2 + (Y - b) ** 2) / w**2)
+    return bump, Feature(sympy.sqrt((X - a) ** 2 + (Y - b) ** 2), float(w))
+
+
+def peaks(rng) -> Adversary:
+    """Full contact, one to three narrow peaks of f, inside, on a side, at a vertex."""
+    places = rng.choice(["inside", "side", "vertex"], rng.integers(1, 4))
+    found = [peak(rng, place) for place in places]
+    return Adversary(bowl(rng) + sum(bump for bump, _ in found), sympy.S.Zero, tuple(f for _, f in found))
+
+
+def waves(rng) -> Adversary:
+    """Full contact; waves of 2^k pi, with which meshes and rules alias, in x, y or across."""
+    k = 2 ** int(rng.integers(2, 6)) * int(rng.choice([1, 3, 5]))
+    phase = [X, Y, X + Y, X - Y][rng.integers(4)]
+    wave = sympy.cos(k * sympy.pi * phase) / (2 * k * sympy.pi)
+    return Adversary(bowl(rng) + wave, sympy.S.Zero, (Feature(sympy.S.Zero * X, 1.0 / k),))
+
+
+def kinks(rng) -> Adversary:
+    """Full contact; f jumps or has a kink along a line or a circle off the mesh, or through its nodes."""
+    power, height = int(rng.integers(2, 4)), exact(rng.uniform(-1, 1))
+    if rng.random() < 0.5:
+        angle, c = rng.uniform(0, np.pi), rng.uniform(0.3, 0.7)
+        a, b = exact(np.cos(angle)), exact(np.sin(angle))
+        level = a * X + b * Y - exact(c) if rng.random() < 0.7 else X - Y
+        smaller = sympy.Rational(1, 2)
+    else:
+        x, y, r = exact(rng.uniform(0.3, 0.7)), exact(rng.uniform(0.3, 0.7)), exact(rng.uniform(0.02, 0.28))
+        level, smaller = r - ((X - x) ** 2 + (Y - y) ** 2) / r, sympy.Rational(1, 4)
+    u = bowl(rng) + smaller * height * pos(level, power)
+    return Adversary(u, sympy.S.Zero, (Feature(level, 2e-3),))
+
+
+def sides(rng) -> Adversary:
+    """u depends on x only, so the flux is 0 below and above, where g touches u in points or oscillates."""
+    c, k = exact(rng.uniform(0.35, 0.65)), int(rng.integers(3, 400))
+    u, a, w = 4 * (X - c) ** 2 / 2, exact(rng.uniform(0.1, 0.9)), exact(10.0 ** rng.uniform(-4, -1))
+    gap = [
+        1 - sympy.exp(-((X - a) ** 2) / w**2),
+        sympy.sin(k * sympy.pi * X) ** 2 / 3,
+        pos(X - a, 1) * 50 + pos(a - X, sympy.Rational(3, 2)),
+        (X - a) ** 2 * 1000,
+    ][rng.integers(4)]
+    on_sides = gap * X * (1 - X) * 4
+    return Adversary(u, on_sides, ())
+
+
+def large(rng) -> Adversary:
+    """Differences of large numbers: far from the origin, expanded, and with terms that cancel."""
+    shift = int(rng.choice([0, 10, 100, 1000]))
+    u = sympy.expand(bowl(rng, shift) + (X - shift) ** 3 / 20)
+    c = 10 ** int(rng.integers(2, 8))
+    spoil = f" + {c}*(x - y)**2 - {c}*x**2 + {2 * c}*x*y - {c}*y**2"
+    return Adversary(u, sympy.S.Zero, (), shift=shift, spoil=spoil)
+
+
+def neumann(rng) -> Adversary:
+    """No contact: peaks of f inside, the flux 0 but for 1e-10; free sides beside others far below."""
+    bump, feature = peak(rng, "inside", (-2.5, -1.2))
+    free = tuple(rng.choice(4, 2, replace=False).tolist())
+    return Adversary(1 + bump, sympy.Integer(3), (feature,), free=tuple(sorted(free)))
+
+
+FAMILIES = {of.__name__: of for of in (peaks, waves, kinks, sides, large, neumann)}
+NUMBER = {"peaks": 14, "waves": 8, "kinks": 14, "sides": 10, "large": 6, "neumann": 6}
+RANGE = {name: range(n, n + FUZZ) if FUZZ else range(n) for name, n in NUMBER.items()}
+
+
+def outcome(of: Adversary, file) -> list[tuple[float, float, float, float]]:
+    """Of each level the bound and the true error of u, and those of lambda; none if it is refused."""
+    file.write_text(of.declaration())
+    try:
+        done = list(levels(problem_file.load(str(file)), Goal(0.02, max_unknowns=MOST)))
+    except InputError:
+        return []
+    return [
+        (
+            level.solved.bound.u,
+            true_error(of, level.solved.discrete.mesh, level.solved.u_h),
+            level.solved.bound.lambda_,
+            least_error_of_lambda(of, level),
+        )
+        for level in done
+    ]
+
+
+@pytest.fixture(autouse=True)
+def _few_pieces(monkeypatch):
+    """So that what takes too many is known less well, and sooner."""
+    monkeypatch.setattr(source, "MOST_PIECES", 20_000)
+
+
+@pytest.mark.parametrize(("family", "seed"), [(name, seed) for name in NUMBER for seed in RANGE[name]])
+def test_every_level_is_above_the_true_error(tmp_path, family, seed):
+    """1e-6: what the quadrature of the true errors may be off, relatively."""
+    of = FAMILIES[family](np.random.default_rng([seed, *family.encode()]))
+    for bound, error, of_lambda, error_of_lambda in outcome(of, tmp_path / "adversary.yaml"):
+        assert error <= bound * (1 + 1e-6)
+        assert error_of_lambda <= of_lambda * (1 + 1e-6) + 1e-9
+
+
+def test_the_suite_would_notice_a_bound_that_is_too_small(tmp_path, monkeypatch):
+    """Control: without what f - f_h can do, bounds are below errors where peaks are not seen."""
+    monkeypatch.setattr(source.Source, "distance", 0.0)
+    of = neumann(np.random.default_rng([0, *b"neumann"]))
+    found = outcome(of, tmp_path / "adversary.yaml")
+    assert any(error > bound for bound, error, _, _ in found)
+
+
+def test_most_problems_are_certified_on_finer_meshes(tmp_path):
+    """Of three families; to refuse everything would be easy."""
+    for family in ("kinks", "sides", "large"):
+        of = FAMILIES[family](np.random.default_rng([0, *family.encode()]))
+        file = tmp_path / "adversary.yaml"
+        file.write_text(of.declaration())
+        assert list(levels(problem_file.load(str(file)), Goal(0.05, max_unknowns=10_000)))[-1].certified

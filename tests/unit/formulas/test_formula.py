@@ -1,0 +1,332 @@
+"""The grammar of formulas: what it reads, exactly, and that it refuses everything else by an InputError."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sympy.core.function import ArgumentIndexError
+
+from unilateral.errors import InputError
+from unilateral.formulas import grammar
+from unilateral.formulas.formula import compile_numpy, kinks, number, parse, pos, positive_power
+from unilateral.formulas.positive import rounded
+
+X, Y, T = (sympy.Symbol(name, real=True) for name in "xyt")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1/3", sympy.Rational(1, 3)),
+        ("0.1", sympy.Rational(1, 10)),
+        (0.1, sympy.Rational(1, 10)),
+        ("1_000", sympy.Integer(1000)),
+        ("2.5e-3", sympy.Rational(1, 400)),
+        ("-2**2", sympy.Integer(-4)),
+        ("+3", sympy.Integer(3)),
+        ("sqrt(2)**2", sympy.Integer(2)),
+        ("2*pi", 2 * sympy.pi),
+        ("sqrt(3)/9", sympy.sqrt(3) / 9),
+        ("pos(4, 1/2) + pos(-4, 1/2)", sympy.Integer(2)),
+        ("pos(2, 0) + pos(0, 0)", sympy.Integer(1)),
+    ],
+)
+def test_numbers_are_exact(text: object, value: sympy.Expr) -> None:
+    assert number(text, "here") == value
+
+
+def test_functions_are_sympys() -> None:
+    text = "sin(x)*cos(y) - exp(x)/cosh(y) + sinh(x)*tanh(y) + log(1 + x**2) + sqrt(2 + y)"
+    expected = (
+        sympy.sin(X) * sympy.cos(Y)
+        - sympy.exp(X) / sympy.cosh(Y)
+        + sympy.sinh(X) * sympy.tanh(Y)
+        + sympy.log(1 + X**2)
+        + sympy.sqrt(2 + Y)
+    )
+    assert parse(text, ("x", "y"), "here") == expected
+
+
+REFUSED = {
+    "x.real": "'x.real' is not allowed",
+    "x.__class__": "'x.__class__' is not allowed",
+    "x[0]": "'x[0]' is not allowed",
+    "[x]": "'[x]' is not allowed",
+    "(x, y)": "'(x, y)' is not allowed",
+    "lambda: x": "'lambda: x' is not allowed",
+    "x if y else 1": "'x if y else 1' is not allowed",
+    "x < y": "'x < y' is not allowed",
+    "not x": "'not x' is not allowed",
+    "~x": "'~x' is not allowed",
+    "f'{x}'": "is not allowed",
+    "[x for x in y]": "is not allowed",
+    "__import__('os')": "is not a known function",
+    "eval(x)": "'eval(x)' is not a known function; known are pos, sin",
+    "x.sin(y)": "'x.sin(y)' is not a known function",
+    "sin(sin)(x)": "'sin(sin)(x)' is not a known function",
+    "sin(x=y)": "'sin(x=y)' is not a known function",
+    "sin(x, y)": "'sin(x, y)' takes 1 argument",
+    "sin(*x)": "'*x' is not allowed",
+    "pos(x)": "'pos(x)' takes 2 arguments",
+    "pos(x, y)": "'pos(x, y)' needs a rational power between 0 and 100",
+    "pos(x, -1)": "'pos(x, -1)' needs a rational power",
+    "pos(x, 101)": "'pos(x, 101)' needs a rational power",
+    "pos(x, pi)": "'pos(x, pi)' needs a rational power",
+    "pos(x, 1/21)": "its denominator at most 20",
+    "pos((x**7 + 1)**3, 1)": "'pos((x**7 + 1)**3, 1)' needs an argument of a degree up to 20",
+    "(((x + y)/9)**100)**100": "'(((x + y)/9)**100)**100' has, multiplied out, the degree 10000; at most 100",
+    "x**60/(x - 1)**41": "has, multiplied out, the degree 101; at most 100 is read",
+    "pos(x, 99)*sin(x)*cos(y)": "has, multiplied out, the degree 101; at most 100 is read",
+    "pos(x**4, 26)": "'pos(x**4, 26)' has, multiplied out, the degree 104",
+    "sin(" * 7 + "x" + ")" * 7: "has more than 6 functions in each other",
+    "sin(" * 190 + "x" + ")" * 190: "the formula has more than 30 parentheses in each other",
+    "*".join(["x"] * 502): "the formula has more than 500 operations",
+    "-" * 501 + "x": "the formula has more than 500 operations",
+    "010 + x": "'010 + x' is not a formula in x, y; write 10 for 010",
+    "0o10": "'0o10' is not a decimal number",
+    "1:30": "'1:30' is not a formula in x, y",
+    "2001-01-01": "'2001-01-01' is not a formula in x, y; write 10 for 010",
+    "'x'": "''x'' is not a decimal number",
+    "b'x'": "is not a decimal number",
+    "True": "'True' is not a decimal number",
+    "None": "'None' is not a decimal number",
+    "...": "'...' is not a decimal number",
+    "2j": "'2j' is not a decimal number",
+    "0x10": "'0x10' is not a decimal number",
+    "z": "'z' is unknown; known are x, y, pi, pos, sin",
+    "sin": "'sin' is unknown",
+    "x // y": "'x // y' uses an operator that is not one of + - * / **",
+    "x % y": "'x % y' uses an operator",
+    "x @ y": "'x @ y' uses an operator",
+    "9**9**9": "'9**9**9' needs a rational exponent between -100 and 100",
+    "x**y": "'x**y' needs a rational exponent",
+    "x**101": "'x**101' needs a rational exponent",
+    "((10**100)**100)**100": "'(10**100)**100' has a number that is too large",
+    "(sqrt(2)*10**99)**99 * x": "'(sqrt(2)*10**99)**99' has a number that is too large",
+    "pos(10**100, 100)": "'pos(10**100, 100)' has a number that is too large",
+    "1e400": "'1e400' has a number that is too large",
+    "x + 1e-999999999": "'1e-999999999' has a number that is too large",
+    "1 + 1/0": "'1/0' is not a finite real number",
+    "x/(x - x)": "'x/(x - x)' is not a finite real number",
+    "log(0)": "'log(0)' is not a finite real number",
+    "sqrt(-1) + x": "'sqrt(-1)' is not a finite real number",
+    "(-2)**(1/3)": "'(-2)**(1/3)' is not a finite real number",
+    "log(sin(4))": "'log(sin(4))' is not a finite real number",
+    "exp(exp(exp(100)))": "'exp(exp(100))' is not a finite real number",
+    "x + 5*pos(1 - sin(1)**2 - cos(1)**2, 0)": "'1 - sin(1)**2 - cos(1)**2' cannot be told from 0; write it",
+    "pos(5 + 2*sqrt(6) - (sqrt(2) + sqrt(3))**2, 0)": "cannot be told from 0; write it as a single number",
+    "(sin(1)**2 + cos(1)**2 - 1)*10**99*x": "'sin(1)**2 + cos(1)**2 - 1' cannot be told from 0",
+    "sqrt(x**2)": "'sqrt(x**2)' hides a kink; write pos(a, 1)",
+    "": "is not a formula in x, y",
+    "x +": "'x +' is not a formula in x, y",
+    "x; y": "'x; y' is not a formula in x, y",
+    "x = 1": "'x = 1' is not a formula in x, y",
+    "x\x00": "is not a formula in x, y",
+    "(" * 500 + "x" + ")" * 500: "the formula has more than 30 parentheses in each other",
+    "x" + "+x" * 1000: "the formula has more than 2000 characters",
+}
+
+
+@pytest.mark.parametrize(("text", "message"), REFUSED.items(), ids=[text[:30] for text in REFUSED])
+def test_refusals_name_the_place_and_the_part(text: str, message: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        parse(text, ("x", "y"), "file.yaml, field u[0]")
+    assert str(refusal.value).startswith("file.yaml, field u[0]: ")
+    assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sin(" * 190 + "x" + ")" * 190,
+        "*".join(["(x - 1)"] * 148),
+        "-" * 501 + "x",
+        "+x" * 501,
+        "(((x + y)/9)**100)**100 - (((x + y)/9)**100)**99",
+    ],
+    ids=lambda text: text[:30],
+)
+def test_limits_are_looked_at_before_the_work(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No power of x + y above its 100th, and no product above the 100th degree, is handed to sympy."""
+    made = []
+
+    def recording(operation: object) -> object:
+        return lambda a, b: made.append(sympy.total_degree(operation(a, b))) or operation(a, b)
+
+    operators = {kind: recording(operation) for kind, operation in grammar.OPERATORS.items()}
+    monkeypatch.setattr(grammar, "OPERATORS", operators)
+    with pytest.raises(InputError):
+        parse(text, ("x", "y"), "here")
+    assert max(made, default=0) <= 100
+    assert parse("(x + y)**3", ("x", "y"), "here") == (X + Y) ** 3
+    assert made[-1] == 3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "+".join(["x"] * 501),
+        "(" * 30 + "x" + ")" * 30,
+        "sin(cos(exp(tanh(sinh(cosh(x))))))",
+        "pos((x - 1/3)**20, 5)",
+        "((x + y)/2)**100",
+        "sqrt(1 + " * 20 + "2" + ")" * 20,
+    ],
+    ids=lambda text: text[:30],
+)
+def test_a_formula_at_a_limit_is_read(text: str) -> None:
+    """With one more of what is limited it is refused above; functions of numbers are numbers."""
+    assert parse(text, ("x", "y"), "here").free_symbols <= {X, Y}
+
+
+def test_a_message_quotes_the_beginning_of_a_long_formula() -> None:
+    with pytest.raises(InputError) as refusal:
+        parse("x + " + "y" * 1000, ("x", "y"), "here")
+    assert str(refusal.value).startswith(f"here: '{'y' * 57}...' is unknown; known are x, y, pi")
+
+
+@pytest.mark.filterwarnings("error")
+def test_python_s_own_warnings_are_not_shown() -> None:
+    """Of '1or x' Python's parser says that a decimal literal is invalid; our refusal says it, too."""
+    with pytest.raises(InputError, match="'1or x' is not allowed in a formula"):
+        parse("1or x", ("x", "y"), "here")
+
+
+def test_a_number_has_no_variables() -> None:
+    with pytest.raises(InputError, match="gap: 'x' is unknown"):
+        number("x", "gap")
+
+
+@given(st.text(alphabet="xyp0123456789.eE_jJ+-*/%()[]{},:;<>=!~@#'\" \n\\os(λ", max_size=40))
+@settings(max_examples=1000, derandomize=True, deadline=None, database=None)
+@pytest.mark.filterwarnings("ignore::SyntaxWarning")
+def test_any_text_parses_or_is_refused(text: str) -> None:
+    try:
+        value = parse(text, ("x", "y"), "here")
+    except InputError:
+        return
+    assert value.free_symbols <= {X, Y}
+
+
+PIECES = st.recursive(
+    st.sampled_from(["x", "y", "pi", "0", "1", "2", "100", "1e300", "1e-300", "1/2", "-1"]),
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from(["+", "-", "*", "/", "**"]), inner).map(lambda p: f"({''.join(p)})"),
+        st.tuples(st.sampled_from(["sin", "exp", "log", "sqrt", "cosh", "tanh"]), inner).map(
+            lambda p: f"{p[0]}({p[1]})"
+        ),
+        inner.map(lambda p: f"pos({p}, 3/2)"),
+    ),
+    max_leaves=8,
+)
+
+
+@given(PIECES)
+@settings(max_examples=300, derandomize=True, deadline=None, database=None)
+def test_any_formula_parses_to_reals_or_is_refused(text: str) -> None:
+    """And what parses can be evaluated; a value may still be infinite, where a formula is singular."""
+    try:
+        value = parse(text, ("x", "y"), "here")
+    except InputError:
+        return
+    with np.errstate(all="ignore"):
+        (result,) = compile_numpy([value], (X, Y))(np.array([0.3]), np.array([0.7]))
+    assert result.dtype == float
+
+
+@pytest.mark.parametrize("k", ["1", "3/2", "2", "7/3", "4"])
+def test_derivative_of_pos(k: str) -> None:
+    """Against central differences, whose error is O(step^2) = 1e-10; exactly 0 where the argument is <= 0."""
+    f = parse(f"pos(2*t - 1, {k})", ("t",), "here")
+    value, slope = (compile_numpy([g], (T,)) for g in (f, sympy.diff(f, T)))
+    t, step = np.linspace(0.6, 1.4, 9), 1e-5
+    difference = (value(t + step)[0] - value(t - step)[0]) / (2 * step)
+    np.testing.assert_allclose(slope(t)[0], difference, rtol=1e-8)
+    left = np.array([-1.0, 0.0, 0.25, 0.5])
+    assert not np.any(value(left)[0])
+    assert not np.any(slope(left)[0])
+    assert not np.allclose(slope(t)[0], 1.01 * difference, rtol=1e-8)
+
+
+def test_pos_has_no_derivative_in_the_power_or_of_a_jump() -> None:
+    with pytest.raises(ArgumentIndexError):
+        pos(T, 2).fdiff(2)
+    with pytest.raises(ArgumentIndexError):
+        pos(T, 0).fdiff()
+
+
+@pytest.mark.parametrize("k", [0, 1, 2, 8, 0.5, 1.5, -0.25, 1 / 3, 9.0])
+def test_positive_power_is_the_power(k: float) -> None:
+    a = np.array([1e-300, 1e-9, 0.3, 2.0])
+    np.testing.assert_allclose(positive_power(a, k), a**k, rtol=1e-13)
+    assert not np.any(positive_power(np.array([-1.0, -0.0, 0.0]), k))
+
+
+def test_a_kink_beyond_all_numbers_is_at_infinity() -> None:
+    """The zero of 1e-300 t - 1e300 is 1e600, which no float is; control: 1e-300 t - 1 has the zero 1e300."""
+    ((root, _),) = kinks(parse("pos(1e-300*t - 1e300, 1)", ("t",), "here"), T)
+    assert root == math.inf
+    ((root, _),) = kinks(parse("pos(1e-300*t - 1, 1)", ("t",), "here"), T)
+    assert root == 1e300
+
+
+def test_kinks_with_their_exponents() -> None:
+    """Roots by hand: (t - 1/3)(2/3 - t) has two, t^2 + 1 has none, 2 - 3 t one."""
+    f = parse("t*pos((t - 1/3)*(2/3 - t), 3) + pos(t**2 + 1, 5) + sin(pos(2 - 3*t, 1/2))", ("t",), "here")
+    half, three = sympy.Rational(1, 2), sympy.Integer(3)
+    assert kinks(f, T) == [(1 / 3, three), (2 / 3, half), (2 / 3, three)]
+    assert kinks(parse("exp(t) + t**3", ("t",), "here"), T) == []
+    ((root, _),) = kinks(parse("pos(sqrt(2)*t - 1, 2)", ("t",), "here"), T)
+    assert root == pytest.approx(0.5**0.5, rel=1e-15)
+    of_square = [root for root, _ in kinks(parse("pos(t**2 - pi/8, 2)", ("t",), "here"), T)]
+    assert of_square == pytest.approx([-math.sqrt(math.pi / 8), math.sqrt(math.pi / 8)])
+    assert kinks(parse("pos(t**2 + pi, 2)", ("t",), "here"), T) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sqrt(t)", "fractional power"),
+        ("log(1 + t)", "log"),
+        ("pos(sin(t), 2)", "polynomial"),
+        ("pos(t**3 - pi, 2)", "rational coefficients"),
+    ],
+)
+def test_hidden_kinks_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        kinks(parse(text, ("t",), "here"), T)
+
+
+def test_compiled_constants_have_the_shape_of_the_arguments() -> None:
+    x, y = np.linspace(0, 1, 3)[:, None], np.linspace(0, 1, 4)
+    one, product = compile_numpy([sympy.Rational(1, 3), X * Y], (X, Y))(x, y)
+    assert one.shape == product.shape == (3, 4)
+    assert np.all(one == 1 / 3)
+    np.testing.assert_array_equal(product, x * y)
+
+
+def test_a_fraction_beyond_all_floats_is_infinite() -> None:
+    """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
+    huge, large = sympy.Rational(10**400, 3), sympy.Rational(10**300, 3)
+    found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
+    assert np.array_equal(found[0], [np.inf])
+    assert found[1] == pytest.approx([1e300 / 6])
+
+
+@pytest.mark.parametrize(("text", "value"), [("exp(-1000)", 1), ("tanh(400) - 1", 0), ("1 - tanh(400)", 1)])
+def test_a_step_of_a_number_sees_digits_that_floats_do_not_have(text: str, value: int) -> None:
+    assert parse(f"pos({text}, 0)", (), "here") == value
+
+
+def test_numbers_that_cancel_are_told_to_the_last_digit() -> None:
+    """Of pi all but the first 120 digits, by another library."""
+    with mpmath.workdps(200):
+        digits = mpmath.nstr(mpmath.floor(mpmath.pi * 10**120), 121).removesuffix(".0")
+        rest = float(mpmath.pi * 10**120 - mpmath.mpf(digits)) * 1e-120
+    assert float(rounded(parse(f"pi - {digits}/1{'0' * 120}", (), "here"))) == pytest.approx(rest, rel=1e-14)

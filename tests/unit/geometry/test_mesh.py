@@ -1,0 +1,435 @@
+"""Triangulations: what theory says of any of them, files, and a negative control for every check."""
+
+from __future__ import annotations
+
+import threading
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from unilateral.errors import InputError
+from unilateral.geometry import partition
+from unilateral.geometry.mesh import (
+    from_arrays,
+    natural_kind,
+    outline,
+    read,
+    refine,
+    structured,
+    unstructured,
+    write,
+)
+from unilateral.geometry.polygon import Polygon, named, square
+
+WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(np.pi / 9), np.sin(np.pi / 9)]]), "wedge")
+SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
+
+MAKERS = {
+    "square": lambda: structured(square(), 1 / 8),
+    "thirds": lambda: structured(square(), 1 / 3),
+    "lshape": lambda: structured(named("lshape"), 1 / 4),
+    "refined": lambda: refine(structured(named("lshape"), 1 / 3)),
+    "gmsh square": lambda: unstructured(square(), 0.11),
+    "gmsh lshape": lambda: unstructured(named("lshape"), 0.23),
+    "gmsh wedge": lambda: unstructured(WEDGE, 0.05),
+    "gmsh slanted": lambda: unstructured(SLANTED, 0.4),
+    "gmsh refined": lambda: refine(unstructured(SLANTED, 0.7)),
+    "far": lambda: unstructured(Polygon(WEDGE.vertices + np.array([1e4, -3e3]), "far"), 0.1),
+    "tiny": lambda: refine(unstructured(Polygon(1e-9 * SLANTED.vertices, "tiny"), 4e-10)),
+}
+
+
+@pytest.fixture(params=MAKERS)
+def mesh(request):
+    return MAKERS[request.param]()
+
+
+def round_off(polygon):
+    """What a few operations on the coordinates may cost, in units of length."""
+    return 20 * np.finfo(float).eps * (polygon.perimeter + np.abs(polygon.vertices).max())
+
+
+def edges_of(triangles):
+    return np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+
+
+def canonical(mesh):
+    """The triangles as sorted rows of coordinates: equal for equal meshes, whatever their numbering."""
+    nodes = np.lexsort(mesh.points.T)
+    number = np.argsort(nodes)
+    rows = np.sort(number[mesh.triangles], axis=1)
+    return mesh.points[nodes], rows[np.lexsort(rows.T)]
+
+
+def test_areas_are_positive_and_add_up(mesh):
+    assert np.all(mesh.areas > 0)
+    tolerance = round_off(mesh.polygon) * mesh.polygon.perimeter
+    assert_allclose(mesh.areas.sum(), mesh.polygon.area, rtol=1e-13, atol=tolerance)
+
+
+def test_euler_characteristic(mesh):
+    """n - edges + triangles = 1 for a triangulated disc, whose boundary has 2 edges - 3 triangles edges."""
+    n_edges = len(edges_of(mesh.triangles))
+    assert mesh.n_nodes - n_edges + len(mesh.triangles) == 1
+    assert len(mesh.boundary) == 2 * n_edges - 3 * len(mesh.triangles)
+
+
+def test_boundary_runs_along_the_sides(mesh):
+    polygon = mesh.polygon
+    assert_array_equal(mesh.s[[0, -1]], [0, polygon.perimeter])
+    assert np.isin(polygon.starts, mesh.s).all()
+    assert len(np.unique(mesh.boundary)) == len(mesh.boundary)
+    expected = polygon.at(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])
+    assert_allclose(mesh.points[mesh.boundary], expected, rtol=0, atol=round_off(polygon))
+    pairs = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
+    edges = edges_of(mesh.triangles).tolist()
+    assert all(pair in edges for pair in pairs.tolist())
+
+
+def test_boundary_nodes_lie_at_exactly_uniform_arc_lengths(mesh):
+    counts = np.bincount(mesh.side)
+    assert_array_equal(mesh.s, mesh.polygon.divided(counts))
+    assert_allclose(mesh.h, (mesh.polygon.lengths / counts).max(), rtol=1e-12)
+
+
+def test_checks_accept_and_reproduce(mesh):
+    again = from_arrays(mesh.polygon, mesh.points, mesh.triangles)
+    assert_array_equal(again.boundary, mesh.boundary)
+    assert_array_equal(again.s, mesh.s)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 16])
+def test_structured_sizes(n):
+    """By counting: (n + 1)^2 nodes in a square; three squares share 2 (n + 1) - 1 nodes in the L-shape."""
+    for polygon, n_nodes, squares in (
+        (square(), (n + 1) ** 2, 1),
+        (named("lshape"), 3 * (n + 1) ** 2 - 2 * n - 2, 3),
+    ):
+        mesh = structured(polygon, 1 / n)
+        assert mesh.n_nodes == n_nodes
+        assert len(mesh.triangles) == 2 * squares * n**2
+        assert_allclose((mesh.h, mesh.diameter), (1 / n, np.sqrt(2) / n), rtol=1e-13)
+        assert_array_equal(mesh.s, partition.uniform(polygon, 1 / n).points)
+
+
+def test_structured_cells_are_cut_from_lower_left_to_upper_right():
+    mesh = structured(named("lshape"), 1 / 2)
+    corners = mesh.points[mesh.triangles]
+    vectors = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
+    diagonals = vectors[np.abs(vectors).min(axis=1) > 0]
+    assert len(diagonals) == len(mesh.triangles)
+    assert_array_equal(diagonals[:, 0], diagonals[:, 1])
+
+
+def test_structured_rounds_the_number_of_squares_up():
+    assert structured(square(), 0.3).h == 0.25
+
+
+def test_structured_is_for_two_polygons():
+    with pytest.raises(InputError, match=r"'wedge' has no structured mesh.*unstructured"):
+        structured(WEDGE, 0.5)
+
+
+@pytest.mark.parametrize("make", [structured, unstructured])
+@pytest.mark.parametrize("h", [0.0, -1.0, np.nan])
+def test_sizes_have_to_be_positive(make, h):
+    with pytest.raises(InputError, match="positive"):
+        make(square(), h)
+
+
+@pytest.mark.parametrize("polygon", [square(), named("lshape")], ids=["square", "lshape"])
+def test_refined_structured_is_structured(polygon):
+    """Dyadic coordinates: equality is exact."""
+    for ours, expected in zip(
+        canonical(refine(structured(polygon, 1 / 4))), canonical(structured(polygon, 1 / 8)), strict=True
+    ):
+        assert_array_equal(ours, expected)
+
+
+def test_children_are_their_parent_halved():
+    """Edge vectors of the corner children are half the parent's, of the middle one minus half, in order."""
+    coarse = unstructured(SLANTED, 1.0)
+    fine = refine(coarse)
+    edges = [np.roll(m.points[m.triangles], -1, axis=1) - m.points[m.triangles] for m in (coarse, fine)]
+    expected = np.stack([edges[0] / 2] * 3 + [-edges[0] / 2], axis=1).reshape(-1, 3, 2)
+    assert_allclose(edges[1], expected, rtol=0, atol=1e-14)
+    assert_array_equal(fine.points[: coarse.n_nodes], coarse.points)
+
+
+def test_unstructured_size_and_shape():
+    """Boundary edges as asked for, triangles not much larger, no angle below the wedge's own 20 degrees."""
+    for polygon, h in ((named("lshape"), 0.1), (WEDGE, 0.03)):
+        mesh = unstructured(polygon, h)
+        assert_array_equal(mesh.s, partition.uniform(polygon, h).points)
+        assert mesh.h <= h * (1 + 1e-12)
+        assert mesh.diameter < 2 * h
+        a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
+        squares = np.stack([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))])
+        smallest_angle = np.arcsin(
+            2 * mesh.areas * np.sqrt(squares.min(axis=0)) / np.sqrt(squares.prod(axis=0))
+        )
+        assert np.rad2deg(smallest_angle.min()) >= 20 - 1e-9
+
+
+def test_unstructured_is_deterministic_also_in_a_thread(capfd):
+    results = [unstructured(named("lshape"), 0.2)]
+    thread = threading.Thread(target=lambda: results.append(unstructured(named("lshape"), 0.2)))
+    thread.start()
+    thread.join()
+    assert_array_equal(results[0].points, results[1].points)
+    assert_array_equal(results[0].triangles, results[1].triangles)
+    assert capfd.readouterr() == ("", "")
+    assert not gmsh.isInitialized()
+
+
+def test_meshes_cannot_be_changed(mesh):
+    for array in (mesh.points, mesh.triangles, mesh.boundary, mesh.s):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_files_keep_every_bit(mesh, tmp_path):
+    write(mesh, tmp_path / "mesh.vtu")
+    again = read(tmp_path / "mesh.vtu", mesh.polygon)
+    for name in ("points", "triangles", "boundary", "s", "side"):
+        assert_array_equal(getattr(again, name), getattr(mesh, name))
+
+
+@pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
+def test_formats(ending, tmp_path):
+    mesh = structured(named("lshape"), 1 / 4)
+    write(mesh, tmp_path / f"mesh.{ending}")
+    assert_array_equal(read(tmp_path / f"mesh.{ending}", named("lshape")).points, mesh.points)
+
+
+def test_writing_twice_gives_the_same_bytes_and_nothing_else(tmp_path):
+    mesh = unstructured(named("lshape"), 0.3)
+    (tmp_path / "b.vtu").write_text("an older file")
+    write(mesh, tmp_path / "a.vtu")
+    write(mesh, tmp_path / "b.vtu")
+    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.vtu", "b.vtu"]
+
+
+def test_files_carry_the_sides(tmp_path):
+    """The square with two triangles: its boundary edges are its sides, in order; triangles carry -1."""
+    write(structured(square(), 1), tmp_path / "mesh.vtu")
+    stored = meshio.read(tmp_path / "mesh.vtu")
+    assert [block.type for block in stored.cells] == ["triangle", "line"]
+    assert [sides.tolist() for sides in stored.cell_data["side"]] == [[-1, -1], [0, 1, 2, 3]]
+
+
+def test_a_file_of_gmsh_is_read(tmp_path):
+    """Written by gmsh itself, with its points and curves as cells and without sides."""
+    path = str(tmp_path / "gmsh.msh")
+    gmsh.initialize(readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 0.25)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.25)
+        gmsh.model.mesh.generate(2)
+        gmsh.write(path)
+    finally:
+        gmsh.finalize()
+    mesh = read(path, square())
+    assert_array_equal(np.bincount(mesh.side), [4, 4, 4, 4])
+
+
+def square_with(points=(), triangles=None, **moved):
+    """The square cut into four triangles at its centre (node 4), changed: arguments for `from_arrays`."""
+    nodes = [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], *points]
+    for name, place in moved.items():
+        nodes[int(name[1:])] = place
+    return nodes, triangles if triangles is not None else FAN
+
+
+FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+
+
+def test_the_fan_itself_is_accepted():
+    assert from_arrays(square(), *square_with()).n_nodes == 5
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        (([0, 1, 2], FAN), r"points have the shape \(3,\)"),
+        (([[0, 0, 0]] * 5, FAN), r"points have the shape \(5, 3\)"),
+        (([[0, 0], [1]], FAN), "rectangular arrays"),
+        (square_with(triangles=[[0, 1, 2, 3]]), r"triangles have the shape \(1, 4\)"),
+        (square_with(triangles=np.empty((0, 3))), r"triangles have the shape \(0, 3\)"),
+        (square_with(triangles=[[0, 1, 2.5], [0, 2, 3]]), "whole numbers"),
+        (square_with(triangles=[[0, 1, np.nan], [0, 2, 3]]), "whole numbers"),
+        (square_with(p4=[np.nan, 0.5]), "node 4 has a coordinate that is not a finite"),
+        (square_with(triangles=[*FAN[:3], [3, 0, 5]]), r"triangle 3 has the nodes \[3, 0, 5\].* 0 to 4"),
+        (square_with(triangles=[*FAN[:3], [3, 0, -1]]), r"triangle 3 has the nodes \[3, 0, -1\]"),
+        (square_with(triangles=[FAN[0], [2, 1, 4], *FAN[2:]]), r"triangle 1 .*\[2, 1, 4\] is clockwise"),
+        (square_with(p4=[0.5, 0]), "triangle 0 .* is degenerate"),
+        (square_with(triangles=[*FAN, [0, 0, 1]]), "triangle 4 .* is degenerate"),
+        (square_with([[0.3, 0.3]]), r"node 5 \(0.3, 0.3\) belongs to no triangle"),
+        (square_with([[0.5, 0.5]], [*FAN[:3], [3, 0, 5]]), r"node 5 repeats node 4 \(0.5, 0.5\)"),
+        (square_with([[0.5, 0.5 + 1e-13]], [*FAN[:3], [3, 0, 5]]), "node 5 repeats node 4"),
+        (square_with(triangles=[*FAN, [0, 1, 2]]), r"edge from node 0 \(0, 0\) to node 1 .* belongs to 2"),
+        (square_with([[0.2, 0.7]], [*FAN, [0, 4, 5]]), r"edge from node 0 .* to node 4 .* belongs to 3"),
+        (square_with([[0.25, 0.25]], [[0, 1, 5], [1, 4, 5], *FAN[1:]]), "node 5 .* hangs on the edge"),
+        (square_with(triangles=FAN[:3]), r"node 4 \(0.5, 0.5\) lies on the triangles' boundary, but not on"),
+        (square_with([[0.5, -1e-6]], [[0, 5, 4], [5, 1, 4], *FAN[1:]]), "node 5 .* but not on polygon"),
+        (([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]]), r"no node lies at vertex 3 of .*'square', \(0.0, 1.0\)"),
+        (square_with(p2=[1, 1 + 1e-6]), "no node lies at vertex 2"),
+    ],
+)
+def test_refusals(arrays, message):
+    with pytest.raises(InputError, match=f"^here: .*({message})"):
+        from_arrays(square(), *arrays, where="here")
+
+
+def test_boundary_edges_inside_are_refused():
+    """All nodes lie on the sides; a strip across the corner at (1, 0) is left out."""
+    points = [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5]]
+    triangles = [[0, 4, 3], [4, 5, 3], [5, 2, 3]]
+    with_corner = from_arrays(square(), points, [*triangles, [4, 1, 5]])
+    assert len(with_corner.boundary) == 6
+    points = [*points, [0.75, 0], [1, 0.25]]
+    with pytest.raises(InputError, match=r"edge from node 4 .* does not run anticlockwise along one side"):
+        from_arrays(square(), points, [*triangles, [6, 1, 7]])
+
+
+def test_a_boundary_covered_twice_is_refused():
+    """A second fan on the first: too far away to repeat its nodes, not far enough to lie off the sides."""
+    points, triangles = np.array(square_with()[0]), np.array(FAN)
+    above = points + 1e-11
+    above[4, 0] = 0.6
+    with pytest.raises(InputError, match="do not cover polygon 'square' once"):
+        from_arrays(square(), np.concatenate([points, above]), np.concatenate([triangles, triangles + 5]))
+
+
+def test_areas_are_compared():
+    """Larger by a factor within the tolerance of positions: only the area, off by 3.6e-10, gives it away."""
+    stretched = (1 + 1.8e-10) * (np.array(square_with()[0]) - 0.5) + 0.5
+    with pytest.raises(InputError, match="total area"):
+        from_arrays(square(), stretched, FAN)
+    from_arrays(square(), (1 + 0.2e-10) * (np.array(square_with()[0]) - 0.5) + 0.5, FAN)
+
+
+def test_overlapping_triangles_are_refused():
+    """A second triangle over the first, with nodes of its own."""
+    points, triangles = square_with([[0.4, 0.1], [0.6, 0.1], [0.5, 0.2]], [*FAN, [5, 6, 7]])
+    with pytest.raises(InputError, match=r"node 5 .* but not on polygon"):
+        from_arrays(square(), points, triangles)
+
+
+def test_tolerances_follow_the_polygon():
+    """What is refused at size 1 is refused at any size, and round-off far away is not."""
+    for size, place in ((1.0, 0.0), (1e-8, 0.0), (1e8, 0.0), (1.0, 1e6)):
+        polygon = Polygon(size * square().vertices + place)
+        mesh = unstructured(polygon, 0.3 * size)
+        from_arrays(polygon, mesh.points, mesh.triangles)
+        points = mesh.points.copy()
+        points[mesh.boundary[1], 1] -= 1e-6 * size
+        with pytest.raises(InputError, match="not on polygon"):
+            from_arrays(polygon, points, mesh.triangles)
+
+
+@pytest.mark.parametrize(
+    "polygon", [named("lshape"), Polygon(2 * square().vertices)], ids=["other", "scaled"]
+)
+def test_the_boundary_of_another_polygon_is_refused(polygon):
+    mesh = structured(square(), 1 / 2)
+    with pytest.raises(InputError, match="no node lies at vertex"):
+        from_arrays(polygon, mesh.points, mesh.triangles)
+
+
+def stored(tmp_path, change):
+    """A VTU file of the square with two triangles, its meshio mesh changed before it is written."""
+    write(structured(square(), 1), tmp_path / "mesh.vtu")
+    content = meshio.read(tmp_path / "mesh.vtu")
+    change(content)
+    content.write(tmp_path / "mesh.vtu")
+    return tmp_path / "mesh.vtu"
+
+
+def swap_sides(content):
+    content.cell_data["side"][1] = np.array([0, 2, 1, 3])
+
+
+def diagonal_line(content):
+    content.cells[1].data[0] = [0, 3]
+
+
+def lift(content):
+    content.points[0, 2] = 0.1
+
+
+def quadrilateral(content):
+    content.cells[0] = meshio.CellBlock("quad", np.array([[0, 1, 3, 2]]))
+    content.cell_data["side"][0] = np.array([-1])
+
+
+def only_lines(content):
+    content.cells = content.cells[1:]
+    content.cell_data["side"] = content.cell_data["side"][1:]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (swap_sides, "line from node 1 to node 3 is no boundary edge on side 2"),
+        (diagonal_line, "line from node 0 to node 3 is no boundary edge on side 0"),
+        (lift, r"points have the shape \(4, 3\)"),
+        (quadrilateral, "cells of type quad"),
+        (only_lines, r"triangles have the shape \(0, 3\)"),
+    ],
+)
+def test_changed_files_are_refused(change, message, tmp_path):
+    with pytest.raises(InputError, match=f"mesh.vtu: .*{message}"):
+        read(stored(tmp_path, change), square())
+
+
+def test_lines_without_sides_are_left_alone(tmp_path):
+    path = stored(tmp_path, lambda content: content.cell_data.clear())
+    assert read(path, square()).n_nodes == 4
+
+
+@pytest.mark.parametrize("name", ["missing.vtu", "garbled.vtu", "garbled.msh", "mesh.nothing"])
+def test_unreadable_files_are_named(name, tmp_path, capfd):
+    if name != "missing.vtu":
+        (tmp_path / name).write_text("this is no mesh")
+    with pytest.raises(InputError, match=f"{name}: no mesh can be read"):
+        read(tmp_path / name, square())
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", ["mesh.nothing", "missing/mesh.vtu"])
+def test_unwritable_files_are_named(name, tmp_path):
+    with pytest.raises(InputError, match=f"{name}.* cannot be written"):
+        write(structured(square(), 1), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_any_polygon_of_unit_squares_has_structured_meshes():
+    """A U of five squares: its area, its sizes, and a refusal of half squares."""
+    u = Polygon(np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]), "U")
+    mesh = structured(u, 1 / 2)
+    assert (len(mesh.triangles), mesh.h) == (40, 0.5)
+    assert mesh.areas.sum() == pytest.approx(5)
+    half = Polygon(0.5 * u.vertices, "half")
+    assert (natural_kind(u), natural_kind(half)) == ("structured", "unstructured")
+    with pytest.raises(InputError, match="'half' has no structured mesh"):
+        structured(half, 1 / 2)
+
+
+def test_a_file_s_own_outline_is_a_polygon(tmp_path):
+    """Of the L-shape, by its corners only; a square with a hole is refused."""
+    write(structured(named("lshape"), 1 / 3), tmp_path / "l.vtu")
+    found = read(tmp_path / "l.vtu").polygon
+    assert found.n_sides == 6
+    assert found.area == pytest.approx(3)
+    ring = structured(square(), 1 / 3)
+    kept = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
+    with pytest.raises(InputError, match="must be one closed line"):
+        outline(ring.points, ring.triangles[kept], "ring")

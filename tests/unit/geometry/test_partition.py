@@ -1,0 +1,179 @@
+"""Partitions T_H of the boundary: cells by hand, properties for any polygon, every refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from unilateral.errors import InputError
+from unilateral.geometry.partition import Partition, common_refinement, from_points, refine, shifted, uniform
+from unilateral.geometry.polygon import Polygon, named, square
+
+
+@st.composite
+def star_polygons(draw):
+    """Polygons that are star-shaped about a point, of any size and place: simple by construction."""
+    n = draw(st.integers(3, 8))
+    radii = np.array(draw(st.lists(st.floats(0.3, 1), min_size=n, max_size=n)))
+    turn = draw(st.floats(0, 2 * np.pi)) + 2 * np.pi * np.arange(n) / n
+    size = 10.0 ** draw(st.integers(-6, 6))
+    return Polygon(
+        size * (radii[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]) + draw(st.floats(-9, 9)))
+    )
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(star_polygons(), st.floats(0.02, 3), st.integers(0, 99), st.booleans())
+def test_cells_tile_the_boundary(polygon, relative_H, percent, halved):
+    H = relative_H * polygon.diameter
+    partition = shifted(polygon, H, percent / 100)
+    if halved:
+        partition = refine(partition)
+    assert_allclose(partition.lengths.sum(), polygon.perimeter, rtol=1e-13)
+    assert np.isin(polygon.starts, partition.points).all()
+    assert_allclose(np.bincount(partition.side, partition.lengths), polygon.lengths, rtol=1e-9)
+    assert (1 + percent / 100) * H * (1 + 1e-9) >= partition.H
+
+
+@pytest.mark.parametrize("k", range(10))
+def test_dyadic_points_are_exact(k):
+    """Every number involved has a short binary expansion, so equality is exact."""
+    assert_array_equal(uniform(square(), 2.0**-k).points, np.arange(4 * 2**k + 1) / 2**k)
+
+
+def test_uniform_by_hand():
+    partition = uniform(Polygon(np.array([[0, 0], [3, 0], [3, 4]])), 2)
+    assert_allclose(partition.lengths, [1.5, 1.5, 2, 2, 5 / 3, 5 / 3, 5 / 3], rtol=1e-14)
+    assert_array_equal(partition.side, [0, 0, 1, 1, 2, 2, 2])
+    assert partition.n_cells == 7
+    assert_allclose((partition.H, partition.H_over_Hi_max), (2, 4 / 3), rtol=1e-14)
+
+
+def test_thirds_are_not_split_by_round_off():
+    assert uniform(square(), 1 / 3).n_cells == 12
+    assert uniform(square(), 1 / 49).n_cells == 196
+
+
+def test_shifted_by_hand():
+    partition = shifted(square(), 0.5, 0.25)
+    one_side = np.array([0, 0.625])
+    assert_array_equal(partition.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4))
+    assert_allclose(partition.H_over_Hi_max, 0.625 / 0.375, rtol=1e-14)
+
+
+def test_a_shift_by_nothing_is_uniform():
+    assert_array_equal(shifted(named("lshape"), 0.5, 0).points, uniform(named("lshape"), 0.5).points)
+
+
+def test_refining_halves_every_cell():
+    coarse = from_points(square(), [0, 0.125, 1, 2, 3, 3.5, 4])
+    fine = refine(coarse)
+    assert_array_equal(fine.lengths, np.repeat(coarse.lengths / 2, 2))
+    assert_array_equal(refine(uniform(named("lshape"), 0.25)).points, uniform(named("lshape"), 0.125).points)
+
+
+def test_graded_cells_report_their_ratio():
+    """Cells halved towards s = 0: the longest has length 1, the shortest 2^-9."""
+    partition = from_points(square(), [0, *2.0 ** np.arange(-9, 1), 2, 3, 4])
+    assert (partition.H, partition.H_over_Hi_max) == (1, 2**9)
+
+
+def test_vertices_known_up_to_round_off_are_snapped():
+    polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
+    off = 1e-13 * polygon.perimeter
+    partition = from_points(polygon, [off, 0.5, 1 + off, 1 + np.sqrt(2) - off, polygon.perimeter + off])
+    assert_array_equal(np.delete(partition.points, 1), polygon.starts)
+    with pytest.raises(InputError, match="vertex 1"):
+        from_points(polygon, [0, 1 + 100 * off, *polygon.starts[2:]])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([0, 1, 2, 4], "vertex 3 of polygon 'square', at arc length 3, is missing"),
+        ([1, 2, 3, 4], "vertex 0 of polygon 'square', at arc length 0, is missing"),
+        ([], "vertex 0"),
+        ([0, 1, 1, 2, 3, 4], "point 2 .* is not greater"),
+        ([0, 1, 2, 1.5, 3, 4], "point 3 .* is not greater"),
+        ([-0.5, 0, 1, 2, 3, 4], "point 0 .* outside"),
+        ([-1e-11, 0, 1, 2, 3, 4], "point 0 .* outside"),
+        ([0, 1, 2, 3, 4, 4 + 1e-11], "point 5 .* outside"),
+        ([0, 1, 2, 3, 4, 4.5], "point 5 .* outside"),
+        ([0, 1, np.nan, 2, 3, 4], "point 2 is nan"),
+        ([0, 1, 2, 3, np.inf], "point 4 is inf"),
+        ([[0, 1], [2, 3]], "shape"),
+        ([0, "one"], "not a list of numbers"),
+    ],
+)
+def test_refusals(points, message):
+    with pytest.raises(InputError, match=message):
+        from_points(square(), points)
+
+
+def test_the_class_checks_by_itself():
+    """No snapping there: the vertices have to be exact."""
+    with pytest.raises(InputError, match="vertex 1"):
+        Partition(square(), np.array([0, 1 + 1e-13, 2, 3, 4]))
+
+
+def test_points_cannot_be_moved_afterwards():
+    """They were checked when the partition was made."""
+    with pytest.raises(ValueError, match="read-only"):
+        uniform(square(), 1 / 2).points[1] = 0.25
+
+
+@pytest.mark.parametrize("H", [0.0, -1.0, np.nan, np.inf])
+def test_sizes_have_to_be_positive(H):
+    with pytest.raises(InputError, match="positive"):
+        uniform(square(), H)
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.0, np.nan])
+def test_shifts_are_fractions(fraction):
+    with pytest.raises(InputError, match=r"not in \[0, 1\)"):
+        shifted(square(), 0.5, fraction)
+
+
+def test_the_common_refinement_by_hand():
+    """Halves and thirds of a side; a point that is another up to round-off adds none."""
+    near = from_points(square(), [0, np.nextafter(0.5, 1), 1, 1.5, 2, 2.5, 3, 3.5, 4])
+    found = common_refinement([uniform(square(), 1 / 3), uniform(square(), 1 / 2), near])
+    one_side = np.array([0, 1 / 3, 1 / 2, 2 / 3])
+    assert_allclose(found.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
+    assert common_refinement([near]).n_cells == 8
+
+
+@pytest.mark.parametrize(("share", "same"), [(0.9, True), (1.1, False)])
+def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
+    """A thousand times the rounding of arc lengths, a few 1e-16 of the perimeter a sum; cells are longer."""
+    halves, off = uniform(square(), 1 / 2), share * 1e-12 * square().perimeter
+    moved = Partition(square(), halves.points + off * (np.arange(9) == 1))
+    assert common_refinement([halves, moved]).n_cells == (8 if same else 9)
+    assert moved.has_inside(np.array([0.5])).any() == (not same)
+    at_a_vertex = [0, 1 + off, 2, 3, 4]
+    if same:
+        assert_array_equal(halves.cells_of(moved.points), np.arange(8))
+        assert_array_equal(from_points(square(), at_a_vertex).points, np.arange(5))
+        return
+    with pytest.raises(InputError, match=r"point 1 .* is not among the points of the finer"):
+        halves.cells_of(moved.points)
+    with pytest.raises(InputError, match="vertex 1"):
+        from_points(square(), at_a_vertex)
+
+
+@pytest.mark.parametrize("coarse", [uniform(square(), 1 / 2), uniform(square(), 1 / 3)])
+def test_the_cells_that_contain_those_of_a_refinement(coarse):
+    """By the middles of the finer cells, which lie inside one cell each."""
+    fine = common_refinement([uniform(square(), 1 / 3), uniform(square(), 1 / 2)])
+    cell = coarse.cells_of(fine.points)
+    middle = fine.points[:-1] + fine.lengths / 2
+    assert np.all((coarse.points[cell] < middle) & (middle < coarse.points[cell + 1]))
+    assert_allclose(np.bincount(cell, fine.lengths), coarse.lengths, rtol=1e-13)
+
+
+def test_a_partition_that_is_not_nested_has_no_such_cells():
+    with pytest.raises(InputError, match=r"point 1 \(0\.33333333333333331\) is not among the points"):
+        uniform(square(), 1 / 3).cells_of(uniform(square(), 1 / 2).points)

@@ -1,0 +1,187 @@
+"""Polygons: lengths, angles, areas by hand; every refusal."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from unilateral.errors import InputError
+from unilateral.geometry import polygon as polygons
+from unilateral.geometry.polygon import Polygon, named, names, square
+
+ROUND_OFF = 1e-14
+"""A few operations on numbers of size one."""
+
+
+def test_square_by_hand():
+    polygon = square()
+    assert polygon.n_sides == 4
+    assert_array_equal(polygon.starts, [0, 1, 2, 3, 4])
+    assert_array_equal(polygon.tangents, [[1, 0], [0, 1], [-1, 0], [0, -1]])
+    assert_array_equal(polygon.normals, [[0, -1], [1, 0], [0, 1], [-1, 0]])
+    assert_allclose(polygon.angles, np.pi / 2, rtol=ROUND_OFF)
+    assert polygon.area == 1
+    assert_allclose(polygon.diameter, np.sqrt(2), rtol=ROUND_OFF)
+
+
+def test_lshape_by_hand():
+    polygon = named("lshape")
+    assert_array_equal(polygon.lengths, [1, 1, 1, 1, 2, 2])
+    assert (polygon.area, polygon.perimeter) == (3, 8)
+    assert_allclose(np.rad2deg(polygon.angles), [90, 90, 270, 90, 90, 90], rtol=ROUND_OFF)
+    assert_allclose(polygon.diameter, np.sqrt(8), rtol=ROUND_OFF)
+
+
+def test_angles_sum_up():
+    """The interior angles of an n-gon add up to (n - 2) pi, convex or not, wherever it lies."""
+    star = np.array([[0, 0], [2, 1], [4, 0], [3, 2], [4, 4], [2, 3], [0, 4], [1, 2]])
+    for polygon in (Polygon(star), Polygon(1e-6 * star), Polygon(star + 1e3)):
+        assert_allclose(polygon.angles.sum(), 6 * np.pi, rtol=1e-12)
+
+
+def test_area_far_from_the_origin_keeps_its_digits():
+    """The vertices are exact after the shift, so the shoelace formula about vertex 0 is exact as well."""
+    assert Polygon(square().vertices + 2.0**30).area == 1
+
+
+def test_points_on_sides():
+    points = square().at(np.array([0, 1, 2, 3]), np.full(4, 0.25))
+    assert_array_equal(points, [[0.25, 0], [1, 0.25], [0.75, 1], [0, 0.75]])
+
+
+def regular(n: int) -> np.ndarray:
+    """(n, 2) the vertices of a regular polygon."""
+    angles = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch):
+    """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
+    compared = []
+    compare = polygons._meets_later
+    monkeypatch.setattr(polygons, "_meets_later", lambda *given: compared.append(given) or compare(*given))
+    with pytest.raises(InputError, match=r"polygon 'polygon': it has 1001 vertices; at most 1000 are read"):
+        Polygon(regular(1001))
+    assert compared == []
+    assert_allclose(Polygon(regular(1000)).diameter, 2, rtol=ROUND_OFF)
+    assert len(compared) == 999
+
+
+def test_memory_grows_like_the_number_of_vertices():
+    """At its peak less than 100 numbers per vertex; all pairs would be 1000 per vertex, in each array."""
+    vertices = regular(1000)
+    tracemalloc.start()
+    assert Polygon(vertices).diameter > 1
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100 * 8 * len(vertices)
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 2), (1, 3), (3, 7), (2, 6)])
+def test_the_first_crossing_is_found_anywhere(i, j):
+    """Two vertices of an octagon exchanged: the sides that then cross first, by all pairs of segments."""
+    vertices = regular(8)
+    vertices[[i, j]] = vertices[[j, i]]
+    after = np.roll(vertices, -1, axis=0)
+
+    def cross(p, q, r):
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    def meet(k, m):
+        a, b, c, d = vertices[k], after[k], vertices[m], after[m]
+        return cross(a, b, c) * cross(a, b, d) < 0 and cross(c, d, a) * cross(c, d, b) < 0
+
+    first = next((k, m) for k in range(8) for m in range(k + 1, 8) if meet(k, m))
+    with pytest.raises(InputError, match=f"its sides {first[0]} and {first[1]} meet"):
+        Polygon(vertices)
+
+
+def test_counts_ignore_round_off():
+    """1 / (1 / n) can exceed n by round-off; the count is n all the same."""
+    sizes = np.arange(1, 500)
+    assert any(np.ceil(1 / (1 / n)) != n for n in sizes)
+    assert all(square().counts(1 / n)[0] == n for n in sizes)
+
+
+def test_counts_are_the_least():
+    polygon = Polygon(np.array([[0, 0], [3, 0], [3, 4]]))
+    assert_array_equal(polygon.counts(2.0), [2, 2, 3])
+    assert_array_equal(polygon.counts(100.0), [1, 1, 1])
+
+
+def test_divided_by_hand():
+    polygon = Polygon(np.array([[0, 0], [3, 0], [3, 4]]))
+    assert_allclose(
+        polygon.divided(np.array([2, 1, 4])), [0, 1.5, 3, 7, 8.25, 9.5, 10.75, 12], rtol=ROUND_OFF
+    )
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
+def test_sizes_have_to_be_positive(size):
+    with pytest.raises(InputError, match="positive"):
+        square().counts(size)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-10])
+def test_sizes_that_would_take_too_many_pieces(size):
+    with pytest.raises(
+        InputError, match=f"by the size {size:g}: these are more than 1e.07 pieces; give a larger"
+    ):
+        square().counts(size)
+    assert square().counts(1e-6).tolist() == [10**6] * 4
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-76, 1e76, 1e160, 1e300, 1.7e308])
+def test_polygons_whose_areas_cannot_be_squared(size):
+    """In one sentence: NumPy's warnings would be errors here."""
+    with pytest.raises(
+        InputError, match="polygon 'far' is too large or too small, and squares of areas leave"
+    ):
+        Polygon(size * square().vertices, "far")
+
+
+@pytest.mark.parametrize("size", [1e76, 1e300, 1.7e308])
+def test_one_vertex_far_away(size):
+    with pytest.raises(InputError, match="is too large or too small"):
+        Polygon([[0, 0], [1, 0], [1, 1], [0, size]])
+
+
+@pytest.mark.parametrize("size", [1e-75, 1e75])
+def test_polygons_whose_areas_just_can_be(size):
+    """Control."""
+    assert_allclose(Polygon(size * square().vertices).area, size**2)
+
+
+def test_named():
+    assert [named(name).name for name in names()] == ["square", "lshape"]
+    with pytest.raises(InputError, match="'disc' is unknown; the named ones are square, lshape"):
+        named("disc")
+
+
+def test_a_polygon_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        square().vertices[0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    ("vertices", "message"),
+    [
+        ([[0, 0], [1, 0]], "at least three"),
+        ([0, 1, 2], "each a pair"),
+        ([[0, 0], [1, 0], [1]], "pairs x, y"),
+        ([[0, 0], [1, 0], ["a", 1]], "pairs x, y"),
+        ([[0, 0], [1, 0], [np.nan, 1]], "not finite"),
+        ([[0, 0], [0, 1], [1, 1], [1, 0]], "clockwise"),
+        ([[0, 0], [1, 0], [1, 0], [1, 1]], r"repeats its vertex 1 \(1.0, 0.0\)"),
+        ([[0, 0], [1, 1], [1, 0], [0, 1]], "sides 0 and 2 meet"),
+        ([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]], "sides 0 and 2 meet"),
+        ([[0, 0], [2, 0], [1, 0], [1, 1]], "sides 0 and 1 meet"),
+        ([[0, 0], [1, 0], [2, 0]], "meet"),
+    ],
+)
+def test_refusals(vertices, message):
+    with pytest.raises(InputError, match=message):
+        Polygon(vertices)

@@ -1,0 +1,330 @@
+"""||.||_{-1/2} between bounds: against a closed form, cosine series, uniform P2 and finer spaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from math import pi, sqrt, tanh
+
+import numpy as np
+import pytest
+import skfem
+from conftest import load
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize
+from scipy.sparse.linalg import splu
+from scipy.special import beta, betainc
+from skfem.models.poisson import laplace, mass
+
+from unilateral.errors import InputError
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.curves import Singular
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import cell_means
+from unilateral.problems import case as cases
+
+ONE_ON_THE_SQUARE = sqrt(8 + 4 / tanh(0.5))  # (v, w)_1 = <1, w>: v = sum of cosh(x_i - 1/2) / sinh(1/2)
+TEN_DEGREES = np.radians(10)
+POLYGONS = {
+    "square": square(),
+    "lshape": named("lshape"),
+    "30-60-90": Polygon(np.array([[0, 0], [sqrt(3), 0], [sqrt(3), 1]]), "triangle"),
+    "10 degrees": Polygon(np.array([[0, 0], [1, 0], [np.cos(TEN_DEGREES), np.sin(TEN_DEGREES)]]), "thin"),
+    "re-entrant": Polygon(np.array([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]]), "dart"),
+}
+CASE = """
+title: a transition at a third, contact up to 7/12
+polygons: any
+u: [{{ atom: harmonic, side: 0, at: 1/3, alpha: {alpha}, cutoff: 1/4 }}]
+gap: {{ elsewhere: 1 }}
+hypotheses: {{ j: true, jj: true, jjj: true }}
+asymptotic: {{ reason: none, h1: {{ from: 1/8 }}, hm12: {{ from: 1/8 }}, l2: {{ from: 1/8 }} }}
+"""
+P2 = skfem.ElementTriP2()
+ROUNDING = 1e-9  # of energies that are differences of larger ones
+
+
+@dataclass(frozen=True)
+class Flux:
+    """What the norm asks of a case: lambda = sin 5s on every side, and |s - at|^alpha added on side 0."""
+
+    polygon: Polygon
+    at: float
+    alpha: Fraction
+
+    def singular(self):
+        return [Singular(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
+
+    flux_singular = singular
+
+    @property
+    def flux_in_L2(self):
+        return self.alpha > Fraction(-1, 2)
+
+    def transitions(self):
+        return np.zeros(0)
+
+    def boundary(self, side, s, near=None):
+        with np.errstate(divide="ignore"):
+            power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
+        return 0 * s, np.sin(5 * s) + power, 0 * s
+
+
+@cache
+def norm_on(name, m, edges_per_cell=8):
+    return dual_norm(partitions.uniform(POLYGONS[name], 1 / m), (), edges_per_cell)
+
+
+def alternating(cells):
+    return np.where(np.arange(cells.n_cells) % 2, -1.0, 1.0)
+
+
+def brackets(found, below, above, gap):
+    """Whether the bounds bracket what lies between `below` and `above`, themselves within `gap`."""
+    not_above, not_below = found.lower <= above * (1 + ROUNDING), below <= found.upper * (1 + ROUNDING)
+    return np.all(not_above & not_below & (found.upper <= (1 + gap) * found.lower))
+
+
+def of_series(a, variation):
+    """Bounds of ||mu||_{-1/2}, mu = sum a_k c_k on one side of the square, from the first a_k.
+
+    ||mu||^2 = sum a_k^2 coth(q_k) / q_k, q_k^2 = 1 + (k pi)^2; |a_k| <= 2^{1/2} V / (k pi), V the variation.
+    """
+    q = np.sqrt(1 + (pi * np.arange(len(a))) ** 2)
+    square = np.sum(a**2 / (q * np.tanh(q)))
+    return sqrt(square), sqrt(square + variation**2 / (pi**3 * (len(a) - 1) ** 2))
+
+
+def p0_coefficients(points, mu, n):
+    """a_0 ... a_n of the function on (0, 1) with the values mu between the points."""
+    k = np.arange(1, n + 1)
+    ends = np.sin(pi * np.outer(k, points)) / (pi * k[:, None])
+    return np.concatenate([[np.diff(points) @ mu], sqrt(2) * np.diff(ends, axis=1) @ mu])
+
+
+def of_p0_on_bottom(points, mu):
+    return of_series(p0_coefficients(points, mu, 20000), np.abs(np.diff(mu)).sum())
+
+
+def of_projection_error(m, alpha):
+    """||lambda - Pi_H lambda||_{-1/2} for CASE: means by Euler's beta, coefficients by Gauss, s = R t^4."""
+    n, R, points = 2000, 1 / 4, np.arange(m + 1) / m
+    x, w = np.polynomial.legendre.leggauss(8)
+    t = ((np.arange(1000)[:, None] + 0.5 * (x + 1)) / 1000).ravel()
+    weighted = np.tile(w / 2000, 1000) * 4 * R * t**3 * (R * t**4) ** alpha * (1 - t**8) ** 4
+    blocks = np.array_split(np.arange(1, n + 1), 20)
+    waves = [np.cos(pi * np.outer(k, 1 / 3 + R * t**4)) @ weighted for k in blocks]
+    p, inside = (1 + alpha) / 2, np.clip((points - 1 / 3) / R, 0, 1)
+    means = m * np.diff(R ** (1 + alpha) / 2 * beta(p, 5) * betainc(p, 5, inside**2))
+    a = np.concatenate([[weighted.sum()], sqrt(2) * np.concatenate(waves)])
+    return of_series(
+        a - p0_coefficients(points, means, n), 4 * R**alpha
+    )  # the means vary no more than lambda
+
+
+def p2_gram(cells, n):
+    """(m, m) the form of ||.||_{-1/2}^2 on P0(T_H) from below: P2 on squares of side 1/n, each cut in two."""
+    on_lshape = cells.polygon.name == "lshape"
+    ticks = np.linspace(-1, 1, 2 * n + 1)[0 if on_lshape else n :]
+    mesh = skfem.MeshTri.init_tensor(ticks, ticks)
+    if on_lshape:
+        x, y = mesh.p[:, mesh.t].mean(axis=1)
+        mesh = mesh.remove_elements(np.flatnonzero((x > 0) & (y < 0)))
+    basis, on_boundary = skfem.Basis(mesh, P2), skfem.FacetBasis(mesh, P2, intorder=4)
+
+    @skfem.LinearForm
+    def pairing(v, w):
+        return (cell_at(cells, w.x.reshape(2, -1).T) == w.i).reshape(w.x[0].shape) * v
+
+    loads = np.stack([pairing.assemble(on_boundary, i=i) for i in range(cells.n_cells)])
+    A = laplace.assemble(basis) + mass.assemble(basis)
+    return loads @ splu(A.tocsc()).solve(loads.T)
+
+
+def cell_at(cells, points):
+    """The cells in which the boundary points (k, 2) lie."""
+    polygon = cells.polygon
+    offset = points[:, None] - polygon.vertices
+    s = np.sum(offset * polygon.tangents, axis=2)
+    off = np.abs(np.sum(offset * polygon.normals, axis=2))
+    side = np.where((s >= 0) & (s <= polygon.lengths), off, np.inf).argmin(axis=1)
+    return np.searchsorted(cells.points, polygon.starts[side] + s[np.arange(len(s)), side]) - 1
+
+
+@pytest.mark.parametrize("m", [2, 3, 8, 12])
+def test_the_norm_of_1_on_the_square(m):
+    """The maximiser is smooth; 1e-5 is asked for."""
+    found = norm_on("square", m).of_p0(np.ones((1, 4 * m)))
+    assert found.lower <= ONE_ON_THE_SQUARE * (1 + 1e-12)
+    assert found.upper >= ONE_ON_THE_SQUARE * (1 - 1e-12)
+    assert_allclose(found, ONE_ON_THE_SQUARE, rtol=1e-5)
+
+
+def test_the_weighted_l2_norm_is_not_this_norm():
+    """Control: H^{1/2} ||1||_0 is too small by a factor of 5.8 at H = 1/8."""
+    shortcut = sqrt(1 / 8) * sqrt(4)
+    assert pytest.approx(5.8, abs=0.05) == ONE_ON_THE_SQUARE / shortcut
+    assert norm_on("square", 8).of_p0(np.ones((1, 32))).lower / shortcut > 5.75
+
+
+@pytest.mark.parametrize("m", [4, 12])
+@pytest.mark.parametrize("name", ["alternating", "one cell", "random"])
+def test_p0_data_on_one_side_against_the_cosine_series(m, name):
+    mu = {
+        "alternating": (-1.0) ** np.arange(m),
+        "one cell": (np.arange(m) == 1).astype(float),
+        "random": np.random.default_rng(1).standard_normal(m),
+    }[name]
+    found = norm_on("square", m).of_p0(np.concatenate([mu, np.zeros(3 * m)])[None])
+    assert brackets(found, *of_p0_on_bottom(np.arange(m + 1) / m, mu), gap=0.005)
+
+
+@pytest.mark.parametrize("alpha", ["1/2", "1/20"])
+@pytest.mark.parametrize("m", [4, 8, 16])
+def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_path):
+    (tmp_path / "atom.yaml").write_text(CASE.format(alpha=alpha))
+    case = cases.load(tmp_path / "atom.yaml", square())
+    cells = partitions.uniform(square(), 1 / m)
+    found = dual_norm(cells, [case]).of_error(case, cell_means(case, cells).lambda_means[None])
+    assert brackets(found, *of_projection_error(m, float(Fraction(alpha))), gap=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cells", "n"),
+    [
+        (partitions.uniform(square(), 1 / 8), 64),
+        (partitions.shifted(square(), 1 / 4, 0.5), 64),
+        (partitions.uniform(named("lshape"), 1 / 4), 32),
+    ],
+    ids=["square", "shifted", "lshape"],
+)
+def test_alternating_and_random_data_against_uniform_p2(cells, n):
+    """The uniform meshes have at least 8 edges to a cell of length H; they resolve the norm to 1 %."""
+    mu = np.stack([alternating(cells), np.random.default_rng(2).standard_normal(cells.n_cells)])
+    below = np.sqrt(np.einsum("ki,ij,kj->k", mu, p2_gram(cells, n), mu))
+    assert brackets(dual_norm(cells).of_p0(mu), below, 1.01 * below, gap=0.005)
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+def test_angles_of_all_sizes_against_finer_spaces(name):
+    """Bounds of one number overlap; three times the edges leave at most a third of the limit, 0.5 %."""
+    cells = partitions.uniform(POLYGONS[name], 1 / 3)
+    mu = np.stack([alternating(cells), *np.random.default_rng(3).standard_normal((3, cells.n_cells))])
+    coarse, fine = (norm_on(name, 3, edges).of_p0(mu) for edges in (8, 24))
+    assert brackets(coarse, fine.lower, fine.upper, gap=0.005)
+    assert brackets(fine, coarse.lower, coarse.upper, gap=0.005 / 3)
+
+
+@pytest.mark.parametrize("alpha", [Fraction(1, 2), Fraction(1, 20), Fraction(-1, 4)])
+@pytest.mark.parametrize(("name", "at"), [*((name, 0.4) for name in POLYGONS), ("square", 0.0)])
+def test_singular_points_and_a_vertex_against_finer_spaces(name, at, alpha):
+    """As above, with the limit for errors, 5 %."""
+    case, cells = Flux(POLYGONS[name], at, alpha), partitions.uniform(POLYGONS[name], 1 / 3)
+    means = cell_means(case, cells).lambda_means[None]
+    coarse, fine = (dual_norm(cells, [case], edges).of_error(case, means) for edges in (8, 24))
+    assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
+    assert brackets(fine, coarse.lower, coarse.upper, gap=0.05 / 3)
+
+
+def test_the_norm_is_homogeneous_and_takes_many_at_once():
+    mu = np.random.default_rng(0).standard_normal((3, 16))
+    norm = norm_on("square", 4)
+    found = norm.of_p0(mu)
+    assert found.lower.shape == found.upper.shape == (3,)
+    assert_allclose(norm.of_p0(-2.5 * mu), 2.5 * np.array(found), rtol=1e-12)
+    assert_allclose([np.ravel(norm.of_p0(each[None])) for each in mu], np.transpose(found), rtol=1e-12)
+    assert_allclose(norm.of_p0(np.zeros((1, 16))), 0)
+
+
+@pytest.mark.parametrize(("name", "vertex"), [("lshape", 2), ("re-entrant", 3)])
+def test_the_mesh_is_graded_to_a_re_entrant_vertex(name, vertex):
+    """Eight halvings at both edges there, none at the other vertices, whose cells are about as long."""
+    mesh = norm_on(name, 4).spaces.mesh
+    edges, at = np.diff(mesh.s), np.searchsorted(mesh.s, mesh.polygon.starts[:-1])
+    longer = np.maximum(edges[at], edges[at - 1])
+    assert longer[vertex] < np.delete(longer, vertex).min() / 2**7
+
+
+@pytest.mark.parametrize("alpha", [Fraction(-1, 2), Fraction(-3, 5)])
+def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
+    """What oscillates has no bound in L2; nor have L2 norms a value. Control: alpha = -2/5 has all."""
+    cells = partitions.uniform(square(), 1 / 4)
+    for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
+        norm, on = dual_norm(cells, [case]), cell_means(case, cells)
+        for found in (
+            norm.of_error(case, on.lambda_means[None]),
+            norm.gram([case]).error(0, np.zeros((1, 16))),
+        ):
+            assert found.lower[0] > 0
+            assert np.isfinite(found.upper[0]) == in_L2
+        assert (
+            np.isfinite([on.lambda_norm, on.projection_error, on.l2_error(0 * on.lambda_means)]).all()
+            == in_L2
+        )
+
+
+@cache
+def with_gram(name, m):
+    """A norm, its cases and their Gram matrices."""
+    polygon = POLYGONS[name]
+    of = [Flux(polygon, 0.4, Fraction(1, 2)), load("thirds", polygon.name)]
+    norm = dual_norm(partitions.uniform(polygon, 1 / m), of)
+    return norm, of, norm.gram(of)
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name):
+    norm, of, gram = with_gram(name, 4)
+    mu = np.random.default_rng(5).standard_normal((3, norm.partition.n_cells))
+    found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
+    assert_allclose(found, norm.of_p0(mu), rtol=1e-9)
+    for c, case in enumerate(of):
+        means = cell_means(case, norm.partition).lambda_means
+        for scale in (1.0, 1e-3, 0.0):
+            found = gram.error(c, means - (means + scale * mu))
+            assert_allclose(found, norm.of_error(case, means + scale * mu), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_the_forms_on_a_coarser_partition_are_those_of_its_functions(name):
+    """P0 of the coarser one lies in the finer P0: direct evaluations on the same reference mesh."""
+    norm, of, fine = with_gram(name, 4)
+    coarse = partitions.uniform(POLYGONS[name], 1 / 2)
+    gram = fine.on(coarse)
+    mu = np.random.default_rng(6).standard_normal((3, coarse.n_cells))
+    found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
+    assert_allclose(found, norm.of_p0(mu, coarse), rtol=1e-9)
+    for c, case in enumerate(of):
+        means = cell_means(case, coarse).lambda_means
+        assert_allclose(gram.means[c], means, atol=1e-12)
+        assert_allclose(gram.error(c, -mu), norm.of_error(case, means + mu, coarse), rtol=1e-8)
+
+
+def test_the_forms_of_a_partition_are_its_own():
+    norm, _, gram = with_gram("square", 4)
+    for found, given in zip(vars(gram.on(norm.partition)).values(), vars(gram).values(), strict=True):
+        assert_allclose(found, given, rtol=1e-12, atol=1e-15)
+
+
+def test_a_partition_that_is_not_nested_has_no_forms_here():
+    with pytest.raises(InputError, match="is not among the points of the finer partition"):
+        with_gram("square", 4)[2].on(partitions.uniform(POLYGONS["square"], 1 / 3))
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_the_bounds_are_ordered_as_forms(name):
+    gram = with_gram(name, 4)[2]
+    for form in (gram.lower, gram.upper - gram.lower):
+        assert np.linalg.eigvalsh(form)[0] >= -1e-12 * np.linalg.norm(gram.upper, 2)
+
+
+def test_the_best_approximation_against_a_minimisation():
+    """By BFGS on direct evaluations; 1e-6: the norm is stationary there."""
+    norm, of, gram = with_gram("square", 1)
+    for c, case in enumerate(of):
+        means = cell_means(case, norm.partition).lambda_means
+        best = minimize(lambda x, case=case: norm.of_error(case, x[None]).lower[0] ** 2, means, tol=1e-9)
+        assert gram.best_approximation(c) == pytest.approx(sqrt(best.fun), rel=1e-6)
+        assert gram.best_approximation(c) < norm.of_error(case, means[None]).lower[0]

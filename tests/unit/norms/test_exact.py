@@ -1,0 +1,71 @@
+"""What is known of a case on a mesh and on a partition before anything is solved: closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import condensed, load
+
+from unilateral.errors import InputError
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
+from unilateral.norms.exact import _check_size, cell_means, h1_distance, ritz_projection
+
+
+def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:
+    """u = cos(pi x) cos(2 pi y)/2: ||u||_1^2 = (1 + 5 pi^2)/16; none in V_h is closer than z_h."""
+    case, on = load("no_contact"), condensed("square", 8)
+    problem = ritz_projection(case, on, 12)
+    assert problem.u_norm == pytest.approx(math.sqrt((1 + 5 * math.pi**2) / 16), rel=1e-9)
+    x, y = on.mesh.points.T
+    interpolant = np.cos(math.pi * x) * np.cos(2 * math.pi * y) / 2
+    distance = h1_distance(case, on.mesh, interpolant, 12)
+    assert problem.interpolation_error == pytest.approx(distance, rel=1e-12)
+    assert problem.ritz_error < 0.999 * distance
+
+
+def test_norms_of_a_multiplier_in_closed_form() -> None:
+    """6^6 ((s - 1/3)(2/3 - s))^3 on two sides: by Euler's beta function; its parts are orthogonal."""
+    found = cell_means(load("smooth"), uniform(square(), 1 / 8))
+    lengths = found.partition.lengths
+    square_of_norm = 2 * 6**12 / 3**13 * math.factorial(6) ** 2 / math.factorial(13)
+    assert found.lambda_norm == pytest.approx(math.sqrt(square_of_norm), rel=1e-12)
+    integral = 2 * 6**6 / 3**7 * math.factorial(3) ** 2 / math.factorial(7)
+    assert lengths @ found.lambda_means == pytest.approx(integral, rel=1e-12)
+    of_means = lengths @ found.lambda_means**2
+    assert found.projection_error == pytest.approx(math.sqrt(square_of_norm - of_means), rel=1e-10)
+
+
+@pytest.mark.parametrize(("name", "in_L2"), [("rough", False), ("singular", True)])
+def test_a_multiplier_outside_L2_has_no_norm_there(name: str, in_L2: bool) -> None:
+    """s^alpha is in L2 for alpha > -1/2; these have -0.95 and -1/4."""
+    found = cell_means(load(name), uniform(square(), 1 / 4))
+    assert math.isfinite(found.lambda_norm) == in_L2
+    assert math.isfinite(found.projection_error) == in_L2
+
+
+def test_the_size_of_a_case_is_that_of_u_and_of_the_gap() -> None:
+    """|cos(pi x) cos(2 pi y)|/2 + 1, at points of quadrature near the vertices."""
+    assert cell_means(load("no_contact"), uniform(square(), 1 / 8)).size == pytest.approx(1.5, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("norm", "size", "zero"), [(1e-13, 1, True), (1e-11, 1, False), (1e-9, 1e4, True), (1e-13, 1e-2, False)]
+)
+def test_a_multiplier_is_zero_relative_to_its_case(norm: float, size: float, zero: bool) -> None:
+    """To 1e-12, a thousand times the rounding of cancelling fluxes."""
+    found = cell_means(load("no_contact"), uniform(square(), 1 / 2))
+    assert replace(found, lambda_norm=norm, size=size).lambda_is_zero == zero
+
+
+@pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])
+def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size: float, refused: bool) -> None:
+    """Squares of doubles are normal numbers from 1e-154 to 1e154; errors of 0 are 0."""
+    if refused:
+        with pytest.raises(InputError, match="squares of its errors leave double precision"):
+            _check_size(load("no_contact"), size)
+    else:
+        _check_size(load("no_contact"), size)

@@ -1,0 +1,159 @@
+"""The boundary nodes of reference meshes: their gradings, and where they would be too close."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from test_reference import CELLS
+
+from unilateral.errors import InputError
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.norms import grading
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.grading import boundary_nodes
+from unilateral.norms.oscillation import distance_to_other_sides
+from unilateral.problems import case as cases
+
+
+def test_the_edges_of_a_cell_are_chebyshev_s():
+    """(1 - cos(i pi / n)) / 2: the first edge of 8 is 0.038 of the cell; 1, 2 and 4 cells' edges by hand."""
+    small = Polygon(square().vertices / 8, "small square")
+    cell = partitions.uniform(small, 1.0)
+    assert_allclose(boundary_nodes(cell, (), 1), np.array([0, 1, 2, 3]) / 8)
+    assert_allclose(boundary_nodes(cell, (), 2)[:3], np.array([0, 0.5, 1]) / 8)
+    assert_allclose(boundary_nodes(cell, (), 4)[:4], np.array([0, 0.5 - 8**-0.5, 0.5, 0.5 + 8**-0.5]) / 8)
+
+
+@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("at", [0.0, 1.0, 0.3, 0.3 + 1e-3, 1.9999])
+def test_the_edges_at_a_singular_point_are_halved_from_both_sides(name, at):
+    """Also at a vertex, at 0 = perimeter, near a cell's end, or in a short part of a cell."""
+    cells = CELLS[name]
+    perimeter = cells.polygon.perimeter
+    plain, graded = boundary_nodes(cells, (), 8), boundary_nodes(cells, [at], 8)
+    assert np.isin(cells.points[:-1], graded).all()
+    assert np.abs(graded - at).min() == 0
+    others = np.union1d(plain[np.isin(plain, cells.points)], [at])
+    for sign in (-1, 1):
+        part = np.sort(sign * (others - at) % perimeter)[1]
+        away = np.sort(sign * (graded - at) % perimeter)[1 : grading.HALVINGS + 2]
+        assert_allclose(away[1:] / away[:-1], 2, rtol=1e-6)  # differences of arc lengths
+        assert away[-1] <= part * (1 + 1e-12)
+    assert np.diff(graded).max() <= cells.H / 4  # the longest of Chebyshev's 8 is sin(pi / 8) / 2 of the cell
+
+
+@pytest.mark.parametrize("lengths", [[0.3, 0.6, 0.1], [0.001, 0.699, 0.3], [0.5, 0.01, 0.49]])
+def test_the_edges_beside_a_shorter_cell_are_no_more_than_twice_its_own(lengths):
+    """From the longer side they are halved as often as that takes, and the shorter cell is left as it is."""
+    points = np.concatenate([[0], np.cumsum(lengths)[:-1], [1, 2, 3, 4]])
+    cells = partitions.from_points(square(), points)
+    s = np.append(boundary_nodes(cells, (), 4), 4.0)
+    edges = np.diff(s)
+    at = np.searchsorted(s, cells.points[:-1])
+    ratio = edges[at] / edges[at - 1]
+    assert np.all((ratio < 2 * (1 + 1e-9)) & (ratio > 0.5 * (1 - 1e-9)))
+    shortest = int(cells.lengths.argmin())
+    assert np.sum((s >= points[shortest]) & (s < points[shortest + 1])) == 4
+
+
+QUADRILATERAL = Polygon(np.array([[0.1, 0.2], [1.3, 0.5], [1.1, 1.7], [-0.2, 1.1]]), "quadrilateral")
+
+
+@pytest.mark.parametrize("at", [0.25, np.nextafter(0.25, 1), 0.25 - 1e-12, 0.25 + 1e-9, 0.25 - 1e-7])
+def test_a_singular_point_beside_a_cell_s_end_is_graded_to_that_end(at):
+    cells = partitions.uniform(square(), 1 / 4)
+    assert_array_equal(boundary_nodes(cells, [at], 8), boundary_nodes(cells, [0.25], 8))
+
+
+@pytest.mark.parametrize("n", [3, 6, 12])
+def test_cells_that_end_at_a_singular_point_up_to_round_off(n):
+    """A third of a side, once by its arc length and once as the end of a cell: on this side an ulp apart."""
+    case = cases.load("thirds", QUADRILATERAL, 1)
+    cells = partitions.Partition(QUADRILATERAL, QUADRILATERAL.divided(np.full(4, n)))
+    end = cells.points[n + n // 3]
+    assert abs(QUADRILATERAL.arc_length(1, 1 / 3) - end) in (0, np.spacing(end))
+    bounds = dual_norm(cells, [case]).of_error(case, np.zeros((1, 4 * n)))
+    assert 0 < bounds.lower[0] <= bounds.upper[0] <= 1.05 * bounds.lower[0]  # the limit for errors
+
+
+@pytest.mark.parametrize("length", [1e-3, 1e-5, 1e-6, 1e-7])
+def test_short_cells(length):
+    """No edge is shorter than SHORTEST, and the gap for P0 functions stays below 0.5 %."""
+    cells = partitions.from_points(square(), [0, 0.5, 0.5 + length, 1, 2, 3, 4])
+    norm = dual_norm(cells)
+    assert np.diff(norm.spaces.mesh.s).min() >= grading.SHORTEST * square().diameter
+    found = norm.of_p0(np.random.default_rng(0).standard_normal((3, cells.n_cells)))
+    assert np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+
+
+def test_shorter_cells_are_refused():
+    cells = partitions.from_points(square(), [0, 0.5, 0.5 + 5e-8, 1, 2, 3, 4])
+    with pytest.raises(InputError, match=r"cell 1 has the length 5e-08; .* it has to be 7\.07e-08 or more"):
+        boundary_nodes(cells, [], 8)
+
+
+def scaled_square(L):
+    return Polygon(L * square().vertices, "scaled square")
+
+
+@pytest.mark.parametrize("L", [0.01, 10, 100])
+def test_the_gap_on_small_and_large_squares(L):
+    """With edges of LONGEST at most; mu = 1 against its closed form."""
+    norm = dual_norm(partitions.uniform(scaled_square(L), L / 8))
+    found = norm.of_p0(np.vstack([np.ones(32), (-1.0) ** np.arange(32)]))
+    assert np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+    assert found.lower[0] <= one_on_a_square(L) * (1 + 1e-9)
+    assert one_on_a_square(L) <= found.upper[0] * (1 + 1e-9)
+
+
+def one_on_a_square(L):
+    """8 + 4 L coth(L/2), squared.
+
+    u = a (cosh x + cosh y), x and y from the centre, solves -Delta u + u = 0 with the flux 1.
+    """
+    a = 1 / np.sinh(L / 2)
+    return np.sqrt(4 * a * (L * np.cosh(L / 2) + 2 * np.sinh(L / 2)))
+
+
+def test_a_tiny_square_is_refused():
+    with pytest.raises(InputError, match="is too small for double precision"):
+        dual_norm(partitions.uniform(scaled_square(1e-4), 1e-4 / 8))
+
+
+def test_without_the_longest_edge_the_gap_on_a_large_square_is_missed(monkeypatch):
+    """Control."""
+    monkeypatch.setattr(grading, "LONGEST", np.inf)
+    found = dual_norm(partitions.uniform(scaled_square(100), 12.5)).of_p0(np.ones((1, 32)))
+    assert found.upper[0] > 1.005 * found.lower[0]
+
+
+@pytest.mark.parametrize("degrees", [1, 10, 30])
+def test_edges_near_shorter_ones_on_another_side(degrees):
+    """At a wedge's sides that are nearer than their cells are long; a short cell faces long ones."""
+    cells = wedge(degrees)
+    s = np.append(boundary_nodes(cells, (), 8), cells.polygon.perimeter)
+    lengths, middle = np.diff(s), 0.5 * (s[1:] + s[:-1])
+    side = np.searchsorted(cells.polygon.starts, middle, side="right") - 1
+    points = cells.polygon.at(side, middle - cells.polygon.starts[side])
+    distance = np.linalg.norm(points[:, None] - points, axis=2)
+    allowed = np.where(side[:, None] == side, np.inf, distance + 2 * lengths).min(axis=1)
+    free = distance_to_other_sides(cells.polygon, points, side)
+    assert np.all(lengths <= np.maximum(allowed, free) * (1 + 1e-9))
+    found = dual_norm(cells).of_p0(np.eye(cells.n_cells))
+    assert np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+
+
+def test_without_that_the_gap_in_a_wedge_is_missed(monkeypatch):
+    """Control."""
+    monkeypatch.setattr(grading, "_near_shorter_edges", lambda _, s: s)
+    cells = wedge(1)
+    found = dual_norm(cells).of_p0(np.eye(cells.n_cells))
+    assert np.any(found.upper > 1.005 * found.lower)
+
+
+def wedge(degrees):
+    polygon = Polygon(np.array([[0, 0], [1, 0], [1, np.tan(np.radians(degrees))]]), "wedge")
+    points = partitions.uniform(polygon, 1 / 4).points
+    return partitions.from_points(polygon, np.sort(np.append(points, points[2] + 1e-4)))

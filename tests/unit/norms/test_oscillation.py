@@ -1,0 +1,217 @@
+"""What BDM1 does not carry: its constants against eigenvalues, where squares fit, and that it is needed."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import pi, sqrt, tanh
+
+import numpy as np
+import pytest
+import skfem
+from scipy.linalg import eigh
+from skfem.models.poisson import laplace, mass, unit_load
+from test_dual import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
+
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.norms import dual as dual_norms
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.oscillation import (
+    MEAN_FREE_ON_SQUARE,
+    ON_SQUARE,
+    has_square,
+    oscillation_bound,
+    trace_constants,
+)
+from unilateral.norms.reference import reference_spaces
+
+WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(pi / 18), np.sin(pi / 18)]]), "wedge")
+SLIT = Polygon(np.array([[0, 0], [3, 0], [3, 1], [0.3, 1], [0.3, 1.05], [3, 1.05], [3, 2], [0, 2]]), "slit")
+TRIANGLES = {
+    "right": [[0, 0], [1, 0], [0, 1]],
+    "30-60-90": [[0, 0], [sqrt(3), 0], [0, 1]],
+    "thin": [[0, 0], [1, 0], [0.5, 0.03]],
+    "obtuse": [[0, 0], [1, 0], [-1, 0.3]],
+    "needle": [[0, 0], [0.05, 0], [0.9, 1]],
+    "equilateral": [[0, 0], [1, 0], [0.5, sqrt(3) / 2]],
+}
+MESHES = {
+    "structured": lambda: meshes.structured(named("lshape"), 1 / 16),
+    "thin": lambda: meshes.unstructured(WEDGE, 0.02),
+    "slit": lambda: meshes.unstructured(SLIT, 0.1),
+    "graded": lambda: reference_spaces(partitions.uniform(WEDGE, 0.3), [0.1, 1.3]).mesh,
+    "graded slit": lambda: reference_spaces(partitions.uniform(SLIT, 0.7), [0.4, 6.0]).mesh,
+}
+
+
+def trace_eigenvalues(n=400):
+    """The least c in <r, v> <= c^{1/2} ||r|| |v|_1 on the unit square: r without 1, r without 1 and x.
+
+    The Neumann-to-Dirichlet map has the eigenfunctions cos(k pi x), the eigenvalues 1 / (k pi tanh k pi).
+    """
+    k = np.arange(1, n + 1)
+    eigenvalues = 1 / (k * pi * np.tanh(k * pi))
+    x = ((-1.0) ** k - 1) / k**2  # cosine coefficients, up to a factor
+    away = np.eye(n) - np.outer(x, x) / (x @ x)
+    return eigenvalues[0], np.linalg.eigvalsh(away * eigenvalues @ away)[-1]
+
+
+def test_the_square_s_constant_is_the_greatest_eigenvalue():
+    """Without x among the excluded functions it would be twice as large (control)."""
+    without_1, without_both = trace_eigenvalues()
+    assert pytest.approx(without_both, rel=1e-12) == ON_SQUARE
+    assert without_1 == pytest.approx(MEAN_FREE_ON_SQUARE, rel=1e-12)
+    assert without_1 > 1.9 * ON_SQUARE
+
+
+def best_constants(vertices, refinements=4):
+    """(3,) sup ||v - mean v||_e^2 / |v|_{1,T}^2 for a triangle's edges e, from below: P2 on its parts."""
+    mesh = skfem.MeshTri(np.array(vertices, float).T.copy(), np.array([[0], [1], [2]])).refined(refinements)
+    basis = skfem.Basis(mesh, skfem.ElementTriP2())
+    K, integral = laplace.assemble(basis).toarray(), unit_load.assemble(basis)
+    mean_free = np.eye(basis.N) - np.outer(np.ones(basis.N), integral) / integral.sum()
+    K += np.outer(integral, integral)
+    found, last = [], [basis.N - 1] * 2
+    v = np.array(vertices)
+    boundary, middle = mesh.boundary_facets(), mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
+    for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
+        off = np.abs((b - a)[0] * (middle[1] - a[1]) - (b - a)[1] * (middle[0] - a[0]))
+        on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[off < 1e-12])
+        M = mean_free.T @ mass.assemble(on_edge).toarray() @ mean_free
+        found.append(eigh(M, K, eigvals_only=True, subset_by_index=last)[0])
+    return np.array(found)
+
+
+def bounds_of_constants(name):
+    """(3,) the best constants of a triangle from below, and what the library takes; its vertices' polygon."""
+    polygon = Polygon(np.array(TRIANGLES[name]), name)
+    mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
+    all_share_it = trace_constants(mesh, np.zeros(3, dtype=int))
+    return best_constants(TRIANGLES[name]), all_share_it / 3, polygon
+
+
+@pytest.mark.parametrize("name", TRIANGLES)
+def test_a_triangle_s_constants_are_never_below_the_best(name):
+    """And at most 4 times the best, so that what oscillates is at most doubled."""
+    best, taken, _ = bounds_of_constants(name)
+    assert np.all(best <= taken)
+    assert np.all(taken <= 4 * best)
+
+
+def test_payne_and_weinberger_alone_would_be_too_small():
+    """Control: without the gradient's term some constant lies below an eigenvalue."""
+    below = []
+    for name in TRIANGLES:
+        best, _, polygon = bounds_of_constants(name)
+        below.append(np.any(polygon.lengths / polygon.area * polygon.diameter**2 / pi**2 < best))
+    assert sum(below) >= 3
+
+
+def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
+    """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
+    mesh = meshes.structured(square(), 1.0)
+    edge = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
+    triangle = np.array([next(t for t, v in enumerate(mesh.triangles) if set(e) < set(v)) for e in edge])
+    np.testing.assert_allclose(trace_constants(mesh, triangle), 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
+
+
+def in_squares(mesh, points):
+    """(k, nb) whether the points (k, 2) lie inside the squares on the boundary edges."""
+    tangents, lengths = mesh.polygon.tangents[mesh.side], np.diff(mesh.s)
+    offset = points[:, None] - mesh.points[mesh.boundary]
+    along = np.sum(offset * tangents, axis=2) / lengths
+    into = -np.sum(offset * mesh.polygon.normals[mesh.side], axis=2) / lengths
+    return (along > 1e-9) & (along < 1 - 1e-9) & (into > 1e-9) & (into < 1 - 1e-9)
+
+
+def in_polygon(polygon, points):
+    """(k,) whether a ray to the right crosses the boundary an odd number of times."""
+    x, y = points.T[:, :, None]
+    a, b = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
+    crosses = (a[:, 1] > y) != (b[:, 1] > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    return np.sum(crosses & (x < at), axis=1) % 2 == 1
+
+
+def squares_fit(mesh, used):
+    """Whether 100 random points of every square that is used lie in Omega and in no other such square."""
+    rng, edge = np.random.default_rng(0), np.repeat(np.flatnonzero(used), 100)
+    along, into = rng.uniform(0.01, 0.99, (2, len(edge), 1)) * np.diff(mesh.s)[edge, None]
+    polygon, side = mesh.polygon, mesh.side[edge]
+    points = mesh.points[mesh.boundary[edge]] + along * polygon.tangents[side] - into * polygon.normals[side]
+    return np.all(in_polygon(polygon, points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_squares_lie_inside_and_are_disjoint(name):
+    mesh = MESHES[name]()
+    used = has_square(mesh)
+    assert squares_fit(mesh, used)
+    assert 0.2 < used.mean() < 1
+    assert not squares_fit(mesh, np.ones_like(used))  # control: at corners and in thin parts they do not
+
+
+@pytest.mark.parametrize("n", [8, 16, 64])
+def test_a_wave_per_edge_is_bounded_sharply(n):
+    """cos(2 pi n x) on one side of the square, orthogonal to linear functions on its n edges.
+
+    Its norm is (coth(q) / (2 q))^{1/2}, q^2 = 1 + (2 pi n)^2. The squares' share is sharp, but for the 1 in
+    q^2, less than 1e-3.
+    """
+    mesh = meshes.structured(square(), 1 / n)
+    edges = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
+    triangle = np.argmax([np.isin(mesh.triangles, edge).sum(axis=1) == 2 for edge in edges], axis=1)
+    squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
+    q = sqrt(1 + (2 * pi * n) ** 2)
+    true = sqrt(1 / (2 * q * tanh(q)))
+    used = has_square(mesh)
+    of_squares = oscillation_bound(mesh, triangle, squares * used[:, None])[0]
+    assert oscillation_bound(mesh, triangle, squares)[0] >= true
+    assert of_squares == pytest.approx(true * sqrt(used[:n].mean()), rel=1e-3)
+    assert used[:n].any()
+
+
+def test_half_a_wave_per_edge_needs_the_greater_constant():
+    """cos(pi n x) is orthogonal to constants on the edges; the constant for waves is too small."""
+    n = 16
+    mesh = meshes.structured(square(), 1 / n)
+    edges = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
+    triangle = np.argmax([np.isin(mesh.triangles, edge).sum(axis=1) == 2 for edge in edges], axis=1)
+    squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
+    q, used = sqrt(1 + (pi * n) ** 2), has_square(mesh)
+    true = sqrt(1 / (2 * q * tanh(q)))
+    assert oscillation_bound(mesh, triangle, squares, MEAN_FREE_ON_SQUARE)[0] >= true
+    of_squares = oscillation_bound(mesh, triangle, squares * used[:, None], MEAN_FREE_ON_SQUARE)[0]
+    assert of_squares == pytest.approx(true * sqrt(used[:n].mean()), rel=5e-3)
+    too_small = oscillation_bound(mesh, triangle, squares * used[:, None])[0]
+    assert too_small < 0.75 * true * sqrt(used[:n].mean())
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
+    """Bounds by spaces for a finer partition overlap those by spaces for its own; 5 % as for errors."""
+    polygon = POLYGONS[name]
+    other = partitions.shifted(polygon, 1 / 4, 0.37)
+    case, own = Flux(polygon, 0.41, Fraction(1, 2)), dual_norm(other, (), 16)
+    assert not np.isin(other.points, norm_on(name, 6).spaces.mesh.s).all()
+    mu = np.random.default_rng(4).standard_normal((3, other.n_cells))
+    fine, coarse = own.of_p0(mu), norm_on(name, 6).of_p0(mu, other)
+    assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
+    own = dual_norm(other, [case], 16)
+    fine, coarse = own.of_error(case, mu), norm_on(name, 6).of_error(case, mu, other)
+    assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
+
+
+def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatch):
+    """Control: a function that alternates within the reference edges, against its cosine series."""
+    other = partitions.uniform(square(), 1 / 32)
+    mu = np.where(np.arange(other.n_cells) < 32, alternating(other), 0)[None]
+    below, above = of_p0_on_bottom(np.arange(33) / 32, mu[0, :32])
+    norm = norm_on("square", 1, 4)
+    found = norm.of_p0(mu, other)
+    assert found.lower <= above
+    assert below <= found.upper
+    monkeypatch.setattr(dual_norms, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
+    assert norm.of_p0(mu, other).upper < 0.9 * below

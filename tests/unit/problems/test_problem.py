@@ -1,0 +1,339 @@
+"""Problems from files: what they mean, sides that carry no contact, and what is refused, in which words."""
+
+import numpy as np
+import pytest
+import sympy
+from conftest import DATA
+
+from unilateral.bounds import source
+from unilateral.discrete import discretise
+from unilateral.errors import InputError
+from unilateral.formulas.formula import compile_numpy
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import structured, unstructured
+from unilateral.geometry.polygon import square
+from unilateral.problems import problem_file
+from unilateral.problems.atoms import X, Y
+from unilateral.solvers.iterate import Stop, iterate
+
+PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
+SQUARE = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\n"
+EVERY = {"polygon": "[[0, 0], [1, 0], [1, 1], [0, 1]]", "f": "x - y", "g": "0"}
+
+
+@pytest.fixture
+def declared(tmp_path):
+    """A file with these fields; None leaves one out."""
+
+    def write(**fields):
+        file = tmp_path / "own.yaml"
+        given = {name: text for name, text in {**EVERY, **fields}.items() if text is not None}
+        file.write_text("".join(f"{name}: {text}\n" for name, text in given.items()))
+        return str(file)
+
+    return write
+
+
+def test_the_ten_problems_can_be_loaded():
+    assert len(PROBLEMS) == 10
+    loaded = [problem_file.load(str(file)) for file in PROBLEMS]
+    convex = [np.all(problem.polygon.angles < np.pi) for problem in loaded]
+    assert convex.count(False) >= 2
+    assert any(problem.free_sides for problem in loaded)
+    assert any(problem.polygon.angles.min() < 0.06 for problem in loaded)
+
+
+def test_f_and_g_are_the_formulas(declared):
+    problem = problem_file.load(
+        declared(
+            polygon="[[0, 0], [2, 0], [1/2, 3/2]]",
+            f="sin(x)*y + pos(x - 1, 1)",
+            g='["x*(x - 2)", "y*exp(x - 2)", "(1 - 2*x)*(x - y)*x + 3*exp(-3/2)*x"]',
+        )
+    )
+    x, y = np.random.default_rng(1).random((2, 20))
+    expected = np.sin(x) * y + np.maximum(x - 1, 0)
+    assert compile_numpy([problem.f], (X, Y))(x, y)[0] == pytest.approx(expected, rel=1e-14)
+    side, s = np.array([0, 1, 1, 2]), np.array([0.3, 0.2, 0.9, 1.0])
+    x, y = problem.polygon.at(side, s).T
+    by_side = [x * (x - 2), y * np.exp(x - 2), (1 - 2 * x) * (x - y) * x + 3 * np.exp(-1.5) * x]
+    along = problem.polygon.starts[side] + s
+    found = problem.enclosed_obstacle
+    g, slope = found.at(found.on(along), along)
+    assert g == pytest.approx([by_side[i][k] for k, i in enumerate(side)], rel=1e-8)
+    step = 1e-5
+    before, after = (found.at(found.on(along + d), along + d)[0] for d in (-step, step))
+    assert slope == pytest.approx((after - before) / (2 * step), rel=1e-6)
+
+
+def test_jumps_of_f_are_where_it_has_them(declared):
+    """Kinks are none: there f is enclosed by ever smaller pieces."""
+    f = "pos(2*x + 2*y - 1, 0) + pos(1/4 - (x - 1)**2 - (y - 1/2)**2, 0) + pos(x - 1/3, 1)"
+    line, circle = sorted(problem_file.load(declared(f=f)).jumps.values(), key=lambda kink: kink.radius)
+    on_line, on_circle = np.array([[0.1, 0.4], [0.5, 0.0]]), np.array([[0.5, 0.5], [1.0, 1.0]])
+    assert line.level(on_line) == pytest.approx([0, 0], abs=1e-15)
+    assert abs(line.level(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
+    assert circle.level(on_circle) == pytest.approx([0, 0], abs=1e-15)
+
+
+def test_data_of_any_size_in_between_are_accepted(declared):
+    for size in ("1e-139", "1e139"):
+        found = problem_file.load(declared(f=f"{size}*x", g=f"{size}*y"))
+        assert found.range_of_f[1] == pytest.approx(float(size))
+    assert problem_file.load(declared(f="pos(x - 2, 1)", g="0")).range_of_f == pytest.approx(
+        (0, 0), abs=1e-290
+    )
+
+
+def test_loads_and_means_see_the_kinks(declared):
+    """The integral of f over Omega and the means of g, against their closed forms."""
+    problem = problem_file.load(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
+    found = source.enclosed(structured(square(), 1 / 4), problem)
+    exact = 0.7**2 / 2 * (np.e - 1)
+    assert found.moments.sum() == pytest.approx(exact, abs=found.unknown)
+    assert found.unknown <= 1e-3 * exact
+    means = problem.enclosed_obstacle.means(partitions.uniform(square(), 1 / 2).points)
+    exact = 2 * np.diff(0.4 * np.maximum(np.array([0, 1 / 2, 1]) - 1 / 3, 0) ** 2.5)
+    assert means[:2] == pytest.approx(exact, rel=1e-9)
+    assert means[4:6] == pytest.approx(exact[::-1], rel=1e-9)
+
+
+def test_a_side_below_the_source_is_idle(declared):
+    """sup g < inf f there: f >= 1, and g < 1 on sides 0 and 3 only."""
+    problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
+    assert problem.range_of_f[0] == pytest.approx(1, abs=1e-2)
+    assert problem.idle_sides() == (0, 3)
+    free = problem_file.load(
+        declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]', free_sides="[3]")
+    )
+    assert free.idle_sides() == (0,)
+
+
+def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declared):
+    """u >= inf f, seen on a solution whose sides all have multipliers; control: side 1 has contact."""
+    problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
+    cells = partitions.uniform(square(), 1 / 8)
+    discrete = discretise(problem, structured(square(), 1 / 16), cells)
+    lambda_H = iterate(discrete.spaces.operator, discrete.offset, 1e-8, Stop(), None).lambda_H
+    idle = np.isin(cells.side, problem.idle_sides())
+    assert np.all(lambda_H[idle] == 0)
+    assert np.max(lambda_H[~idle]) > 0.1
+    touching = problem_file.load(declared(f="1", g="1 - x*(1 - x)*y*(1 - y)"))
+    assert touching.idle_sides() == ()
+
+
+ONE_LINE = {
+    "typo": (
+        {"free_side": "[1]"},
+        ": there is no field 'free_side' here; the fields are title, polygon, f, g, free_sides",
+    ),
+    "no g": ({"g": None}, ": 'g' is a required property"),
+    "unknown symbol": ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
+    "code": ({"f": "open('x')"}, ", field f: 'open('x')' is not a known function"),
+    "half a formula on a free side": (
+        {"g": "[0, '1/(0', 0, 0]", "free_sides": "[1]"},
+        ", field g[1]: '1/(0' is not a formula in x, y",
+    ),
+    "half a formula": ({"f": "x +"}, ", field f: 'x +' is not a formula in x, y"),
+    "no formula": ({"f": "''"}, ", field f: '' is not a formula in x, y"),
+    "a truth value": ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
+    "yes": ({"f": "yes"}, ", field f: 'yes' is unknown; known are x, y, pi"),
+    "infinite": ({"f": ".inf"}, ", field f: '.inf' is not a formula in x, y"),
+    "an octal number": (
+        {"polygon": "[[0, 0], [010, 0], [010, 010]]"},
+        ", field polygon[1]: '010' is not a formula of numbers, such as 3, 0.05 or 1/3; write 10 for 010",
+    ),
+    "another octal number": ({"polygon": "[[0, 0], [0o10, 0], [1, 1]]"}, "[1]: '0o10' is not a decimal num"),
+    "a hexadecimal number": ({"f": "0x10"}, ", field f: '0x10' is not a decimal number"),
+    "minutes and seconds": ({"g": "1:30"}, ", field g: '1:30' is not a formula in x, y"),
+    "a date": ({"g": "2001-01-01"}, ", field g: '2001-01-01' is not a formula in x, y"),
+    "an octal side": (
+        {"free_sides": "[01]"},
+        ", field free_sides[0]: '01' is not of type 'integer'; write a whole number such as 3",
+    ),
+    "too many digits": ({"f": "9" * 5000}, ", field f: the formula has more than 2000 characters"),
+    "too many vertices": (
+        {"polygon": [[0, 0], [1, 0], [1, 1]] * 667},
+        ", field polygon: it has 2001 vertices; at most 1000 are read",
+    ),
+    "f twice": ({"f": "1\nf: 2"}, " is not a YAML file: the field 'f' is given twice"),
+    "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
+    "g infinite on all of a side": (
+        {"g": "cos(cosh(y))/y"},
+        ", field g: it is not finite on side 0, or no bound can be found",
+    ),
+    "g not real on a side": (
+        {"g": "pos(y - (y - 2)**(1/2), 1)"},
+        ", field g, on side 0: it is not a finite real function",
+    ),
+    "overflow of f": ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
+    "pole of g": ({"g": "1/(x - 1/3)"}, ", field g: it is not finite on side 0"),
+    "f too large": (
+        {"f": "1e150*x"},
+        ", field f: it is as large as 1e+150 in the polygon, and squares of err",
+    ),
+    "f too small beside g": (
+        {"f": "1e-165*cos(pi*x)"},
+        ", field f: it is as large as 1e-165 in",
+    ),
+    "f too large for the polygon": (
+        {"polygon": "[[0, 0], [1e75, 0], [1e75, 1e75], [0, 1e75]]", "f": "1e100*(1 + x/1e75)"},
+        ", field f: it is as large as 2e+100 in the polygon, and squares of errors, times 1e+75, the root of",
+    ),
+    "digits that cancel in a curve": (
+        {"f": "pos(sin(1)**2*y + cos(1)**2*y - y + x - 1/2, 0)"},
+        ", field f: the argument of pos(",
+    ),
+    "g too large": ({"g": "1e141*x"}, ", field g: it is as large as 1e+141 on side 0, and squares of errors"),
+    "both too small": (
+        {"f": "1e-160*(3*x - 2)"},
+        ", field f: it is as large as 2e-160 in the polygon, and squares of errors",
+    ),
+    "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
+    "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
+    "root in g": ({"g": "sqrt(x)"}, ", field g: write a fractional power as pos(a, k)"),
+    "g not Lipschitz": ({"g": "pos(x - 1/2, 1/2)"}, ", field g: a power of pos below 1 on side 0"),
+    "kink on a hyperbola": ({"f": "pos(x*y - 1/4, 1)"}, "must be linear, or c - (x - a)**2 - (y - b)**2"),
+    "kink not polynomial": ({"f": "pos(sin(x), 1)"}, ", field f: the argument of pos(sin(x), 1) must be lin"),
+    "wrong number of g": ({"g": "[0, 0]"}, ", field g: 2 formulas for 4 sides; give one for all, or one per"),
+    "g missing on a side": ({"g": "[0, null, 0, 0]"}, ", field g[1]: there is no formula, and side 1 is not"),
+    "g jumps": ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
+    "g jumps at the start": ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
+    "all free": ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),
+    "no such side": ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
+    "a side twice": ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
+    "clockwise": ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, "clockwise; list its vertices anticlockwise"),
+    "crossing": (
+        {"polygon": "[[0, 0], [1, 1], [1, 0], [0, 1]]"},
+        ", field polygon: polygon 'own' is not simple: its sides 0 and 2 meet",
+    ),
+    "folded": ({"polygon": "[[0, 0], [1, 0], [1/2, 0], [1/2, 1]]"}, "is not simple: its sides 0 and 1 meet"),
+    "two vertices": (
+        {"polygon": "[[0, 0], [1, 0]]"},
+        ", field polygon: it is [[0, 0], [1, 0]]; it has to be the vertices, anticlockwise",
+    ),
+    "three coordinates": (
+        {"polygon": "[[0, 0], [1, 0], [1, 1, 1]]"},
+        ", field polygon[2]: it is [1, 1, 1]; it has to be a pair of numbers",
+    ),
+    "no number": (
+        {"polygon": "[[0, 0], [1, 0], [a, 1]]"},
+        ", field polygon[2]: 'a' is unknown; known are pi",
+    ),
+    "a vertex too far": ({"polygon": "[[0, 0], [1e400, 0], [0, 1]]"}, ", field polygon[1]: '1e400' has a"),
+}
+
+
+@pytest.mark.parametrize(("fields", "message"), ONE_LINE.values(), ids=ONE_LINE.keys())
+def test_a_bad_file_is_refused_in_one_sentence(declared, fields, message):
+    """With the file and the field; without the fault it is accepted (the fixture's other fields)."""
+    file = declared(**fields)
+    with pytest.raises(InputError) as refusal:
+        problem_file.load(file)
+    text = str(refusal.value)
+    assert text.startswith(file)
+    assert message in text
+    assert "\n" not in text
+    problem_file.load(declared())
+
+
+def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):
+    """Control: of a polygon that is not too large every coordinate is read."""
+    read = []
+    monkeypatch.setattr(problem_file, "number", lambda text, _: read.append(text) or sympy.Integer(text))
+    with pytest.raises(InputError, match="at most 1000 are read"):
+        problem_file.load(declared(polygon=[[0, 0]] * 1001))
+    assert read == []
+    problem_file.load(declared())
+    assert len(read) == 8
+
+
+def test_numbers_are_read_exactly(declared):
+    """20 digits, which no float has, and 1_000, which is what it looks like."""
+    problem = problem_file.load(declared(f="0.12345678901234567891", g="1_000"))
+    assert problem.f == sympy.Rational(12345678901234567891, 10**20)
+    assert problem.g == (1000,) * 4
+
+
+def test_a_jump_at_a_free_side_is_harmless(declared):
+    problem = problem_file.load(declared(g='["1 - x", null, 0, 0]', free_sides="[1, 3]"))
+    assert problem.enclosed_obstacle.range(0) == pytest.approx((0, 1))
+    assert problem.enclosed_obstacle.range(1) == (-np.inf, -np.inf)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "has no fields"), (b"- 1\n", "has no fields"), (b"f: [1", "not a YAML"), (b"\xff", "not a YAML")],
+)
+def test_files_that_declare_nothing(tmp_path, content, message):
+    file = tmp_path / "own.yaml"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        problem_file.is_declared_in(str(file))
+
+
+def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
+    case = tmp_path / "case.yaml"
+    case.write_text("title: a case\npolygons: any\nu: []\n")
+    assert problem_file.is_declared_in(declared())
+    assert problem_file.is_declared_in(declared(polygon=None, g=None))
+    assert not problem_file.is_declared_in(str(case))
+    assert not problem_file.is_declared_in("natural")
+    with pytest.raises(InputError, match="there is no file"):
+        problem_file.is_declared_in(str(tmp_path / "missing.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("f", "most"),
+    [
+        ("(16*x*(1-x)*y*(1-y))**6", 1),
+        ("((x+y)/2)**100", 1),
+        ("1/cosh(10**4*(x-1/3))", 1),
+        ("x**2 - 2*x*y + y**2", 1),
+        ("exp(36*x)*exp(-60*x**2)*exp(-27/5)", 1),
+    ],
+)
+def test_bounds_of_f_are_sharp_in_whatever_form(declared, f, most):
+    """On the unit square; the last one is exp(-60 (x - 3/10)^2)."""
+    found = problem_file.load(declared(f=f, g=0))
+    assert most <= max(map(abs, found.range_of_f)) <= 1.01 * most
+
+
+def test_terms_that_cancel_are_no_reason_to_refuse(declared):
+    """(x - 20)^12, expanded, near x = 20: its terms are as large as 924 * 20^12, its values 1."""
+    twelfth = sympy.expand((sympy.Symbol("x") - 20) ** 12)
+    found = problem_file.load(declared(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0))
+    assert found.range_of_f[0] <= 0 <= 1 <= found.range_of_f[1] < np.inf
+    assert 0 < source.enclosed(unstructured(found.polygon, 1 / 4), found).unknown < 1e7
+
+
+@pytest.mark.parametrize(
+    ("g", "pieces"),
+    [
+        ("pos(1/4-(x-1/2)**2-y**2,1)", 100),
+        ("x*pos(x-y-1/2,1)", 100),
+        ("exp(-3000*((x-3/10)**2+y**2))", 100),
+        ('["-1+4*exp(-((x-31415/100000)*10**6)**2)", -1, -1, -1]', 150),
+    ],
+)
+def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(declared, g, pieces):
+    """In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations."""
+    found = problem_file.load(declared(f=-1, g=g)).enclosed_obstacle
+    assert len(found.side) <= pieces
+    assert found.doubt.max() <= (1e-7 if "10**6" in g else 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("g", "peak"),
+    [
+        ('["exp(-1e8*(x - 0.5123)**2)", "-10*y", "-10", "-10*y"]', 0.5123),
+        ('["exp(-1e8*(x - 0.5123)**2)", "-1e10*y", "-1e10", "-1e10*y"]', 0.5123),
+        ('["exp(-1e12*(x - 0.3123)**2) - 1000*pos(x - 1/2, 1)", "-500", "-500", "-500*y"]', 0.3123),
+    ],
+)
+def test_a_peak_of_g_is_not_hidden_by_values_that_u_cannot_reach(declared, g, peak):
+    """u >= -1 = inf f: what g is below that, on this side or another one, says nothing of its size."""
+    found = problem_file.load(declared(f=-1, g=g)).enclosed_obstacle
+    near = (found.points[:-1] <= peak) & (found.points[1:] >= peak)
+    assert found.upper[near].max() == pytest.approx(1, abs=1e-3)
+    assert found.doubt[near].max() <= 1e-8

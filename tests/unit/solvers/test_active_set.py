@@ -1,0 +1,181 @@
+"""The active-set solver against an interior-point code (clarabel), Uzawa, and the KKT conditions."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import clarabel
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from unilateral.errors import InputError
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.p1 import coupling
+from unilateral.fem.spaces import DualOperator, dual_operator
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import named
+from unilateral.solvers import active_set as module
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.uzawa import uzawa
+
+
+def middles(of: DualOperator) -> np.ndarray:
+    return np.cumsum(of.H_i) - 0.5 * of.H_i
+
+
+OFFSETS = {
+    "partial contact": lambda of: np.sin(1.5 * np.pi * middles(of)) + 0.3,
+    "full contact": lambda of: -of.D @ (2 + np.sin(3 * middles(of))) / of.H_i,
+    "no contact": lambda of: 1 + 0.5 * np.sin(middles(of)),
+    "rough": lambda of: np.random.default_rng(7).standard_normal(len(of.H_i)),
+}
+
+
+@cache
+def condensed(name: str) -> Condensed:
+    return condense(meshes.structured(named(name), 1 / 8))
+
+
+@cache
+def operator(name: str, ratio: float) -> DualOperator:
+    """The dual operator for h = 1/8 and H = ratio h."""
+    mesh = condensed(name).mesh
+    partition = partitions.uniform(mesh.polygon, ratio / 8)
+    return dual_operator(condensed(name), coupling(mesh, partition), partition.lengths)
+
+
+@pytest.fixture(params=[("square", 2), ("square", 1), ("square", 0.5), ("lshape", 2), ("lshape", 0.5)])
+def of(request: pytest.FixtureRequest) -> DualOperator:
+    return operator(*request.param)
+
+
+@pytest.fixture(params=OFFSETS)
+def offset(request: pytest.FixtureRequest, of: DualOperator) -> np.ndarray:
+    return OFFSETS[request.param](of)
+
+
+def interior_point(of: DualOperator, offset: np.ndarray) -> np.ndarray:
+    """half lambda_H, which is u_h - A^{-1} f on the boundary in the norm of A_3, from the primal problem.
+
+    min |y|^2 / 2 subject to half^T y + H_i F(0) >= 0, strictly convex whatever the rank of D.
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
+    nb, m = of.half.shape
+    cone = [clarabel.NonnegativeConeT(m)]
+    matrix = sp.csc_matrix(-of.half.T)
+    solver = clarabel.DefaultSolver(
+        sp.identity(nb, format="csc"), np.zeros(nb), matrix, of.H_i * offset, cone, settings
+    )
+    return np.asarray(solver.solve().x)
+
+
+def test_u_equals_that_of_an_interior_point_code(of: DualOperator, offset: np.ndarray) -> None:
+    """||u - u'||_1 <= 1e-8 of the size of the solution: clarabel's accuracy."""
+    expected = interior_point(of, offset)
+    result = active_set(of, offset, 1e-6)
+    assert result.converged
+    assert np.linalg.norm(of.half @ result.lambda_H - expected) <= 1e-8 * max(
+        1.0, float(np.linalg.norm(expected))
+    )
+
+
+def test_comparison_notices_a_sign_error_and_a_lost_cell(of: DualOperator) -> None:
+    offset = OFFSETS["partial contact"](of)
+    expected = interior_point(of, offset)
+    lambda_H = active_set(of, offset, 1e-6).lambda_H
+    lost = np.where(lambda_H == lambda_H.max(), 0, lambda_H)
+    for wrong in (-lambda_H, lost):
+        assert np.linalg.norm(of.half @ wrong - expected) > 1e-3
+
+
+def test_kkt_conditions_hold_to_rounding(of: DualOperator, offset: np.ndarray) -> None:
+    """lambda >= 0, F >= 0, lambda F = 0 on every cell; 1e-12 of the data's size for m <= 128 cells."""
+    result = active_set(of, offset, 1e-6)
+    assert result.lambda_H.min() >= 0
+    assert (
+        np.abs(np.minimum(result.lambda_H, of.gap(result.lambda_H, offset))).max() < 1e-12 * abs(offset).max()
+    )
+
+
+def test_contact_is_what_the_offsets_say() -> None:
+    """In full contact lambda_H is 2 + sin 3s by construction, unique as beta > 0."""
+    of = operator("square", 2)
+    full = active_set(of, OFFSETS["full contact"](of), 1e-6).lambda_H
+    np.testing.assert_allclose(full, 2 + np.sin(3 * middles(of)), rtol=1e-12)
+    loaded = {
+        name: np.count_nonzero(active_set(of, make(of), 1e-6).lambda_H) for name, make in OFFSETS.items()
+    }
+    assert loaded["no contact"] == 0
+    assert 0 < loaded["partial contact"] < 16
+
+
+@pytest.mark.parametrize(("ratio", "applications"), [(2, 2), (0.5, 1)])
+def test_the_bound_takes_one_product_with_D_for_u_and_one_for_its_energy(
+    ratio: float, applications: int
+) -> None:
+    """Where beta is 0 the energy bound takes that for u alone."""
+    of = operator("square", ratio)
+    assert active_set(of, OFFSETS["partial contact"](of), 1e-5).operator_applications == applications
+
+
+@pytest.mark.parametrize("ratio", [2, 3, 4])
+def test_uzawa_agrees_within_the_bounds(ratio: float) -> None:
+    of = operator("square", ratio)
+    for make in OFFSETS.values():
+        offset = make(of)
+        ours, theirs = active_set(of, offset, 1e-6), uzawa(of, offset, 1e-10)
+        difference = np.linalg.norm(of.half @ (ours.lambda_H - theirs.lambda_H))
+        assert difference <= ours.bound + theirs.bound
+
+
+def test_u_agrees_with_uzawa_where_beta_is_zero() -> None:
+    """Uzawa's energy bound gets to a tenth of a per cent only; u then agrees to that."""
+    of = operator("square", 1)
+    offset = OFFSETS["partial contact"](of)
+    ours, theirs = active_set(of, offset, 1e-6), uzawa(of, offset, 1e-3)
+    assert np.linalg.norm(of.half @ (ours.lambda_H - theirs.lambda_H)) <= ours.bound + theirs.bound
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e12])
+def test_the_solution_scales_with_the_data(size: float) -> None:
+    of = operator("square", 2)
+    offset = OFFSETS["rough"](of)
+    expected = size * active_set(of, offset, 1e-6).lambda_H
+    found = active_set(of, size * offset, 1e-6 * size).lambda_H
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * size)
+
+
+def test_a_solver_that_gives_up_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def give_up(*_: object, **__: object) -> None:
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    monkeypatch.setattr(module, "nnls", give_up)
+    of = operator("square", 0.5)
+    with pytest.warns(RuntimeWarning, match="active_set .* above the tolerance"):
+        result = active_set(of, OFFSETS["partial contact"](of), 1e-6)
+    assert not result.converged
+    assert not result.lambda_H.any()
+    assert result.bound > 0.1
+
+
+def test_a_tolerance_below_rounding_is_reported() -> None:
+    of = operator("square", 2)
+    with pytest.warns(RuntimeWarning, match="above the tolerance"):
+        result = active_set(of, OFFSETS["full contact"](of), 0.0)
+    assert not result.converged
+    assert 0 < result.bound < 1e-10
+    assert result.algorithm == "active_set"
+    assert math.isnan(result.iterations)
+
+
+def test_bad_input_is_refused() -> None:
+    of = operator("square", 2)
+    with pytest.raises(InputError, match="offset must hold 16"):
+        active_set(of, np.zeros(3), 1e-6)
+    with pytest.raises(InputError, match="tolerance"):
+        active_set(of, np.zeros(16), math.nan)

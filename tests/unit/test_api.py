@@ -1,0 +1,183 @@
+"""The public face: its doctests, README's programs, problems of functions, own meshes, files and refusals."""
+
+import doctest
+import re
+import subprocess
+import sys
+
+import meshio
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import DATA, ROOT
+
+import unilateral as ul
+from unilateral import api
+from unilateral.fem.p1 import h1_norm
+from unilateral.geometry.mesh import structured, write
+from unilateral.geometry.polygon import square
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+SIZES = {"h": 1 / 16, "H": 1 / 8}
+
+
+@pytest.mark.parametrize("module", [ul, api])
+def test_the_doctests_of_the_public_face_run(module):
+    failed, tried = doctest.testmod(module)
+    assert failed == 0
+    assert tried > 0
+
+
+def test_all_that_is_public_is_there_and_typed():
+    stub = (ROOT / "src/unilateral/__init__.pyi").read_text()
+    assert {*re.findall(r"import (\w+) as \1", stub)} == {*ul.__all__}
+    assert all(getattr(ul, name) for name in ul.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'solv'"):
+        _ = ul.solv
+
+
+def programs():
+    """Those of README and the page on Python."""
+    for name in ("README.md", "docs/python.md"):
+        text = (ROOT / name).read_text()
+        found = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        assert found
+        yield from found
+
+
+def test_the_programs_that_readers_see_run(tmp_path):
+    """As they are, in a folder with the example and a mesh of one's own."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    mesh = structured(square(), 1 / 8)
+    in_space = np.column_stack([mesh.points, np.zeros(mesh.n_nodes)])
+    own = meshio.Mesh(in_space, [("triangle", mesh.triangles)])
+    own.write(tmp_path / "own.msh", file_format="gmsh")
+    for program in programs():
+        subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=120)
+    assert {"shelter.vtu", "shelter.png"} <= {file.name for file in tmp_path.iterdir()}
+
+
+def test_functions_give_the_solution_of_their_formulas():
+    """By rules exact for these polynomials, to the tolerance; but without bounds, and without an accuracy."""
+    formulas = ul.Problem(SQUARE, f="x - 2", g=["-x*y/2", "-y/2", "-x/2", 0])
+    functions = ul.Problem(
+        SQUARE, f=lambda x, y: x - 2, g=[lambda x, y: -x * y / 2, "-y/2", lambda x, y: -x / 2, 0]
+    )
+    stop = ul.Stop(tolerance=1e-10)
+    of_formulas, of_functions = (ul.solve(p, **SIZES, stop=stop) for p in (formulas, functions))
+    np.testing.assert_allclose(of_functions.u, of_formulas.u, rtol=0, atol=1e-8)
+    assert of_functions.bounds is None
+    assert of_functions.errors is None
+    assert of_formulas.bounds.u > 0
+    with pytest.raises(ul.InputError, match="f and g must be formulas, or no accuracy can be guaranteed"):
+        ul.solve(functions, accuracy=0.1)
+
+
+def test_without_a_tolerance_functions_are_solved_to_a_small_share():
+    functions = ul.Problem(SQUARE, f=lambda x, y: -1 + 0 * x, g=lambda x, y: -x * y / 2)
+    found = ul.solve(functions, **SIZES)
+    exact = ul.solve(functions, **SIZES, stop=ul.Stop(tolerance=1e-12))
+    assert found.converged
+    assert (
+        h1_norm(found.mesh, found.u - exact.u)
+        <= found.solved.result.bound
+        < 1e-4 * h1_norm(exact.mesh, exact.u)
+    )
+
+
+def test_errors_and_bounds_of_a_case():
+    """0.188 is h's error at 1/16, and the bound is sharp; the dual norm lies between its bounds."""
+    s = ul.solve(ul.case("natural"), **SIZES)
+    assert s.errors.h1 <= s.bounds.u <= 1.1 * s.errors.h1
+    assert s.errors.hm12_lower <= s.errors.hm12_upper <= s.bounds.multiplier
+    assert not s.certified
+    assert s.iterations > 0
+
+
+def test_an_accuracy_is_certified_and_its_levels_are_told():
+    told = []
+    s = ul.solve(ul.load(DATA / "problems/triangle.yaml"), accuracy=0.2, tell=told.append)
+    assert s.certified
+    assert len(told) == len(s.search.done)
+    assert s.iterations == sum(level.solved.result.iterations for level in told)
+    assert not ul.solve(ul.case("natural"), accuracy=1e-3, max_unknowns=100).certified
+
+
+def test_a_mesh_of_one_s_own(tmp_path):
+    """Its outline is the polygon; h is not given; on another polygon it is refused."""
+    write(structured(square(), 1 / 8), tmp_path / "own.vtu")
+    mesh = ul.mesh(tmp_path / "own.vtu")
+    problem = ul.Problem(mesh.polygon, f=-1, g="-x*y/2")
+    found, same = ul.solve(problem, H=1 / 4, mesh=mesh), ul.solve(problem, h=1 / 8, H=1 / 4)
+    np.testing.assert_allclose(found.bounds, same.bounds, rtol=1e-6)
+    with pytest.raises(ul.InputError, match="the mesh is given; leave h out"):
+        ul.solve(problem, h=1 / 8, H=1 / 4, mesh=mesh)
+    with pytest.raises(ul.InputError, match="mesh"):
+        ul.solve(ul.case("reentrant"), H=1 / 4, mesh=mesh)
+
+
+def test_files_hold_the_solution(tmp_path):
+    s = ul.solve(ul.Problem(SQUARE, f=-1, g=["-x*y/2", 0, None, 0], free_sides=[2]), **SIZES)
+    for name in ("s.vtu", "s.nc", "s.csv"):
+        s.save(tmp_path / name)
+    stored = meshio.read(tmp_path / "s.vtu")
+    np.testing.assert_array_equal(stored.point_data["u"], s.u)
+    lines = [k for k, block in enumerate(stored.cells) if block.type == "line"]
+    on_edges = np.concatenate([stored.cell_data["multiplier"][k] for k in lines])
+    assert on_edges @ np.diff(s.mesh.s) == pytest.approx(s.partition.lengths @ s.multiplier)
+    cells = pd.read_csv(tmp_path / "s.csv")
+    np.testing.assert_allclose(cells["multiplier"], s.multiplier)
+    assert np.isnan(cells["gap"][cells["side"] == 2]).all()
+    assert np.all(cells["gap"][cells["side"] != 2] > -1e-3)
+    with xr.open_dataset(tmp_path / "s.nc") as table:
+        np.testing.assert_array_equal(table["u"], s.u)
+        np.testing.assert_array_equal(table["triangles"], s.mesh.triangles)
+    with pytest.raises(ul.InputError, match=r"the ending must be \.vtu, \.nc or \.csv"):
+        s.save(tmp_path / "s.txt")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["s.csv", "s.nc", "s.vtu"]
+
+
+def test_the_picture_shows_contact_and_gap():
+    """The cells with lambda_H > 0 are drawn, and both steps along the boundary."""
+    s = ul.solve(ul.case("natural"), **SIZES)
+    top, bottom = s.plot().axes[:2]
+    assert len(top.lines) == np.count_nonzero(s.multiplier > 0)
+    np.testing.assert_array_equal(bottom.patches[0].get_data().values, s.multiplier)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "solve needs h and H, or an accuracy; H is missing"),
+        ({"H": 1 / 8}, "h is missing"),
+        ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
+        ({"h": 1e-9, "H": 1 / 8}, "h = 1e-09 is too fine for 'problem'"),
+        ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
+        ({"accuracy": 2}, "the accuracy 2 is relative and must lie between 0 and 1"),
+        (
+            {"mesh": "quads", **SIZES},
+            "the mesh 'quads' is neither a mesh nor one of structured",
+        ),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(arguments, message):
+    with pytest.raises(ul.InputError, match=re.escape(message)):
+        ul.solve(ul.Problem(SQUARE, f=-1, g=0), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"f": "x+"}, "problem, field f: 'x+' is not a formula in x, y"),
+        ({"g": [0, 0]}, "problem, field g: 2 formulas for 4 sides"),
+        ({"g": [abs, 0]}, "problem, field g: 2 formulas for 4 sides"),
+        ({"f": abs, "free_sides": [7]}, "problem, field free_sides: the polygon has the sides 0 to 3, not 7"),
+        ({"polygon": SQUARE[::-1]}, "problem, field polygon: "),
+        ({"f": abs, "g": [None, 0, 0, 0]}, "there is no formula, and side 0 is not free"),
+    ],
+)
+def test_a_bad_problem_is_refused_in_one_sentence(fields, message):
+    given = {"polygon": SQUARE, "f": -1, "g": 0} | fields
+    with pytest.raises(ul.InputError, match=re.escape(message)):
+        ul.Problem(**given)

@@ -1,9 +1,0 @@
-"""The figure of the consistency term."""
-
-from sentences import speak_plainly
-
-from unilateral import plots
-
-if __name__ == "__main__":
-    speak_plainly()
-    plots.consistency(snakemake.input.table, snakemake.output[0])

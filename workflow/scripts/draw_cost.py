@@ -1,9 +1,0 @@
-"""The work-precision diagrams."""
-
-from sentences import speak_plainly
-
-from unilateral import plots
-
-if __name__ == "__main__":
-    speak_plainly()
-    plots.work_precision(snakemake.input.table, snakemake.output[0], snakemake.params.work)
