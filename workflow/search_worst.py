@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import coupling
-from unilateral.fem.spaces import dual_operator
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh, with_boundary
 from unilateral.geometry.partition import Partition, from_points
@@ -149,7 +148,7 @@ def measure(candidate: Candidate) -> tuple[float, float]:
     """beta (its upper bound) and the mesh's smallest angle."""
     partition, gram = _reference(tuple(candidate.points.tolist()))
     mesh = with_boundary(square(), candidate.nodes)
-    operator = dual_operator(condense(mesh), partition, coupling(mesh, partition))
+    operator = mixed_spaces(condense(mesh), partition).operator
     return infsup(operator, gram).beta_upper, smallest_angle(mesh)
 
 
