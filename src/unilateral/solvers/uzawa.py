@@ -90,7 +90,7 @@ def uzawa(
     """lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
     `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) to 0. Another `method` of
-    `acceleration.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
+    `steps.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
     to S y; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step of the loop.
     A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
     Raises InputError for an offset, a start, a rho, a tolerance or a method that cannot be meant, and for

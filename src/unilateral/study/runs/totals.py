@@ -27,7 +27,7 @@ NAMES = ("total_index_u", "total_index_lambda", "total_index_v")
 def totals(
     mesh: Mesh, partitions: Sequence[Partition], cases: Sequence[Case], solved: xr.Dataset, H_over_h: float
 ) -> xr.Dataset:
-    """Bounds over errors at one H/h, one level long in `mesh`, of what `sweep` solved and measured there.
+    """Bounds over errors at one H/h, one level long in `mesh`, of what `scene.sweep` solved there.
 
     `total_index_lambda` is against the upper bound of the error, NaN where lambda_H is exact;
     `total_index_v` takes the bound of ||u - v||_1 for one of ||u - u_h||_1, which it is not.

@@ -146,7 +146,7 @@ class Measured:
 
 
 def method_of(variant: Variant) -> str:
-    """Of `acceleration.STEPS`."""
+    """Of `steps.STEPS`."""
     return METHODS.get(variant.algorithm, variant.algorithm)
 
 
