@@ -18,16 +18,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral.bounds.jumps import cut, rounding, shares, sides
+from unilateral.bounds.pieces import ORDER, Pieces, areas, known_at_points, polynomials
 from unilateral.fem.splitting import quarter
-from unilateral.formulas.elementary import Steps
-from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_io import longest_edges
 from unilateral.problems.data import Data
@@ -35,7 +33,6 @@ from unilateral.problems.data import Data
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-ORDER = 4
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
@@ -46,33 +43,8 @@ RESOLVED = 4.0
 """Times what the sum of E^2 is wanted to be: up to which it counts as that."""
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
-GAPS = 8.0
-"""Times the rounding of coordinates: how wide gaps between pieces are at most."""
 MOST_PIECES = 200_000
 """To be looked at on a mesh, or four times its triangles."""
-BLOCK = 1 << 13
-
-
-class Pieces(NamedTuple):
-    """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
-
-    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there. f
-    - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping` (k,), whose
-    integral is at most `integral` (k,). `outer` (k,) is its area and what may lie between it and its
-    neighbours, whose corners are rounded otherwise.
-    """
-
-    corners: Array
-    parent: Index
-    outer: Array
-    c: Array
-    squares: Array
-    jumping: Array
-    integral: Array
-
-    def of(self, kept: Mask) -> Pieces:
-        rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
-        return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +87,13 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
     corners, parent, left = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), max(MOST_PIECES, 4 * n)
     done: list[Pieces] = []
     while True:
-        pieces, owner = _polynomials(mesh, corners, parent, data)
+        pieces, owner = polynomials(mesh, corners, parent, data)
         left -= len(owner)
         rest = _rest(mesh, pieces)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
         unknown, enough, count = _sums(mesh, [*done, pieces])
         wide = squares > (0.5 * enough / count if unknown > enough else np.inf)
-        wide[wide] = squares[wide] > IN_VAIN * _at_points(mesh, corners[wide], parent[wide], data)
+        wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], data)
         if 4 * np.count_nonzero(wide) > left:
             wide &= np.argsort(np.argsort(-squares)) < left // 4
         done.append(pieces.of(~wide[owner]))
@@ -137,7 +109,7 @@ def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
     """
     unknown = norm_squared = integral = 0.0
     for pieces in everything:
-        area = _areas(mesh, pieces)
+        area = areas(mesh, pieces)
         unknown += float(_rest(mesh, pieces).sum())
         norm_squared += float(area @ _quadratic(pieces.c))
         integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
@@ -149,107 +121,6 @@ def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
 def _rest(mesh: Mesh, pieces: Pieces) -> Array:
     """(k,) the pieces' E^2, a lack in the integral spread over their triangles."""
     return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
-
-
-def _at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
-    """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
-    middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known, size = [], _size(mesh)
-    for start in range(0, len(parent), BLOCK):
-        vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
-        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
-    return _areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
-
-
-def _polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
-    """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
-    found, owners = [], []
-    for start in range(0, len(parent), BLOCK):
-        block = slice(start, start + BLOCK)
-        parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
-        found.append(_on_block(mesh, parts, parent[block][owner], data))
-        owners.append(owner + start)
-    along = (0, 0, 0, 1, 0, 0, 0)
-    fields = zip(zip(*found, strict=True), along, strict=True)
-    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
-
-
-def _on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
-    vertices = corners @ mesh.points[mesh.triangles[parent]]
-    lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
-    order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
-    corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
-    size = _size(mesh)
-    steps, wrong = sides(vertices, data.jumps, size)
-    f, area = _model(vertices, size, data, steps), _areas_of(mesh, corners, parent)
-    outer = area + GAPS * EPS * size * lengths.sum(axis=1)
-    found = Pieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
-    near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
-    for step, at in near.items():
-        here = {each: value[at] for each, value in steps.items()}
-        by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
-        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size), area[at])
-    several = np.sum([*near.values()], axis=0) > 1
-    if several.any():
-        _jumps(found, several, vertices[several], size, data, steps, wrong)
-    return found
-
-
-def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
-    """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
-
-    p is changed by a constant so that its integral is that of f.
-    """
-    lower, upper = by.range
-    middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
-    shift = middle * wrong / area
-    found.c[0, at] += shift
-    found.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
-    found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
-
-
-def _jumps(
-    found: Pieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
-) -> None:
-    """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
-    both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
-    lower, upper = _model(vertices, size, data, both).range
-    doubts = [rounding(vertices, kink, size) for kink in data.jumps.values()]
-    areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
-    second = np.sort(areas, axis=0)[-2]
-    most = (1 + len(areas)) * (upper - lower)
-    found.jumping[at] += most * np.sqrt(len(areas) * second)
-    found.integral[at] += most * len(areas) * second
-
-
-def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
-    """f on pieces of a mesh whose coordinates are at most `size`."""
-    x, y = (_coordinate(vertices[..., i], 4 * EPS * size) for i in range(2))
-    return data.source_model(x, y, steps)
-
-
-def _size(mesh: Mesh) -> float:
-    return float(np.abs(mesh.points).max())
-
-
-def _known(f: Model) -> Array:
-    """(k,) a bound of |f - p|, in which the rounding of p is."""
-    return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
-
-
-def _coordinate(of_vertices: Array, rounding: float) -> Model:
-    """x or y on pieces, from its values (k, 3) at the vertices, which are rounded by that much."""
-    a, b, c = of_vertices.T
-    ends = of_vertices.min(axis=1) - rounding, of_vertices.max(axis=1) + rounding
-    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, rounding)
-
-
-def _areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
-    return shares(corners) * mesh.areas[parent]
-
-
-def _areas(mesh: Mesh, pieces: Pieces) -> Array:
-    return _areas_of(mesh, pieces.corners, pieces.parent)
 
 
 @cache
@@ -271,7 +142,7 @@ def _projected(mesh: Mesh, done: list[Pieces], resolved: bool) -> Source:
     n = len(mesh.triangles)
     moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
     for pieces in done:
-        own = _areas(mesh, pieces)[:, None] * (_moments()[:3] @ pieces.c).T
+        own = areas(mesh, pieces)[:, None] * (_moments()[:3] @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
         for sums, values in (
             (rest, pieces.squares),

@@ -11,6 +11,7 @@ from scipy.special import jn_zeros
 from skfem.helpers import dot, grad
 
 from unilateral.bounds import jumps, source
+from unilateral.bounds import pieces as pieces_of
 from unilateral.bounds.source import J, enclosed, poincare
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy, parse, pos
@@ -278,5 +279,5 @@ def test_pieces_count_for_the_gaps_between_them():
     )
     inside = (corners - 1e6) / 1e6
     bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
-    pieces = source._on_block(mesh, bary[None], np.array([0]), Source("x"))
-    assert pieces.outer[0] > 1.2 * source._areas(mesh, pieces)[0]
+    pieces = pieces_of.on_block(mesh, bary[None], np.array([0]), Source("x"))
+    assert pieces.outer[0] > 1.2 * pieces_of.areas(mesh, pieces)[0]

@@ -1,0 +1,145 @@
+"""Pieces of triangles on which f is a polynomial, up to a bounded remainder and what jumps leave."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.bounds.jumps import cut, rounding, shares, sides
+from unilateral.formulas.elementary import Steps
+from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems.data import Data
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+ORDER = 4
+GAPS = 8.0
+"""Times the rounding of coordinates: how wide gaps between pieces are at most."""
+BLOCK = 1 << 13
+
+
+class Pieces(NamedTuple):
+    """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
+
+    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there.
+    The difference f - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping`
+    (k,), whose integral is at most `integral` (k,). `outer` (k,) is a piece's area and what may lie between
+    it and its neighbours, whose corners are rounded otherwise.
+    """
+
+    corners: Array
+    parent: Index
+    outer: Array
+    c: Array
+    squares: Array
+    jumping: Array
+    integral: Array
+
+    def of(self, kept: Mask) -> Pieces:
+        rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
+        return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
+
+
+def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    return shares(corners) * mesh.areas[parent]
+
+
+def areas(mesh: Mesh, pieces: Pieces) -> Array:
+    return areas_of(mesh, pieces.corners, pieces.parent)
+
+
+def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
+    """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
+    middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
+    known, size = [], _size(mesh)
+    for start in range(0, len(parent), BLOCK):
+        vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
+        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
+    return areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
+
+
+def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
+    """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
+    found, owners = [], []
+    for start in range(0, len(parent), BLOCK):
+        block = slice(start, start + BLOCK)
+        parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
+        found.append(on_block(mesh, parts, parent[block][owner], data))
+        owners.append(owner + start)
+    along = (0, 0, 0, 1, 0, 0, 0)
+    fields = zip(zip(*found, strict=True), along, strict=True)
+    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
+
+
+def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
+    vertices = corners @ mesh.points[mesh.triangles[parent]]
+    lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
+    order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
+    corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
+    size = _size(mesh)
+    steps, wrong = sides(vertices, data.jumps, size)
+    f, area = _model(vertices, size, data, steps), areas_of(mesh, corners, parent)
+    outer = area + GAPS * EPS * size * lengths.sum(axis=1)
+    found = Pieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
+    near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
+    for step, at in near.items():
+        here = {each: value[at] for each, value in steps.items()}
+        by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
+        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size), area[at])
+    several = np.sum([*near.values()], axis=0) > 1
+    if several.any():
+        _jumps(found, several, vertices[several], size, data, steps, wrong)
+    return found
+
+
+def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
+    """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
+
+    p is changed by a constant so that its integral is that of f.
+    """
+    lower, upper = by.range
+    middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
+    shift = middle * wrong / area
+    found.c[0, at] += shift
+    found.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
+    found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
+
+
+def _jumps(
+    found: Pieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
+) -> None:
+    """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
+    both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
+    lower, upper = _model(vertices, size, data, both).range
+    doubts = [rounding(vertices, kink, size) for kink in data.jumps.values()]
+    areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
+    second = np.sort(areas, axis=0)[-2]
+    most = (1 + len(areas)) * (upper - lower)
+    found.jumping[at] += most * np.sqrt(len(areas) * second)
+    found.integral[at] += most * len(areas) * second
+
+
+def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
+    """f on pieces of a mesh whose coordinates are at most `size`."""
+    x, y = (_coordinate(vertices[..., i], 4 * EPS * size) for i in range(2))
+    return data.source_model(x, y, steps)
+
+
+def _size(mesh: Mesh) -> float:
+    return float(np.abs(mesh.points).max())
+
+
+def _known(f: Model) -> Array:
+    """(k,) a bound of |f - p|, in which the rounding of p is."""
+    return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
+
+
+def _coordinate(of_vertices: Array, rounding: float) -> Model:
+    """x or y on pieces, from its values (k, 3) at the vertices, which are rounded by that much."""
+    a, b, c = of_vertices.T
+    ends = of_vertices.min(axis=1) - rounding, of_vertices.max(axis=1) + rounding
+    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, rounding)

@@ -1,0 +1,125 @@
+"""The atoms and the gaps of a case, from its declaration."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+from unilateral.errors import InputError, shown
+from unilateral.formulas.formula import kinks, number, parse, pos, substituted
+from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
+from unilateral.problems.cantor import Cantor
+from unilateral.problems.cantor import gap as cantor_gap
+from unilateral.problems.polar import Polar, corner, harmonic
+
+RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
+Atom = Smooth | Tensor | Polar | Cantor
+Constants = dict[sympy.Symbol, sympy.Expr]
+
+
+def constants_of(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> Constants:
+    constants = {}
+    for name, value in declaration.get("constants", {}).items():
+        if isinstance(value, Mapping):
+            if polygon.name not in value:
+                raise InputError(f"{where}: the constant '{name}' has no value for '{polygon.name}'")
+            value = value[polygon.name]
+        _check_name(name, where)
+        constants[sympy.Symbol(name, real=True)] = number(value, f"{where}, constant {name}")
+    return constants
+
+
+def _check_name(name: str, where: str) -> None:
+    """A formula can use a constant if its name is one for Python, and nothing else has it."""
+    if name in RESERVED or keyword.iskeyword(name) or not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
+        fault = "cannot be a constant's name; take one such as c1 that formulas do not have"
+        raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
+
+
+@dataclass(frozen=True)
+class Builder:
+    where: str
+    polygon: Polygon
+    base: int
+    constants: Constants
+
+    def formula(self, text: object, variables: tuple[sympy.Symbol, ...], where: str) -> sympy.Expr:
+        allowed = [symbol.name for symbol in (*variables, *self.constants)]
+        return substituted(parse(text, allowed, where), self.constants, where)
+
+    def along_side(self, text: object, where: str) -> sympy.Expr:
+        """A formula in t whose kinks can be found."""
+        formula = self.formula(text, (T,), where)
+        try:
+            kinks(formula, T)
+        except ValueError as error:
+            raise InputError(f"{where}: {error}") from None
+        return formula
+
+    def side(self, offset: int) -> int:
+        return (self.base + offset) % self.polygon.n_sides
+
+    def atom(self, entry: Mapping[str, Any], where: str) -> Atom:
+        if entry["atom"] == "smooth":
+            u = self.formula(entry["formula"], (X, Y), where)
+            if u.has(pos, sympy.log) or any(not power.exp.is_integer for power in u.atoms(sympy.Pow)):
+                raise InputError(f"{where}: a smooth atom has no pos, log or fractional power")
+            return Smooth(u)
+        side = entry["vertex"] if "vertex" in entry else self.side(entry["side"])
+        if side >= self.polygon.n_sides:
+            raise InputError(
+                f"{where}, vertex: '{self.polygon.name}' has the vertices 0 to {self.polygon.n_sides - 1}"
+            )
+        cutoff = number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
+        if cutoff is not None and cutoff <= 0:
+            raise InputError(f"{where}, cutoff: {cutoff} must be positive")
+        if entry["atom"] == "tensor":
+            profile = self.along_side(entry["profile"], f"{where}, profile")
+            if any(k <= sympy.Rational(3, 2) for _, k in kinks(profile, T)):
+                raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
+            return Tensor(self.polygon, side, 0.0, profile, cutoff)
+        times = number(entry.get("times", 1), f"{where}, times")
+        alpha = self._alpha(entry, where)
+        if entry["atom"] == "cantor":
+            return Cantor(self.polygon, side, 0.0, *self.family(entry, where), alpha)
+        if entry["atom"] == "corner":
+            return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
+        at = number(entry["at"], f"{where}, at")
+        if not 0 < at < 1:
+            raise InputError(f"{where}, at: {at} must lie between 0 and 1")
+        return harmonic(self.polygon, side, at, alpha, cutoff, times)
+
+    def family(self, entry: Mapping[str, Any], where: str) -> tuple[sympy.Expr, int]:
+        """The share that a Cantor set keeps at either end, and its generations."""
+        keep = number(entry["keep"], f"{where}, keep")
+        if not 0 < keep < sympy.Rational(1, 2):
+            raise InputError(f"{where}, keep: {keep} must lie between 0 and 1/2")
+        return keep, entry["generations"]
+
+    def _alpha(self, entry: Mapping[str, Any], where: str) -> sympy.Expr | None:
+        if "alpha" not in entry:
+            return None
+        alpha = number(entry["alpha"], f"{where}, alpha")
+        if not (alpha.is_Rational and alpha.q <= MAX_DENOMINATOR):
+            limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
+            raise InputError(f"{where}, alpha: {alpha} must be {limit}")
+        return alpha
+
+    def gaps(self, entry: Mapping[str, Any]) -> tuple[sympy.Expr, ...]:
+        result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides
+        for i, item in enumerate(entry.get("sides", [])):
+            place = f"{self.where}, gap.sides[{i}]"
+            if "cantor" in item:
+                numbers = self.family(item["cantor"], f"{place}, cantor")
+                formula = cantor_gap(*numbers, number(item["cantor"]["at_vertices"], f"{place}, at_vertices"))
+            else:
+                formula = self.along_side(item["formula"], place)
+            result[self.side(item["side"])] = formula
+        return tuple(result)
