@@ -30,6 +30,7 @@ from unilateral.solvers import uzawa
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import Stop, iterate
 from unilateral.study.judge.checks import extremes as checks
+from unilateral.study.judge.checks.evidence import Unjudged
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import KINDS, Budget, cells, contact, precision, shapes, steps, trial
 from unilateral.study.runs.extremes.outcome import (
@@ -300,14 +301,19 @@ def test_where_nothing_is_promised_nothing_is_early() -> None:
         (1.5, (RIGHT, NOT_CONVERGED), 1 / 3, 0),
         (1.5, (RIGHT, RIGHT), 1 / 3, 1),
         (1.5, (REFUSED, NOT_CONVERGED), 1 / 3, 1),
-        (2.5, (RIGHT, NOT_CONVERGED), 0.2, 2),
-        (1.5, (RIGHT, NOT_CONVERGED), 0.1, 2),
+        (2.5, (RIGHT, NOT_CONVERGED), 0.2, 1),
     ],
 )
 def test_steps_on_the_wrong_side_of_their_limit_count(limit, outcome, distance, observed) -> None:
-    """As do values next to the limit, at that relative distance, that were not tried."""
     tables = judged(predicted_limit=[limit, np.nan], outcome=[*outcome, RIGHT, REFUSED])
     assert checks.step_limit(tables, "table", {"up": distance}).observed == observed
+
+
+def test_a_limit_next_to_which_nothing_was_tried_is_not_judged() -> None:
+    """Nothing is on the wrong side, but neither is anything within a tenth of the limit."""
+    tables = judged(predicted_limit=[1.5, np.nan], outcome=[RIGHT, NOT_CONVERGED, RIGHT, REFUSED])
+    with pytest.raises(Unjudged, match=r"0\.9 of the limit was not tried on the axis up"):
+        checks.step_limit(tables, "table", {"up": 0.1})
 
 
 @pytest.mark.parametrize(
