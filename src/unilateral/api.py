@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from unilateral import discrete
 from unilateral.accuracy.budget import LARGEST_BOUNDARY, MAX_UNKNOWNS
-from unilateral.accuracy.level import Goal, Level
+from unilateral.accuracy.level import NORMS, Goal, Level
 from unilateral.accuracy.search import search
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse
@@ -41,6 +41,8 @@ from unilateral.solvers.iterate import Stop
 Formula = str | float
 Given = Formula | Function | None
 AnyProblem = Case | problems.Problem | Sampled
+KINDS = {"structured": meshes.structured, "unstructured": meshes.unstructured}
+"""Of meshes that are made for a polygon and a size h."""
 
 
 def case(
@@ -145,6 +147,8 @@ def solve(
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """
+    if isinstance(mesh, str) and mesh not in ("", *KINDS):
+        raise InputError(f"the mesh '{mesh}' is neither a mesh nor one of {', '.join(KINDS)}")
     if accuracy is None:
         partition = uniform(problem.polygon, _checked(problem, "H", H))
         found = discrete.discretise(problem, _mesh(problem, h, mesh), partition)
@@ -153,6 +157,8 @@ def solve(
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
+    if norm not in NORMS:
+        raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < 1:
         raise InputError(f"the accuracy {accuracy:g} is relative and must lie between 0 and 1, such as 1e-2")
     found_levels = search(problem, Goal(accuracy, norm, max_unknowns, max_seconds), stop, mesh, tell)
@@ -164,13 +170,12 @@ def _mesh(problem: AnyProblem, h: float | None, given: Mesh | str) -> Mesh:
     if isinstance(given, Mesh):
         if h is not None:
             raise InputError("the mesh is given; leave h out")
+        if len(given.boundary) > LARGEST_BOUNDARY:
+            nodes = f"{len(given.boundary)} boundary nodes"
+            raise InputError(f"the mesh has {nodes}; at most {LARGEST_BOUNDARY} are possible")
         same = np.array_equal(given.polygon.vertices, polygon.vertices)
         return given if same else meshes.from_arrays(polygon, given.points, given.triangles)
-    make = {"structured": meshes.structured, "unstructured": meshes.unstructured}
-    kind = given or meshes.natural_kind(polygon)
-    if kind not in make:
-        raise InputError(f"the mesh '{kind}' is neither a mesh nor one of {', '.join(make)}")
-    return make[kind](polygon, _checked(problem, "h", h))
+    return KINDS[given or meshes.natural_kind(polygon)](polygon, _checked(problem, "h", h))
 
 
 def _checked(problem: AnyProblem, name: str, size: float | None) -> float:

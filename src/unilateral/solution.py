@@ -99,8 +99,11 @@ class Solution:
 
     @cached_property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds of the errors, where f and g are formulas; slow on large meshes."""
-        bound = self.solved.bound
+        """The guaranteed bounds of the errors, where f and g are formulas; slow on large meshes.
+
+        None, too, where those of all levels contradict each other, which would be a fault of this program.
+        """
+        bound = self.solved.bound if self.search is None or self.search.believed else None
         return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
 
     def cells(self) -> pd.DataFrame:

@@ -4,6 +4,7 @@ import doctest
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import meshio
 import numpy as np
@@ -117,6 +118,20 @@ def test_a_mesh_of_one_s_own(tmp_path):
         ul.solve(ul.case("reentrant"), H=1 / 4, mesh=mesh)
 
 
+def test_a_mesh_with_too_many_boundary_nodes_is_refused(monkeypatch):
+    """Its Schur complement is a dense matrix."""
+    monkeypatch.setattr(api, "LARGEST_BOUNDARY", 31)
+    with pytest.raises(ul.InputError, match="the mesh has 32 boundary nodes; at most 31 are possible"):
+        ul.solve(ul.Problem(SQUARE, f=-1, g=0), H=1 / 4, mesh=structured(square(), 1 / 8))
+
+
+def test_bounds_that_contradict_each_other_are_none():
+    s = ul.solve(ul.case("natural"), accuracy=0.3)
+    assert s.bounds is not None
+    vars(s.search)["believed"] = []  # in place of what it would find
+    assert replace(s).bounds is None
+
+
 def test_files_hold_the_solution(tmp_path):
     s = ul.solve(ul.Problem(SQUARE, f=-1, g=["-x*y/2", 0, None, 0], free_sides=[2]), **SIZES)
     for name in ("s.vtu", "s.nc", "s.csv"):
@@ -154,6 +169,8 @@ def test_the_picture_shows_contact_and_gap():
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
         ({"h": 1e-9, "H": 1 / 8}, "h = 1e-09 is too fine for 'problem'"),
         ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
+        ({"accuracy": 0.1, "mesh": "quads"}, "the mesh 'quads' is neither a mesh nor one of structured"),
+        ({"accuracy": 0.1, "norm": "l2"}, "the norm 'l2' is none of h1, hm12"),
         ({"accuracy": 2}, "the accuracy 2 is relative and must lie between 0 and 1"),
         (
             {"mesh": "quads", **SIZES},

@@ -10,6 +10,9 @@ from unilateral.bounds.total import SUMS
 from unilateral.discrete import Solution
 from unilateral.geometry.partition import Partition
 
+NORMS = ("h1", "hm12")
+"""Of u in H1, and of lambda in H^{-1/2}."""
+
 
 @dataclass(frozen=True)
 class Goal:

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from unilateral import __version__
 from unilateral.accuracy.budget import MAX_UNKNOWNS
+from unilateral.accuracy.level import NORMS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
@@ -83,7 +84,7 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         type=_positive,
         help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C, after a mesh, keeps the best so far",
     )
-    goal.add_argument("--norm", choices=("h1", "hm12"), help="of u in H1 (default) or of lambda in H^(-1/2)")
+    goal.add_argument("--norm", choices=NORMS, help="of u in H1 (default) or of lambda in H^(-1/2)")
     goal.add_argument(
         "--max-unknowns",
         type=_count,

@@ -95,7 +95,7 @@ def _up_to_accuracy(options: argparse.Namespace, problem: Case | Problem, begin:
     _add_cost(printed, begin)
     if not options.json:
         say(ending(search))
-    bound = found.solved.bound if search.believed else None
+    bound = found.solved.bound if found.bounds else None
     say(table(printed, found.solved.result, bound, options.json))
     if search.ended == BY_USER:
         return INTERRUPTED
