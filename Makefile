@@ -37,7 +37,7 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	fi
 	@echo "figures, docs, README.md and paper.md are as committed."
 
-fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (half an hour)
+fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (some minutes)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
