@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
+from unilateral.arrays import Array
 from unilateral.bounds.source import Source, enclosed
 from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.condense import condense
@@ -26,7 +26,6 @@ from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import Stop, iterate, joined
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
-Array = NDArray[np.float64]
 FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 AIM = 0.5

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
-Array = NDArray[np.float64]
 CONTACT = "tab:red"
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unilateral import discrete
 from unilateral.accuracy.search import Search
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh, write
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 class Bounds(NamedTuple):

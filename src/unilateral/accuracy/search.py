@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unilateral.accuracy.budget import LARGEST_BOUNDARY, affordable_H
 from unilateral.accuracy.level import Goal, Level, standing, target
+from unilateral.arrays import Array
 from unilateral.discrete import AIM, FIRST, with_data
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -31,7 +31,6 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems.data import Data
 from unilateral.solvers.iterate import Stop
 
-Array = NDArray[np.float64]
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
 NOT_CONVERGED = "the iteration did not converge (--max-steps, --rho, --algorithm)"

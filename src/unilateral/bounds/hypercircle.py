@@ -12,17 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 import skfem
-from numpy.typing import NDArray
 from skfem.helpers import div, dot, grad
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.condense import elimination_order
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_io import longest_edges
 from unilateral.norms.reference import Factor, boundary_facets, hdiv, normal_fluxes
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 DEGREE = 4
 """Of the products of two functions of P2 or RT1."""
 ROUNDING = 2.0**-45

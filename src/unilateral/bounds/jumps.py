@@ -10,14 +10,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 TINY = 1e-300
 """Of a triangle's area: what underflows times that."""
 SMALL = 1 / 8
@@ -63,7 +61,7 @@ def sides(
     return steps, wrong
 
 
-def _is_small(vertices: Array, kink: Kink) -> NDArray[np.bool_]:
+def _is_small(vertices: Array, kink: Kink) -> Mask:
     return _diameter(vertices) <= (SMALL * kink.radius or np.inf)
 
 
@@ -82,7 +80,7 @@ def _size(size: float, kink: Kink) -> float:
     return size + float(np.abs(kink.centre).max()) + kink.radius
 
 
-def _wrong_area(vertices: Array, kink: Kink, inside: NDArray[np.bool_]) -> Array:
+def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
     """(k,) what has not the value of a step that a piece is given, that `inside` a circle or outside.
 
     0 for a line, along which pieces are cut.
@@ -125,7 +123,7 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(_cross(a, b), _dot(a, b)))
 
 
-def _along(corners: Array, owner: Index, level: Array, crossed: NDArray[np.bool_]) -> tuple[Array, Index]:
+def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
     """The pieces, those crossed each cut in three by the chord between two of its edges."""
     above, s = level[crossed] >= 0, level[crossed]
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)

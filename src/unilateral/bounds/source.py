@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
+from unilateral.arrays import Array
 from unilateral.bounds.pieces import ORDER, Pieces, areas, known_at_points, polynomials
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import basis
@@ -30,9 +30,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_io import longest_edges
 from unilateral.problems.data import Data
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003

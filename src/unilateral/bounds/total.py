@@ -35,8 +35,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.bounds.feasible import Constraint, constraint
 from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.source import Source
@@ -46,8 +46,6 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, oscillation_bound
 from unilateral.problems.obstacle import Obstacle
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 PUSH = 0.5
 """Of H_i lambda_i: what lies less than that above g counts as contact. Only the sharpness depends on it."""
 SUMS = 1e-9

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-
-Array = NDArray[np.float64]
 
 
 def gradients(mesh: Mesh) -> tuple[Array, Array]:

@@ -16,16 +16,14 @@ from math import lcm
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
+from unilateral.arrays import Array, Index
 from unilateral.fem.splitting import Irregular, split_triangles
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 GAUSS = 16
 DEGREE = 8
 FINE_DEGREE = 5

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
 KINK_SHARE = 1 / 64
@@ -147,7 +145,7 @@ def _cross(a: Array, b: Array) -> Array:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> NDArray[np.bool_]:
+def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
     return np.all(_barycentric(mesh, corners, parent, point) > -ON_CORNER, axis=1)
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry import mesh_io
-from unilateral.geometry.mesh_io import Integers
-from unilateral.geometry.polygon import Array, Polygon, square
+from unilateral.geometry.polygon import Polygon, square
 
 MOST_SQUARES = 1000
 """Whole numbers up to which a polygon is taken to consist of unit squares."""
@@ -36,8 +36,8 @@ class Mesh:
 
     polygon: Polygon
     points: Array
-    triangles: Integers
-    boundary: Integers
+    triangles: Index
+    boundary: Index
     s: Array
 
     @property
@@ -45,7 +45,7 @@ class Mesh:
         return len(self.points)
 
     @cached_property
-    def side(self) -> Integers:
+    def side(self) -> Index:
         """(nb,) the side of the polygon each boundary edge lies on."""
         return np.searchsorted(self.polygon.starts, self.s[:-1], side="right") - 1
 
@@ -211,7 +211,7 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     return mesh
 
 
-def outline(points: Array, triangles: Integers, where: str) -> Polygon:
+def outline(points: Array, triangles: Index, where: str) -> Polygon:
     """The polygon that the triangles' boundary is, from the first of its corners in their order on.
 
     Raises InputError for a boundary that is not one closed line.
@@ -231,7 +231,7 @@ def outline(points: Array, triangles: Integers, where: str) -> Polygon:
     return Polygon(corners[turns], Path(where).stem)
 
 
-def _grid(x: Array, y: Array, kept: np.ndarray) -> tuple[Array, Integers]:
+def _grid(x: Array, y: Array, kept: np.ndarray) -> tuple[Array, Index]:
     """Points and triangles of the cells kept[j, i] of the grid with the ticks x (m,) and y (n,)."""
     m = len(x)
     j, i = np.nonzero(kept)
@@ -271,7 +271,7 @@ def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
         )
 
 
-def _with_boundary(polygon: Polygon, points: Array, triangles: Integers, where: str) -> Mesh:
+def _with_boundary(polygon: Polygon, points: Array, triangles: Index, where: str) -> Mesh:
     """The mesh; boundary nodes that divide a side uniformly up to round-off get exactly uniform arc lengths.
 
     Raises InputError if the triangles' boundary is not the polygon's.

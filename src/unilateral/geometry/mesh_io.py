@@ -8,14 +8,13 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.files import replacing
-from unilateral.geometry.polygon import Array, Polygon
-
-Integers = NDArray[np.intp]
+from unilateral.geometry.polygon import Polygon
 
 TOLERANCE = 1e-10  # of positions relative to the polygon's diameter, and of areas relative to the polygon's
 SAME_POINT = 1e-12  # nodes nearer than this part of the diameter are one node listed twice
@@ -27,14 +26,14 @@ def round_off(polygon: Polygon) -> float:
     return 8 * float(np.finfo(float).eps) * (polygon.perimeter + float(np.abs(polygon.vertices).max()))
 
 
-def signed_areas(points: Array, triangles: Integers) -> Array:
+def signed_areas(points: Array, triangles: Index) -> Array:
     """(m,) areas of the triangles, negative where the nodes run clockwise."""
     x, y = points[triangles].transpose(2, 0, 1)
     dx, dy = x - x[:, :1], y - y[:, :1]
     return 0.5 * (dx[:, 1] * dy[:, 2] - dx[:, 2] * dy[:, 1])
 
 
-def longest_edges(points: Array, triangles: Integers) -> Array:
+def longest_edges(points: Array, triangles: Index) -> Array:
     """(m,) the longest edge of each triangle."""
     x, y = points[triangles].transpose(2, 0, 1)
     return np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
@@ -58,7 +57,7 @@ def as_array(values: ArrayLike, kind: type, where: str) -> np.ndarray:
     return converted
 
 
-def check_arrays(points: Array, triangles: Integers, where: str) -> None:
+def check_arrays(points: Array, triangles: Index, where: str) -> None:
     """Raises InputError unless the points (n, 2) are finite and the triangles (m, 3) made of all of them."""
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"{where}: the points have the shape {points.shape} instead of (n, 2)")
@@ -78,7 +77,7 @@ def check_arrays(points: Array, triangles: Integers, where: str) -> None:
         raise InputError(f"{where}: node {node(points, unused[0])} belongs to no triangle; leave it out")
 
 
-def check_triangles(polygon: Polygon, points: Array, triangles: Integers, where: str) -> None:
+def check_triangles(polygon: Polygon, points: Array, triangles: Index, where: str) -> None:
     """Raises InputError if two nodes coincide, or a triangle is clockwise or degenerate."""
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * polygon.diameter)
@@ -100,7 +99,7 @@ def check_triangles(polygon: Polygon, points: Array, triangles: Integers, where:
         raise InputError(f"{where}: triangle {k} with the nodes {triangles[k].tolist()} is {fault}")
 
 
-def boundary_edges(points: Array, triangles: Integers, where: str) -> Integers:
+def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     """(nb, 2) the edges that belong to one triangle only, directed as in it.
 
     Raises InputError if two triangles lie on the same side of an edge, as of any three at least two do.
@@ -123,7 +122,7 @@ def boundary_edges(points: Array, triangles: Integers, where: str) -> Integers:
     return np.where((keys[once] & 1)[:, None] == 1, pairs[:, ::-1], pairs)
 
 
-def sides(polygon: Polygon, points: Array, edges: Integers, tolerance: float, where: str) -> Integers:
+def sides(polygon: Polygon, points: Array, edges: Index, tolerance: float, where: str) -> Index:
     """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none."""
     ends = np.roll(polygon.vertices, -1, axis=0)
     distance = [segment_distances(points[k], polygon.vertices, ends) for k in edges.T]
@@ -135,7 +134,7 @@ def sides(polygon: Polygon, points: Array, edges: Integers, tolerance: float, wh
     return off.argmin(axis=1)
 
 
-def _why_stray(polygon: Polygon, points: Array, edges: Integers, stray: Integers, tolerance: float) -> str:
+def _why_stray(polygon: Polygon, points: Array, edges: Index, stray: Index, tolerance: float) -> str:
     """Why the edges `stray` (k, 2) of the boundary `edges` (nb, 2) do not run along the polygon's sides."""
     lengths = np.hypot(*(points[stray[:, 1]] - points[stray[:, 0]]).T)
     a, b = stray[lengths.argmax()]
@@ -168,8 +167,8 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
 def save(
     path: Path,
     points: Array,
-    triangles: Integers,
-    lines: Integers,
+    triangles: Index,
+    lines: Index,
     on_lines: Mapping[str, np.ndarray],
     at_points: Mapping[str, np.ndarray] | None = None,
 ) -> None:
@@ -199,7 +198,7 @@ def _none(data: np.ndarray) -> float:
     return -1 if np.issubdtype(data.dtype, np.integer) else np.nan
 
 
-def load(path: Path) -> tuple[Array, Integers, Integers, Array]:
+def load(path: Path) -> tuple[Array, Index, Index, Array]:
     """Points (n, 2), triangles (m, 3), and the lines (k, 2) that have a cell datum "side" (k,)."""
     import meshio
 

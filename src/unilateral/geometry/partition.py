@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
-from unilateral.geometry.polygon import Array, Polygon
+from unilateral.geometry.polygon import Polygon
 
 VERTEX_TOLERANCE = 1e-12
 
@@ -44,11 +45,11 @@ class Partition:
         return np.diff(self.points)
 
     @cached_property
-    def side(self) -> NDArray[np.intp]:
+    def side(self) -> Index:
         """(m,) the side of the polygon each cell lies on."""
         return np.searchsorted(self.polygon.starts, self.points[:-1], side="right") - 1
 
-    def cells_of(self, finer: Array) -> NDArray[np.intp]:
+    def cells_of(self, finer: Array) -> Index:
         """(k,) the cell that contains each interval between the points (k + 1,) of a finer partition.
 
         Raises InputError if a point of this one is not, up to round-off, among them.
@@ -62,7 +63,7 @@ class Partition:
             )
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
-    def has_inside(self, s: Array) -> NDArray[np.bool_]:
+    def has_inside(self, s: Array) -> Mask:
         """(m,) whether an arc length of s (k,) lies inside the cell and not, up to round-off, at an end."""
         cell = np.searchsorted(self.points, s, side="right") - 1
         to_end = np.abs(s[:, None] - self.points).min(axis=1)

@@ -8,11 +8,11 @@ from importlib import resources
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 
-Array = NDArray[np.float64]
 MAX_VERTICES = 1000
 """With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
@@ -96,11 +96,11 @@ class Polygon:
         """Of the point that lies t side lengths along a side; exact at its ends."""
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
-    def at(self, side: NDArray[np.intp], t: Array) -> Array:
+    def at(self, side: Index, t: Array) -> Array:
         """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
         return self.vertices[side] + t[:, None] * self.tangents[side]
 
-    def counts(self, size: float) -> NDArray[np.intp]:
+    def counts(self, size: float) -> Index:
         """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
 
         A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
@@ -116,7 +116,7 @@ class Polygon:
             )
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
-    def divided(self, counts: NDArray[np.intp]) -> Array:
+    def divided(self, counts: Index) -> Array:
         """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
@@ -193,7 +193,7 @@ def _first_crossing(v: Array, after: Array) -> tuple[int, int] | None:
     return None
 
 
-def _meets_later(v: Array, after: Array, i: int) -> NDArray[np.bool_]:
+def _meets_later(v: Array, after: Array, i: int) -> Mask:
     """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
     n, j = len(v), np.arange(i + 1, len(v))
     a, b, c, d = v[i], after[i], v[j], after[j]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import gmsh
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from unilateral.arrays import Array, Index
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
 OPTIONS = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
@@ -17,7 +16,7 @@ OPTIONS = {
 }
 
 
-def triangulate(polygon: Polygon, s: Array, growth: float | None = None) -> tuple[Array, NDArray[np.intp]]:
+def triangulate(polygon: Polygon, s: Array, growth: float | None = None) -> tuple[Array, Index]:
     """Points (n, 2) and anticlockwise triangles (m, 3), the boundary nodes exactly those at arc lengths s.
 
     `s` (nb,) starts at 0 and contains the vertices. The triangles' size follows the boundary edges' or,

@@ -17,8 +17,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import gradients, h1_load, load
@@ -28,7 +28,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
 SMALLEST, LARGEST = 1e-152, 1e152
 """Of u, so that squares of errors down to 1e-3 of it are normal numbers, and none overflows."""
 
@@ -150,7 +149,7 @@ class CellMeans:
     lambda_means: Array
     gap_means: Array
     g_means: Array
-    has_transition: NDArray[np.bool_]
+    has_transition: Mask
     lambda_norm: float
     projection_error: float
     size: float

@@ -6,9 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Array, Polygon
+from unilateral.geometry.polygon import Polygon
 from unilateral.norms.oscillation import distance_to_other_sides
 
 HALVINGS = 8

@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from unilateral.arrays import Array, Index
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Bounds
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 ZERO = 1e-12
 TIE = 1e-3
 """Relative difference of beta^2 below which symmetry classes count as equally bad."""

@@ -14,15 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
 T, D, X, Y = (sympy.Symbol(name, real=True) for name in ("t", "d", "x", "y"))
 
 

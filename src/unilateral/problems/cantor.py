@@ -13,19 +13,19 @@ from functools import cached_property
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.formulas.formula import Compiled, compile_numpy, pos
 from unilateral.formulas.interval import total
 from unilateral.formulas.taylor import EPS, Model, settled
 from unilateral.geometry.curves import Kink, Singular
-from unilateral.problems.atoms import Along, Array, Local, T
+from unilateral.problems.atoms import Along, Local, T
 from unilateral.problems.polar import ON_SIDE, THETA, Polar, R, harmonic
 
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)
 """What is left is no part of the set, which has measure 0; its gap must not outweigh that of the removed."""
-Part = tuple[NDArray[np.intp], float, Array, list[Array]]
+Part = tuple[Index, float, Array, list[Array]]
 
 
 def divided(keep: sympy.Expr, generations: int) -> tuple[list[Interval], list[Interval], list[Interval]]:

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
 SAMPLES = 2001
 ROUND_OFF = 1e-12
 VANISHES = 1e-14

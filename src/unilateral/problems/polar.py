@@ -13,15 +13,15 @@ from functools import cached_property
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.formulas.elementary import evaluate, real_power
 from unilateral.formulas.formula import MAX_DENOMINATOR, Compiled, compile_numpy, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.atoms import Along, Array, Local
+from unilateral.problems.atoms import Along, Local
 
 ON_SIDE = 1e-12
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
@@ -101,7 +101,7 @@ class Polar(Local):
         theta = np.arctan2(into, along)
         return np.hypot(along, into), np.where(theta < 0, theta + 2 * np.pi, theta)
 
-    def _inside(self, r: Array) -> NDArray[np.intp] | slice:
+    def _inside(self, r: Array) -> Index | slice:
         """The points (k,) in the support, but for the centre; a slice if these are all."""
         limit = np.inf if self.cutoff is None else float(self.cutoff)
         inside = (r < limit) & (r > 0)

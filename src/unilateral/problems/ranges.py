@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy
-from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.mesh_io import segment_distances
 from unilateral.geometry.polygon import Polygon
@@ -67,7 +67,7 @@ def _variable(boxes: Array, axis: int) -> Model:
     return affine(basis(2, ORDER), 0.5 * (lower + upper), arms, (lower, upper))
 
 
-def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _part(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
     centres, half = boxes.mean(axis=2), 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices
@@ -79,7 +79,7 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np
     return near | inside, inside
 
 
-def _inside(polygon: Polygon, points: Array) -> NDArray[np.bool_]:
+def _inside(polygon: Polygon, points: Array) -> Mask:
     """Which of the points (k, 2) lie in the polygon: a ray from them crosses an odd number of sides."""
     (x0, y0), (x1, y1) = polygon.vertices.T, np.roll(polygon.vertices, -1, axis=0).T
     x, y = points[:, :1], points[:, 1:]

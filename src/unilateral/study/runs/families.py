@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
-from unilateral.geometry.polygon import Array, Polygon
+from unilateral.geometry.polygon import Polygon
 
 Spec = Mapping[str, Any]
 Counts = NDArray[np.intp]
