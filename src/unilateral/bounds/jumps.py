@@ -15,6 +15,7 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import cross
 
 TINY = 1e-300
 """Of a triangle's area: what underflows times that."""
@@ -88,8 +89,7 @@ def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
     if not kink.radius:
         return np.zeros(len(vertices))
     disc = area_in_disc(vertices - np.array(kink.centre), kink.radius)
-    (x0, y0), (x1, y1) = (vertices[:, i].T - vertices[:, 0].T for i in (1, 2))
-    area = 0.5 * np.abs(x0 * y1 - x1 * y0)
+    area = 0.5 * np.abs(cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
     return np.clip(np.where(inside, area - disc, disc), 0.0, area)
 
 
@@ -102,25 +102,21 @@ def area_in_disc(vertices: Array, radius: float) -> Array:
     t = (np.clip((-b + sign * root) / a, 0.0, 1.0)[..., None] for sign in (-1, 1))
     enter, leave = (start + fraction * d for fraction in t)
     sectors = _angle(start, enter) + _angle(leave, end)
-    return np.abs(0.5 * (radius**2 * sectors + _cross(enter, leave)).sum(axis=1))
+    return np.abs(0.5 * (radius**2 * sectors + cross(enter, leave)).sum(axis=1))
 
 
 def shares(corners: Array) -> Array:
     """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
-    (x0, y0), (x1, y1) = ((corners[:, i] - corners[:, 0])[:, 1:].T for i in (1, 2))
-    return np.asarray(np.abs(x0 * y1 - x1 * y0))
+    b, c = ((corners[:, i] - corners[:, 0])[:, 1:] for i in (1, 2))
+    return np.abs(cross(b, c))
 
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.sum(a * b, axis=-1))
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
 def _angle(a: Array, b: Array) -> Array:
-    return np.asarray(np.arctan2(_cross(a, b), _dot(a, b)))
+    return np.asarray(np.arctan2(cross(a, b), _dot(a, b)))
 
 
 def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:

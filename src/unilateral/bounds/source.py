@@ -27,7 +27,6 @@ from unilateral.bounds.pieces import ORDER, Pieces, areas, known_at_points, poly
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_io import longest_edges
 from unilateral.problems.data import Data
 
 J = 3.8317
@@ -75,7 +74,7 @@ class Source:
 
 def poincare(mesh: Mesh) -> Array:
     """(m,) the constants C of ||w - mean w||_T <= C |w|_{1,T}."""
-    return longest_edges(mesh.points, mesh.triangles) / J
+    return mesh.longest_edges / J
 
 
 def enclosed(mesh: Mesh, data: Data) -> Source:

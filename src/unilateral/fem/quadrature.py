@@ -74,7 +74,7 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     offset = sign * tau**k
     s = p[:, None] + offset
     weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
-    side = np.searchsorted(polygon.starts, middle, side="right") - 1
+    side = polygon.sides_of(middle)
     interval = np.searchsorted(cuts, middle, side="right") - 1
     t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
     return BoundaryRule(

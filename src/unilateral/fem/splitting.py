@@ -18,6 +18,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
 
 KINK_LEVELS = 2
@@ -116,10 +117,7 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
 
 
 def _singular_points(case: Irregular) -> list[tuple[Array, int]]:
-    polygon = case.polygon
-    points = case.flux_singular()
-    sides, t = np.array([p.side for p in points], dtype=np.intp), np.array([p.t for p in points])
-    return list(zip(polygon.at(sides, t * polygon.lengths[sides]), (p.grading for p in points), strict=True))
+    return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular()]
 
 
 def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
@@ -137,12 +135,8 @@ def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
 def _barycentric(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
     """(k, 3) barycentric coordinates of a point of the plane in the pieces."""
     a, b, c = np.moveaxis(_vertices(mesh, corners, parent) - point, 1, 0)
-    areas = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)
+    areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
     return areas / areas.sum(axis=1, keepdims=True)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:

@@ -24,7 +24,7 @@ import xarray as xr
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import oscillation_bound
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
@@ -173,10 +173,8 @@ class DualNorm:
 
     def _rule(self, partition: Partition, case: Case | None) -> tuple[BoundaryRule, Index]:
         """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
-        cuts = np.union1d(self.spaces.mesh.s, partition.points)
+        cuts, edge, cell = overlay(self.spaces.mesh.s, partition.points)
         rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())
-        middle = 0.5 * (cuts[1:] + cuts[:-1])
-        cell, edge = (np.searchsorted(s, middle) - 1 for s in (partition.points, self.spaces.mesh.s))
         return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
 
     def _functionals(self, rule: BoundaryRule, values: Array) -> Functionals:

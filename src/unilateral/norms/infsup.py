@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 from unilateral.arrays import Array, Index
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.dual import Bounds
 
 ZERO = 1e-12
@@ -116,9 +116,7 @@ class Resolution(NamedTuple):
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
     """The measures of h/H that a cell of T_H sees."""
-    points = np.union1d(mesh.s, partition.points)
-    middle = 0.5 * (points[1:] + points[:-1])
-    cell, edge = (np.searchsorted(s, middle) - 1 for s in (partition.points, mesh.s))
+    points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)
     edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
     longest = np.zeros(partition.n_cells)

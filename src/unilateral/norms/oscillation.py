@@ -25,6 +25,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
@@ -57,9 +58,7 @@ def has_square(mesh: Mesh) -> Mask:
 
 def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Array:
     """(k,) the distance of points (k, 2) on the sides (k,) from the other sides."""
-    offset = points[:, None] - polygon.vertices
-    along = np.clip(np.sum(offset * polygon.tangents, axis=2), 0.0, polygon.lengths)
-    distance = np.linalg.norm(offset - along[..., None] * polygon.tangents, axis=2)
+    distance = segment_distances(points, polygon.vertices, np.roll(polygon.vertices, -1, axis=0))
     distance[np.arange(len(points)), side] = np.inf
     return np.asarray(distance.min(axis=1))
 

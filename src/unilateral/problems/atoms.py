@@ -99,7 +99,7 @@ class Local:
 
     @cached_property
     def centre(self) -> Array:
-        return self.polygon.at(np.array([self.side]), np.array([self.t * self.length]))[0]
+        return self.polygon.point(self.side, self.t)
 
     @cached_property
     def frame(self) -> Array:

@@ -135,7 +135,7 @@ def _continuous_at_vertices(case: Case) -> None:
 
 
 def _place(case: Case, side: int, t: float) -> str:
-    x, y = case.polygon.at(np.array([side]), np.array([t * case.polygon.lengths[side]]))[0]
+    x, y = case.polygon.point(side, t)
     return f"case '{case.name}' on '{case.polygon.name}' at ({x:.6g}, {y:.6g}), side {side}, t = {t:.6g}"
 
 

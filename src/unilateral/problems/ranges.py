@@ -10,7 +10,7 @@ from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
-from unilateral.geometry.mesh_io import segment_distances
+from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import X, Y
 
@@ -75,17 +75,8 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
     rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
     near = np.concatenate(away) <= half * (1 + 1e-9) + rounding
-    inside = _inside(polygon, centres)
+    inside = polygon.contains(centres)
     return near | inside, inside
-
-
-def _inside(polygon: Polygon, points: Array) -> Mask:
-    """Which of the points (k, 2) lie in the polygon: a ray from them crosses an odd number of sides."""
-    (x0, y0), (x1, y1) = polygon.vertices.T, np.roll(polygon.vertices, -1, axis=0).T
-    x, y = points[:, :1], points[:, 1:]
-    with np.errstate(all="ignore"):
-        crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-    return np.asarray(crossed.sum(axis=1) % 2 == 1)
 
 
 def _quarters(boxes: Array) -> Array:

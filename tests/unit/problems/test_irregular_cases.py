@@ -12,9 +12,9 @@ import yaml
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule, triangle_rules
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.case import Case
@@ -234,7 +234,7 @@ def test_energies_by_green_s_formula(name: str) -> None:
     """||u||_1^2 = (f, u) + <lambda, u>: for `rough` |grad u|^2 is like r^(-1.9), lambda u like r^(-0.9)."""
     case = load(name)
     energy = load_of_u = 0.0
-    for rule in triangle_rules(meshes.structured(case.polygon, 1 / 12), case, 14):
+    for rule in triangle_rules(structured(case.polygon, 1 / 12), case, 14):
         u, du = case.value_and_gradient(rule.origin, rule.offset)
         energy += float(rule.weight.ravel() @ (np.sum(du**2, axis=1) + u**2))
         load_of_u += float(rule.weight.ravel() @ (case.source(rule.origin, rule.offset) * u))
@@ -250,7 +250,7 @@ def squared_gradient(case: Case, *where: np.ndarray) -> np.ndarray:
 def test_energies_feel_a_rounded_distance() -> None:
     """Control: for `rough` 1e-16^0.1 = 2.5 % of the energy lie nearer to the point than round-off."""
     case = load("rough")
-    rules = list(triangle_rules(meshes.structured(square(), 1 / 12), case, 14))
+    rules = list(triangle_rules(structured(square(), 1 / 12), case, 14))
     with np.errstate(all="ignore"):
         rounded, exact = (
             sum(rule.weight.ravel() @ squared_gradient(case, *where(rule)) for rule in rules)

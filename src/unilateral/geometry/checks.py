@@ -1,24 +1,21 @@
-"""What comes from outside as a mesh: the checks every triangulation has to pass, and files, by meshio."""
+"""The checks that every triangulation of a polygon has to pass."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from io import StringIO
-from pathlib import Path
-
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.files import replacing
+from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
-TOLERANCE = 1e-10  # of positions relative to the polygon's diameter, and of areas relative to the polygon's
-SAME_POINT = 1e-12  # nodes nearer than this part of the diameter are one node listed twice
-FLAT = 1e-12  # triangles whose area is below this part of their longest edge squared are degenerate
+TOLERANCE = 1e-10
+"""Of positions relative to the polygon's diameter, and of areas relative to the polygon's."""
+SAME_POINT = 1e-12
+"""Nodes nearer than this part of the diameter are one node listed twice."""
+FLAT = 1e-12
+"""Triangles whose area is below this part of their longest edge squared are degenerate."""
 
 
 def round_off(polygon: Polygon) -> float:
@@ -26,35 +23,9 @@ def round_off(polygon: Polygon) -> float:
     return 8 * float(np.finfo(float).eps) * (polygon.perimeter + float(np.abs(polygon.vertices).max()))
 
 
-def signed_areas(points: Array, triangles: Index) -> Array:
-    """(m,) areas of the triangles, negative where the nodes run clockwise."""
-    x, y = points[triangles].transpose(2, 0, 1)
-    dx, dy = x - x[:, :1], y - y[:, :1]
-    return 0.5 * (dx[:, 1] * dy[:, 2] - dx[:, 2] * dy[:, 1])
-
-
-def longest_edges(points: Array, triangles: Index) -> Array:
-    """(m,) the longest edge of each triangle."""
-    x, y = points[triangles].transpose(2, 0, 1)
-    return np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
-
-
 def node(points: Array, number: int) -> str:
     """A node as it appears in messages."""
     return f"{number} ({points[number, 0]:.6g}, {points[number, 1]:.6g})"
-
-
-def as_array(values: ArrayLike, kind: type, where: str) -> np.ndarray:
-    """The values as an array of floats or of whole numbers (np.intp), or InputError."""
-    try:
-        array = np.asarray(values)
-        with np.errstate(invalid="ignore"):
-            converted: np.ndarray = array.astype(kind)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{where}: points and triangles have to be rectangular arrays of numbers") from error
-    if kind is np.intp and np.any(converted != array):
-        raise InputError(f"{where}: the triangles have to be whole numbers of nodes")
-    return converted
 
 
 def check_arrays(points: Array, triangles: Index, where: str) -> None:
@@ -154,86 +125,3 @@ def _why_stray(polygon: Polygon, points: Array, edges: Index, stray: Index, tole
             f"'{polygon.name}'; move it there or close the gap"
         )
     return f"the boundary edge {edge} does not run anticlockwise along one side of polygon '{polygon.name}'"
-
-
-def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
-    """(k, n) distances of the points (k, 2) from the segments between starts (n, 2) and ends (n, 2)."""
-    along = ends - starts
-    offset = points[:, None] - starts
-    t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
-    return np.hypot(*np.moveaxis(offset - t[..., None] * along, 2, 0))
-
-
-def save(
-    path: Path,
-    points: Array,
-    triangles: Index,
-    lines: Index,
-    on_lines: Mapping[str, np.ndarray],
-    at_points: Mapping[str, np.ndarray] | None = None,
-) -> None:
-    """Writes triangles, lines (nb, 2) with cell data (nb,) and points with data (n,), as its ending says.
-
-    The cell data of triangles are -1 or NaN.
-    """
-    import meshio
-
-    mesh = meshio.Mesh(
-        np.column_stack([points, np.zeros(len(points))]),
-        [("triangle", triangles), ("line", lines)],
-        point_data=dict(at_points or {}),
-        cell_data={name: [np.full(len(triangles), _none(data)), data] for name, data in on_lines.items()},
-    )
-    with replacing(path) as temporary:
-        try:
-            with _quiet():
-                meshio.write(temporary, mesh)
-        except OSError:
-            raise
-        except Exception as error:
-            raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
-
-
-def _none(data: np.ndarray) -> float:
-    return -1 if np.issubdtype(data.dtype, np.integer) else np.nan
-
-
-def load(path: Path) -> tuple[Array, Index, Index, Array]:
-    """Points (n, 2), triangles (m, 3), and the lines (k, 2) that have a cell datum "side" (k,)."""
-    import meshio
-
-    try:
-        with _quiet():
-            mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{path}: no mesh can be read from this file ({_reason(error)})") from error
-    foreign = sorted({block.type for block in mesh.cells} - {"triangle", "line", "vertex"})
-    if foreign:
-        raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
-    points = np.asarray(mesh.points, dtype=float)
-    if points.ndim == 2 and points.shape[1] == 3 and not np.any(points[:, 2]):
-        points = points[:, :2]
-    sides = mesh.cell_data.get("side", [None] * len(mesh.cells))
-    lines = [
-        (b.data, s) for b, s in zip(mesh.cells, sides, strict=True) if b.type == "line" and s is not None
-    ]
-    return (
-        points,
-        np.concatenate([np.empty((0, 3), int), *(b.data for b in mesh.cells if b.type == "triangle")]),
-        np.concatenate([np.empty((0, 2), int), *(data for data, _ in lines)]),
-        np.concatenate([np.empty(0), *(np.ravel(s) for _, s in lines)]),
-    )
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps meshio's own messages off the terminal."""
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        yield
-
-
-def _reason(error: BaseException) -> str:
-    """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
-    if isinstance(error, SystemExit):
-        return "its content is not what its ending says"
-    return str(error).strip().rstrip(".") or type(error).__name__
