@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from skfem.quadrature import get_quadrature_tri
 
 from unilateral.arrays import Array
 from unilateral.bounds.pieces import ORDER, Pieces, areas, known_at_points, polynomials
+from unilateral.fem.quadrature import symmetric
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
@@ -123,10 +123,9 @@ def _rest(mesh: Mesh, pieces: Pieces) -> Array:
 def _moments() -> Array:
     """(3 + m, m) means on a piece of monomials times its three hats, then times each other."""
     of = basis(2, ORDER)
-    points, weights = get_quadrature_tri(2 * ORDER)
-    values = np.prod((2 * points[None] - 1) ** of.exponents[..., None], axis=1)
-    hats = np.stack([1 - points.sum(axis=0), *points])
-    return 2 * (np.concatenate([hats, values]) * weights) @ values.T
+    points, weights = symmetric(2 * ORDER)
+    values = np.prod((2 * points.T[1:] - 1) ** of.exponents[..., None], axis=1)
+    return (np.concatenate([points.T, values]) * weights) @ values.T
 
 
 def _quadratic(c: Array) -> Array:

@@ -62,10 +62,6 @@ class Condensed:
         operator = LinearOperator((size, size), matvec=similar, dtype=float)
         return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
-    def condensed_load(self, load: Array) -> Array:
-        """The paper's g'' (nb,) of a load (n,) on all nodes."""
-        return self.A_3 @ self.solve(load)[self.mesh.boundary]
-
 
 def condense(mesh: Mesh) -> Condensed:
     """Factorise A on the mesh and condense it to the boundary nodes.

@@ -17,6 +17,7 @@ from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy, parse, pos
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
+from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.problems.atoms import X, Y
@@ -170,9 +171,7 @@ def dual(of, found):
         at = where(x.ravel(), y.ravel())
         a, b, c = (mesh.points[mesh.triangles[at]][:, i] for i in range(3))
         p = np.stack([x.ravel(), y.ravel()], axis=1)
-        l1, l2 = (
-            jumps._cross(*edges) / jumps._cross(b - a, c - a) for edges in ((p - a, c - a), (b - a, p - a))
-        )
+        l1, l2 = (cross(*edges) / cross(b - a, c - a) for edges in ((p - a, c - a), (b - a, p - a)))
         f_h = np.sum(found.f_h[at] * np.stack([1 - l1 - l2, l1, l2], axis=1), axis=1)
         return (of.value(x, y)[0] - f_h.reshape(x.shape)) * w
 

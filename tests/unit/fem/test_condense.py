@@ -85,7 +85,7 @@ def test_condensed_system_gives_the_trace_of_the_full_one(condensed: Condensed) 
     total = load.copy()
     total[mesh.boundary] += boundary_load
     trace = spl.spsolve(full_matrix(mesh), total)[mesh.boundary]
-    found = condensed.solve_boundary(condensed.condensed_load(load) + boundary_load)
+    found = condensed.solve(load)[mesh.boundary] + condensed.solve_boundary(boundary_load)
     assert abs(found - trace).max() < 1e-10 * abs(trace).max()
 
 
@@ -183,7 +183,6 @@ def test_constant_load_gives_the_constant() -> None:
     condensed = condense(mesh)
     load = stiffness_and_mass(mesh)[1] @ np.ones(len(mesh.points))
     np.testing.assert_allclose(condensed.solve(load), 1, rtol=1e-12)
-    np.testing.assert_allclose(condensed.solve_boundary(condensed.condensed_load(load)), 1, rtol=1e-12)
 
 
 def scaled_square(L: float) -> meshes.Mesh:
