@@ -137,7 +137,7 @@ class Case:
     @property
     def flux_in_L2(self) -> bool:
         """Whether lambda is square integrable; errors of lambda in L2 are NaN if not."""
-        return all(atom.flux_in_L2 for atom in self.atoms)
+        return all(atom.regularity.flux_in_L2 for atom in self.atoms)
 
     def flux_singular(self) -> list[Singular]:
         """The points of sides at which lambda, and u in Omega, behave like a fractional power."""

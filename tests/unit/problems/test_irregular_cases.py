@@ -107,11 +107,7 @@ def test_what_is_bounded_on_the_sides(
 
     So with beta < 1 a trace is Lipschitz, or a flux bounded, only if it vanishes on both sides.
     """
-    assert atom.lipschitz == lipschitz
-    assert atom.flux_bounded == flux_bounded
-    assert atom.flux_in_L2 == flux_in_L2
-    assert atom.in_H2 == in_H2
-    assert atom.finite
+    assert atom.regularity == (in_H2, lipschitz, flux_in_L2, flux_bounded, True)
 
 
 @pytest.mark.parametrize(("alpha", "refused"), [("-1/3", True), ("1/3", True), ("0", False), ("-1", True)])
@@ -137,8 +133,8 @@ def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off: float, refused: bool) 
 
 def test_a_linear_transition_is_bounded() -> None:
     """r cos(theta - omega), though it vanishes on one side only."""
-    assert polar("transition", "0").lipschitz
-    assert polar("transition", "0").flux_bounded
+    assert polar("transition", "0").regularity.lipschitz
+    assert polar("transition", "0").regularity.flux_bounded
 
 
 def test_an_atom_at_a_vertex_of_sides_of_two_lengths() -> None:
