@@ -12,16 +12,13 @@ from functools import cached_property
 import numpy as np
 import pymetis
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 NONE = np.empty(0, dtype=np.intp)
 CONSTANTS = 1e-8
@@ -41,7 +38,7 @@ class Condensed:
     A_3: Array
     cholesky: Array
     lu: SuperLU
-    order: Ints
+    order: Index
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
@@ -65,10 +62,6 @@ class Condensed:
         operator = LinearOperator((size, size), matvec=similar, dtype=float)
         return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
-    def condensed_load(self, load: Array) -> Array:
-        """The paper's g'' (nb,) of a load (n,) on all nodes."""
-        return self.A_3 @ self.solve(load)[self.mesh.boundary]
-
 
 def condense(mesh: Mesh) -> Condensed:
     """Factorise A on the mesh and condense it to the boundary nodes.
@@ -90,7 +83,7 @@ def dissected(condensed: Condensed) -> Condensed:
     return replace(condensed, lu=factorise(condensed.A, order), order=order)
 
 
-def factorise(A: sp.csr_array, order: Ints) -> SuperLU:
+def factorise(A: sp.csr_array, order: Index) -> SuperLU:
     """The factors of A (n, n), in its precision, with the unknowns in that order."""
     return splu(
         A[order][:, order].tocsc(),
@@ -114,7 +107,7 @@ def check_constants(mesh: Mesh, found: Array) -> None:
         )
 
 
-def elimination_order(A: sp.csr_array, boundary: Ints = NONE) -> Ints:
+def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
 
     Consecutive boundary nodes share an edge, so the elimination tree ends in their chain and SuperLU's

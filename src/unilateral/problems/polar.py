@@ -13,17 +13,16 @@ from functools import cached_property
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.formulas.elementary import evaluate, real_power
 from unilateral.formulas.formula import MAX_DENOMINATOR, Compiled, compile_numpy, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.atoms import Along, Array, Local
+from unilateral.problems.atoms import ON_SIDE, Along, Local, Regularity
 
-ON_SIDE = 1e-12
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
@@ -95,13 +94,12 @@ class Polar(Local):
         return phi, evaluate(pos(1 - Q, 4), {Q: q}), evaluate(laplacian, {Q: q})
 
     def _polar(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
-        """rho (k,) and theta (k,) in [0, 2 pi); a rounding error outside the sides counts as on them."""
-        along, into = self.local(points, offset)
-        into = np.where(np.abs(into) < ON_SIDE, np.abs(into), into)  # arctan2(-0.0, -1) is -pi
+        """rho (k,) and theta (k,) in [0, 2 pi)."""
+        along, into = self.local_inside(points, offset)
         theta = np.arctan2(into, along)
         return np.hypot(along, into), np.where(theta < 0, theta + 2 * np.pi, theta)
 
-    def _inside(self, r: Array) -> NDArray[np.intp] | slice:
+    def _inside(self, r: Array) -> Index | slice:
         """The points (k,) in the support, but for the centre; a slice if these are all."""
         limit = np.inf if self.cutoff is None else float(self.cutoff)
         inside = (r < limit) & (r > 0)
@@ -112,9 +110,8 @@ class Polar(Local):
         inside = self._inside(r)
         value, gradient = np.zeros(len(r)), np.zeros((len(r), 2))
         v, v_r, v_theta = self._values[0](r[inside], theta[inside])
-        cos, sin = np.cos(theta[inside]), np.sin(theta[inside])
         value[inside] = self.length * v
-        gradient[inside] = self.to_xy(v_r * cos - v_theta * sin, v_r * sin + v_theta * cos)
+        gradient[inside] = self.polar_to_xy(theta[inside], v_r, v_theta)
         return value, gradient
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
@@ -149,30 +146,19 @@ class Polar(Local):
         value[inside], flux[inside] = self.length * v, np.where(first[inside], -v_theta, v_theta)
         return value, flux
 
-    @property
-    def in_H2(self) -> bool:
-        return bool(self.beta > 1)
-
-    @property
-    def lipschitz(self) -> bool:
-        """Whether u is, on the sides; its trace there is like cos(beta (theta - theta_0)) rho^beta."""
-        ends = (sympy.cos(self.beta * (theta - self.theta_0)) for theta in (0, self.omega))
-        return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
-
-    @property
-    def finite(self) -> bool:
-        """Whether contact begins and ends at finitely many points."""
-        return True
-
-    @property
-    def flux_in_L2(self) -> bool:
-        return bool(self.beta > sympy.Rational(1, 2))
-
-    @property
-    def flux_bounded(self) -> bool:
-        """On the sides, where it is like sin(beta (theta - theta_0)) rho^(beta - 1)."""
-        ends = (sympy.sin(self.beta * (theta - self.theta_0)) for theta in (0, self.omega))
-        return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
+    @cached_property
+    def regularity(self) -> Regularity:
+        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
+        ends = [self.beta * (theta - self.theta_0) for theta in (0, self.omega)]
+        no_trace, no_flux = (
+            all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin)
+        )
+        return Regularity(
+            in_H2=bool(self.beta > 1),
+            lipschitz=bool(self.beta >= 1) or no_trace,
+            flux_in_L2=bool(2 * self.beta > 1),
+            flux_bounded=bool(self.beta >= 1) or no_flux,
+        )
 
     def kinks(self) -> list[Kink]:
         if self.cutoff is None:

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 from scipy.optimize import nnls
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import (
     DualResult,
@@ -23,8 +23,6 @@ from unilateral.solvers.uzawa import (
     residual_bound,
     warn_unless_converged,
 )
-
-Array = NDArray[np.float64]
 
 
 def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:

@@ -13,14 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.steps import STEPS, Step
 
-Array = NDArray[np.float64]
 Apply = Callable[[Array, Array], object]
 Observe = Callable[[Array, Array, Array], None]
 DIVERGED = 1e300

@@ -15,6 +15,7 @@ from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named, square
+from unilateral.geometry.structured import structured
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, predicted_steps, residual_bound, uzawa
 
@@ -24,7 +25,7 @@ SIGMA_1 = math.tanh(1 / (2 * math.sqrt(2))) / math.sqrt(2)
 
 @cache
 def condensed(n: int) -> Condensed:
-    return condense(meshes.structured(square(), 1 / n))
+    return condense(structured(square(), 1 / n))
 
 
 @cache
