@@ -22,7 +22,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import ritz_projection
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import problem_file
 from unilateral.solvers.iterate import Stop, iterate
 
