@@ -20,7 +20,8 @@ from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import Exact, cell_means, ritz_projection
+from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral import discrete
-from unilateral.accuracy.budget import LARGEST_BOUNDARY, MAX_UNKNOWNS
-from unilateral.accuracy.level import NORMS, Goal, Level
+from unilateral.accuracy.budget import LARGEST_BOUNDARY
+from unilateral.accuracy.level import MAX_UNKNOWNS, NORMS, Goal, Level
 from unilateral.accuracy.search import search
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse

@@ -28,7 +28,7 @@ from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 AIM = 0.5
-"""Of the tolerance, when the iteration goes on because the first one missed it."""
+"""Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
 UNKNOWN = 1e-4
 """Of that residual: what the errors are taken to be where nothing is known of them."""
 SAMPLED = 8
@@ -137,11 +137,11 @@ class Solution:
         of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
         return max((1 - SUMS) * of_discrete - self.total(norm), 0.0)
 
-    def improved(self, tolerance: float, stop: Stop) -> Solution:
-        """The same, iterated on until the algebraic bound is at most `tolerance`."""
+    def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
+        """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that."""
         if self.result.bound <= tolerance or not self.result.converged:
             return self
-        more = self.discrete.iterated(AIM * tolerance, stop, self.result.lambda_H)
+        more = self.discrete.iterated(aim * tolerance, stop, self.result.lambda_H)
         return replace(more, result=joined(self.result, more.result))
 
 
@@ -207,13 +207,8 @@ def _to_exact(discrete: Discrete, exact: Exact, stop: Stop, beta: float) -> Solu
     """Goes on from lambda_H where the H^{-1/2} error then still misses the fraction."""
     spaces = discrete.spaces
     solved = discrete.iterated(stop.fraction * exact.tolerance(spaces), stop)
-    result = solved.result
-    if not result.converged or spaces.operator.singular or exact.means.lambda_is_zero:
+    if spaces.operator.singular or exact.means.lambda_is_zero:
         return solved
-    error = exact.ritz.discrete_dual(exact.boundary_load(spaces, result.lambda_H))
-    needed = stop.fraction * error * beta
-    if result.bound <= needed:
-        return solved
-    going_on = replace(stop, algorithm="nesterov") if result.algorithm == "nesterov" else stop
-    more = discrete.iterated(needed, going_on, result.lambda_H)
-    return replace(more, result=joined(result, more.result))
+    error = exact.ritz.discrete_dual(exact.boundary_load(spaces, solved.result.lambda_H))
+    going_on = replace(stop, algorithm="nesterov") if solved.result.algorithm == "nesterov" else stop
+    return solved.improved(stop.fraction * error * beta, going_on, aim=1.0)

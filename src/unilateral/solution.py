@@ -87,7 +87,7 @@ class Solution:
     @property
     def certified(self) -> bool:
         """Whether an accuracy was asked for and is guaranteed."""
-        return self.search is not None and self.search.best.certified
+        return self.search is not None and self.search.certified
 
     @cached_property
     def errors(self) -> Errors | None:

@@ -13,7 +13,8 @@ from unilateral.fem.condense import dissected
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import cell_means, ritz_projection
+from unilateral.norms.exact import cell_means
+from unilateral.norms.ritz import ritz_projection
 from unilateral.study.runs import algorithm as experiments
 from unilateral.study.runs import algorithm_cost as trials
 

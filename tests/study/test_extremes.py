@@ -24,7 +24,8 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured, tensor
-from unilateral.norms.exact import cell_means, exact, ritz_projection
+from unilateral.norms.exact import cell_means, exact
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.solvers import uzawa

@@ -22,7 +22,7 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.problems.polar import harmonic
+from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.iterate import Stop
 from unilateral.study.judge import surfaces
 from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, transition

@@ -17,7 +17,8 @@ from unilateral.discrete import Discrete, Solution, solve, with_load, with_solut
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.polygon import square
-from unilateral.norms.exact import exact, h1_distance
+from unilateral.norms.exact import exact
+from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
 from unilateral.solvers.iterate import Stop
 from unilateral.solvers.uzawa import uzawa

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from unilateral.accuracy.level import Goal, Level, standing, unknowable
+from unilateral.accuracy.level import Level, standing, unknowable
 
-MAX_UNKNOWNS = 100_000
-"""On the finest mesh, which takes about 3 GB."""
 MARGIN = 0.9
 """Of the error that is wanted: what the next level aims at."""
 LEAST_STEP, LARGEST_STEP = 1.25, 4.0
@@ -23,41 +21,43 @@ GROWTH = 1.3
 """Seconds grow like the unknowns to this power, at most."""
 
 
-def affordable_H(done: Sequence[Level], goal: Goal, seconds: float) -> float | None:
-    """The next level's H within the budget, or None."""
-    last, in_time = done[-1], _in_time(done[-1], goal, seconds)
+def affordable_H(done: Sequence[Level], seconds: float) -> float | None:
+    """The next level's H within the budget, of which so many seconds are spent, or None."""
+    last, in_time = done[-1], _in_time(done[-1], seconds)
     if last.certified or in_time == math.inf or not last.solved.result.converged or unknowable(last):
         return None
     if len(standing(done)) < len(done):
         return None
-    H, totals = last.partition.H, [level.solved.total(goal.norm) for level in done]
-    wanted = wanted_H([level.partition.H for level in done], totals, last.target)
-    affordable = H * max(*_shares(last, goal).values(), in_time)
+    H = last.partition.H
+    wanted = wanted_H([level.partition.H for level in done], [level.total for level in done], last.target)
+    affordable = H * max(*_shares(last).values(), in_time)
     if LEAST_STEP * affordable > H:
         return None
     return max(wanted, affordable)
 
 
-def _shares(last: Level, goal: Goal) -> dict[str, float]:
+def _shares(last: Level) -> dict[str, float]:
     """Of the limits to sizes, the part of a level's H to which each allows the next one to go down."""
+    most, nodes = last.goal.max_unknowns, len(last.solved.discrete.mesh.boundary)
     return {
-        f"--max-unknowns {goal.max_unknowns}": math.sqrt(GUESS * last.unknowns / goal.max_unknowns),
-        f"{LARGEST_BOUNDARY} boundary nodes": len(last.solved.discrete.mesh.boundary) / LARGEST_BOUNDARY,
+        f"max_unknowns={most}": math.sqrt(GUESS * last.unknowns / most),
+        f"{LARGEST_BOUNDARY} boundary nodes": nodes / LARGEST_BOUNDARY,
     }
 
 
-def _in_time(last: Level, goal: Goal, seconds: float) -> float:
+def _in_time(last: Level, seconds: float) -> float:
     """The same for the time that is left."""
-    left = goal.max_seconds - seconds
+    left = last.goal.max_seconds - seconds
     return float((last.seconds / left) ** (0.5 / GROWTH)) if left > 0 else math.inf
 
 
-def limits(done: Sequence[Level], goal: Goal) -> list[str]:
+def limits(done: Sequence[Level]) -> list[str]:
     """Those that do not allow a level after these."""
-    found = [name for name, share in _shares(done[-1], goal).items() if LEAST_STEP * share > 1]
-    if LEAST_STEP * _in_time(done[-1], goal, sum(level.seconds for level in done)) > 1:
-        found.append(f"--max-seconds {goal.max_seconds:g}")
-    return found or [f"--max-unknowns {goal.max_unknowns}"]
+    last = done[-1]
+    found = [name for name, share in _shares(last).items() if LEAST_STEP * share > 1]
+    if LEAST_STEP * _in_time(last, sum(level.seconds for level in done)) > 1:
+        found.append(f"max_seconds={last.goal.max_seconds:g}")
+    return found or [f"max_unknowns={last.goal.max_unknowns}"]
 
 
 def wanted_H(sizes: Sequence[float], bounds: Sequence[float], target: float) -> float:

@@ -14,26 +14,28 @@ NORMS = ("h1", "hm12")
 """Of u in H1, and of lambda in H^{-1/2}."""
 
 
+MAX_UNKNOWNS = 100_000
+"""On the finest mesh, which takes about 3 GB."""
+SHARE = 0.1
+"""Of the error that is wanted: what the iteration may contribute."""
+
+
 @dataclass(frozen=True)
 class Goal:
     """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it."""
 
     accuracy: float
     norm: str = "h1"
-    max_unknowns: int = 100_000
+    max_unknowns: int = MAX_UNKNOWNS
     max_seconds: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve; `target` is the error that is wanted, as far as this level knows the solution's norm.
-
-    `seconds` counts its mesh, too.
-    """
+    """One solve towards a goal; `seconds` counts its mesh, too."""
 
     solved: Solution
-    target: float
-    certified: bool
+    goal: Goal
     seconds: float
 
     @property
@@ -43,6 +45,31 @@ class Level:
     @property
     def unknowns(self) -> int:
         return self.solved.discrete.mesh.n_nodes
+
+    @property
+    def total(self) -> float:
+        """The guaranteed bound of the error in the goal's norm."""
+        return self.solved.total(self.goal.norm)
+
+    @property
+    def algebraic(self) -> float:
+        """The part of the iteration in it."""
+        return self.solved.algebraic(self.goal.norm)
+
+    @property
+    def size(self) -> float:
+        """A lower bound of the solution's norm."""
+        return self.solved.size(self.goal.norm)
+
+    @property
+    def target(self) -> float:
+        """The error that is wanted, as far as this level knows the solution's norm."""
+        return target(self.solved, self.goal)
+
+    @property
+    def certified(self) -> bool:
+        wanted = self.goal.accuracy * self.size
+        return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 
 def target(solved: Solution, goal: Goal) -> float:

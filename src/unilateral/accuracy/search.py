@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from unilateral.accuracy.budget import LARGEST_BOUNDARY, affordable_H
-from unilateral.accuracy.level import Goal, Level, standing, target
+from unilateral.accuracy.level import SHARE, Goal, Level, standing, target
 from unilateral.discrete import AIM, FIRST, with_data
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -31,9 +31,7 @@ from unilateral.solvers.iterate import Stop
 
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
-NOT_CONVERGED = "the iteration did not converge (--max-steps, --rho, --algorithm)"
-SHARE = 0.1
-"""Of the error that is wanted: what the iteration may contribute."""
+NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 SAFE = 0.5
 """Below 2 / sqrt(3), the unknowns on equilateral triangles of the size h, times h^2 over the area."""
 
@@ -42,7 +40,6 @@ SAFE = 0.5
 class Search:
     """The levels done, and what ended the search before the budget did, if anything."""
 
-    goal: Goal
     done: list[Level]
     ended: str
     refusal: InputError | None = None
@@ -55,8 +52,12 @@ class Search:
     @cached_property
     def best(self) -> Level:
         """The last of these that is certified, or the one with the smallest bound; of none the finest."""
-        norm, candidates = self.goal.norm, self.believed or [replace(self.done[-1], certified=False)]
-        return min(reversed(candidates), key=lambda level: (not level.certified, level.solved.total(norm)))
+        candidates = reversed(self.believed or self.done[-1:])
+        return min(candidates, key=lambda level: (not level.certified, level.total))
+
+    @property
+    def certified(self) -> bool:
+        return bool(self.believed) and self.best.certified
 
 
 def search(
@@ -80,12 +81,12 @@ def search(
         if not done:
             raise
         if isinstance(stopped, InputError):
-            return Search(goal, done, "the next level is refused", stopped)
-        return Search(goal, done, INTERRUPTED)
+            return Search(done, "the next level is refused", stopped)
+        return Search(done, INTERRUPTED)
     if len(standing(done)) < len(done):
-        return Search(goal, done, CONTRADICTED)
+        return Search(done, CONTRADICTED)
     diverged = not (done[-1].certified or done[-1].solved.result.converged)
-    return Search(goal, done, NOT_CONVERGED if diverged else "")
+    return Search(done, NOT_CONVERGED if diverged else "")
 
 
 def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") -> Iterator[Level]:
@@ -116,14 +117,14 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
             break
         done.append(_solved(problem, mesh, partition, goal, stop, done[-1] if done else None, start))
         yield done[-1]
-        H = affordable_H(done, goal, time.perf_counter() - begin)
+        H = affordable_H(done, time.perf_counter() - begin)
     if not done:
         raise _too_many(problem.polygon, str(mesh.n_nodes), goal)
 
 
 def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
     return InputError(
-        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; --max-unknowns {goal.max_unknowns} "
+        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; max_unknowns={goal.max_unknowns} "
         "has to be at least that"
     )
 
@@ -155,11 +156,8 @@ def _solved(
     start, tolerance = None, FIRST * discrete.first_residual
     if before is not None:
         start = before.partition.means(before.solved.lambda_H, partition.points)[spaces.cells]
-        if math.isfinite(before.solved.total(goal.norm)):
+        if math.isfinite(before.total):
             tolerance = AIM * SHARE * before.target * in_norm or tolerance
     solved = discrete.iterated(tolerance, stop, start)
     solved = solved.improved(SHARE * target(solved, goal) * in_norm, stop)
-    certified = solved.total(goal.norm) <= goal.accuracy * solved.size(goal.norm) and solved.algebraic(
-        goal.norm
-    ) <= SHARE * goal.accuracy * solved.size(goal.norm)
-    return Level(solved, target(solved, goal), certified, time.perf_counter() - begin)
+    return Level(solved, goal, time.perf_counter() - begin)

@@ -37,7 +37,8 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.bounds.feasible import Constraint, constraint
+from unilateral.bounds.constraint import Constraint, constraint
+from unilateral.bounds.feasible import missing, raised
 from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.source import Source
 from unilateral.errors import InputError
@@ -92,12 +93,12 @@ def total_bound(
     u, g = spaces.of_p1(u_h), constraint(obstacle, mesh, spaces.on_edges, spaces.p2.N, held)
     contact = _contact(g, u, flux.push)
     stiffness, at_edges = spaces.A.diagonal()[spaces.on_edges[:, 2]], (spaces.triangle, flux.ends)
-    v, touching = g.raised(spaces.potential(contact, g.at_unknowns), contact, *at_edges, stiffness)
-    q, missing = spaces.best_flux(flux.ends), g.missing(v, touching, *at_edges)
-    of_doubt = spaces.norm(spaces.of_p1(missing.added))
-    extension, defect = missing.norm + of_doubt, math.sqrt(spaces.defect(v, q))
+    v, touching = raised(g, spaces.potential(contact, g.at_unknowns), contact, *at_edges, stiffness)
+    q, short = spaces.best_flux(flux.ends), missing(g, v, touching, *at_edges)
+    of_doubt = spaces.norm(spaces.of_p1(short.added))
+    extension, defect = short.norm + of_doubt, math.sqrt(spaces.defect(v, q))
     defect += spaces.rounding(v, defect)
-    eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * max(missing.slack, 0.0))
+    eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * max(short.slack, 0.0))
     d, of_v = v - u, eta + extension
     distance, of_trace = (1 + SUMS) * spaces.norm(d), (1 + SUMS) * spaces.norm(spaces.extension(d, held))
     residual = spaces.product(d, spaces.load + spaces.boundary_load(flux.ends), v)

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from unilateral import __version__
-from unilateral.accuracy.budget import MAX_UNKNOWNS
-from unilateral.accuracy.level import NORMS
+from unilateral.accuracy.level import MAX_UNKNOWNS, NORMS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real

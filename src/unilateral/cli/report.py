@@ -7,9 +7,10 @@ import math
 from typing import Any
 
 from unilateral.accuracy.budget import limits
-from unilateral.accuracy.level import Goal, Level, unknowable
+from unilateral.accuracy.level import Level, unknowable
 from unilateral.accuracy.search import Search
 from unilateral.bounds.total import TotalBound
+from unilateral.cli.streams import as_options
 from unilateral.solvers.uzawa import DualResult
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
@@ -64,40 +65,42 @@ def _errors(found: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def level_head(name: str, goal: Goal, first: Level) -> str:
+def level_head(name: str, first: Level) -> str:
     """What is wanted, the columns' names and the first level."""
-    columns = "".join(f"{column:>12}" for column in COLUMNS)
+    columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
     wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g} {SIZE[goal.norm]}"
-    return "\n".join([wanted, columns, level_line(first, goal)])
+    return "\n".join([wanted, columns, level_line(first)])
 
 
-def level_line(level: Level, goal: Goal) -> str:
+def level_line(level: Level) -> str:
     solved = level.solved
     numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.spaces.cells)]
-    numbers += [solved.result.iterations, solved.algebraic(goal.norm), solved.total(goal.norm), level.target]
+    numbers += [solved.result.iterations, level.algebraic, level.total, level.target]
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 
 
 def ending(search: Search) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
-    goal, best = search.goal, search.best.solved
+    best, norm = search.best, search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    error, size = best.total(goal.norm), best.size(goal.norm)
-    reached = f"{ERROR[goal.norm]} <= {error:.4e}"
-    if size > 0:
-        reached += f" = {error / size:.3g} of {SIZE[goal.norm]} >= {size:.4e}"
-    if search.best.certified:
+    reached = f"{ERROR[norm]} <= {best.total:.4e}"
+    if best.size > 0:
+        reached += f" = {best.total / best.size:.3g} of {SIZE[norm]} >= {best.size:.4e}"
+    if best.certified:
         return f"  certified: {reached}"
-    if best.bound and unknowable(search.done[-1]) and not search.ended:
-        unknown = best.bound.unknown
+    bound = best.solved.bound
+    if bound and unknowable(search.done[-1]) and not search.ended:
         return (
             f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
-            f"{unknown:.4e} is what is not known of them; {error - unknown:.4e}, the rest, is an estimate"
+            f"{bound.unknown:.4e} is what is not known of them; {best.total - bound.unknown:.4e}, the rest, "
+            "is an estimate"
         )
-    why = search.ended or f"out of budget ({', '.join(limits(search.done, goal))})"
-    nothing = goal.norm == "hm12" and best.lambda_norm == 0
-    return f"  NOT certified, {why}: {reached}" + ("; lambda_H is 0, nothing is relative to it" * nothing)
+    why = search.ended or f"out of budget ({', '.join(limits(search.done))})"
+    nothing = norm == "hm12" and best.solved.lambda_norm == 0
+    return f"  NOT certified, {as_options(why)}: {reached}" + (
+        "; lambda_H is 0, nothing is relative to it" * nothing
+    )
 
 
 def rests_on(bound: TotalBound) -> str:

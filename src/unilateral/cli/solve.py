@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
-from unilateral.accuracy.level import Goal, Level
+from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import INTERRUPTED as BY_USER
 from unilateral.accuracy.search import Search
 from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, table
@@ -74,23 +74,22 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
 
 
 def _up_to_accuracy(options: argparse.Namespace, problem: Case | Problem, begin: float) -> int:
-    goal = Goal(options.accuracy, options.norm or "h1", options.max_unknowns, options.max_seconds or math.inf)
     found = api.solve(
         problem,
-        accuracy=goal.accuracy,
-        norm=goal.norm,
+        accuracy=options.accuracy,
+        norm=options.norm or "h1",
         mesh=_mesh(options.mesh, problem),
         stop=_stop(options),
-        max_unknowns=goal.max_unknowns,
-        max_seconds=goal.max_seconds,
-        tell=None if options.json else _told(problem.name, goal),
+        max_unknowns=options.max_unknowns,
+        max_seconds=options.max_seconds or math.inf,
+        tell=None if options.json else _told(problem.name),
     )
     search = found.search
     assert search is not None
     _tell_faults(search)
     printed = _printed(found) | {
         "converged": found.certified,
-        "total_bound": search.best.solved.total(goal.norm) if search.believed else math.nan,
+        "total_bound": search.best.total if search.believed else math.nan,
     }
     _add_cost(printed, begin)
     if not options.json:
@@ -102,13 +101,13 @@ def _up_to_accuracy(options: argparse.Namespace, problem: Case | Problem, begin:
     return 0 if found.certified else NOT_CONVERGED
 
 
-def _told(name: str, goal: Goal) -> Callable[[Level], None]:
+def _told(name: str) -> Callable[[Level], None]:
     """Prints each level when it is done, the first one below what is wanted."""
     first = True
 
     def one(level: Level) -> None:
         nonlocal first
-        say(level_head(name, goal, level) if first else level_line(level, goal))
+        say(level_head(name, level) if first else level_line(level))
         first = False
 
     return one

@@ -6,6 +6,7 @@ import codecs
 import contextlib
 import io
 import os
+import re
 import signal
 import sys
 from importlib import import_module
@@ -19,6 +20,9 @@ NAMES = {
 """How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
 
 
+ARGUMENT = re.compile(r"\b(max_unknowns|max_seconds|max_steps|rho|algorithm)=([0-9.]?)")
+
+
 def say(text: str) -> None:
     """On standard output, at once."""
     _print(text, sys.stdout)
@@ -27,9 +31,19 @@ def say(text: str) -> None:
 def tell(message: object) -> None:
     """One line on standard error, where that can be written."""
     try:
-        _print(" ".join(["unilateral:", *str(message).split()]), sys.stderr)
+        _print(" ".join(["unilateral:", *as_options(str(message)).split()]), sys.stderr)
     except OSError:
         abandon(sys.stderr)
+
+
+def as_options(message: str) -> str:
+    """The library's arguments, such as max_unknowns=9, as what is typed here: --max-unknowns 9."""
+
+    def option(argument: re.Match[str]) -> str:
+        name, value = argument[1].replace("_", "-"), argument[2]
+        return f"--{name} {value}" if value else f"--{name}"
+
+    return ARGUMENT.sub(option, message)
 
 
 def _print(text: str, stream: TextIO) -> None:

@@ -18,7 +18,6 @@ import sympy
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.formulas import grammar
-from unilateral.formulas.grammar import MAX_DENOMINATOR as MAX_DENOMINATOR
 from unilateral.formulas.positive import pos, positive_power
 
 Compiled = Callable[..., list[Array]]

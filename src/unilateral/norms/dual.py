@@ -22,11 +22,10 @@ import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 
-from unilateral.arrays import Array, Index
-from unilateral.fem.quadrature import BoundaryRule, boundary_rule
-from unilateral.geometry.partition import Partition, overlay
+from unilateral.arrays import Array
+from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import cell_means
-from unilateral.norms.oscillation import oscillation_bound
+from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 from unilateral.problems.case import Case
 
@@ -38,18 +37,6 @@ class Bounds(NamedTuple):
 
     lower: Array
     upper: Array
-
-
-class Functionals(NamedTuple):
-    """What the reference spaces see of k functions mu on the boundary.
-
-    `loads` (n_p2, k) are <mu, psi_i>; `fluxes` (2 nb, k) are Pi_1 mu at the ends of the boundary edges;
-    `oscillation` (k,) bounds ||mu - Pi_1 mu||_{-1/2}.
-    """
-
-    loads: sp.csc_array
-    fluxes: sp.csc_array
-    oscillation: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,20 +122,20 @@ class DualNorm:
 
         Another partition may be given; its points need not be nodes of the reference mesh.
         """
-        cells = partition or self.partition
-        rule, cell = self._rule(cells, None)
-        return self._bounds(self._functionals(rule, mu_H.T[cell]))
+        return self._bounds(of_p0(self.spaces, partition or self.partition, mu_H))
 
     def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bounds:
         """Bounds (k,) of ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells."""
-        return self._bounds(self._differences(case, mu_H, partition or self.partition))
+        return self._bounds(of_differences(self.spaces, partition or self.partition, case, mu_H))
 
     def gram(self, cases: Sequence[Case] = ()) -> Gram:
         """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
         means = [cell_means(case, self.partition).lambda_means for case in cases]
-        pairs = zip(cases, means, strict=True)
-        of_cases = [self._differences(case, mean[None], self.partition) for case, mean in pairs]
-        parts = [self._indicators(), *of_cases]
+        of_cases = [
+            of_differences(self.spaces, self.partition, case, mean[None])
+            for case, mean in zip(cases, means, strict=True)
+        ]
+        parts = [of_indicators(self.spaces, self.partition), *of_cases]
         loads = sp.hstack([part.loads for part in parts], format="csc")
         fluxes = sp.hstack([part.fluxes for part in parts], format="csc")
         return Gram(
@@ -163,56 +150,6 @@ class DualNorm:
         lower = np.diag(self.spaces.suprema(mu.loads))
         upper = np.diag(self.spaces.least_fluxes(mu.fluxes))
         return Bounds(_root(lower), _root(upper) + mu.oscillation)
-
-    def _differences(self, case: Case, mu_H: Array, partition: Partition) -> Functionals:
-        """Of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here."""
-        rule, cell = self._rule(partition, case)
-        flux = case.boundary(rule.side, rule.s, rule.near)[1]
-        found = self._functionals(rule, flux[:, None] - mu_H.T[cell])
-        return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
-
-    def _rule(self, partition: Partition, case: Case | None) -> tuple[BoundaryRule, Index]:
-        """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
-        cuts, edge, cell = overlay(self.spaces.mesh.s, partition.points)
-        rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())
-        return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
-
-    def _functionals(self, rule: BoundaryRule, values: Array) -> Functionals:
-        """Of functions with the values (Q, k) at the points of the rule."""
-        mesh, edge = self.spaces.mesh, rule.interval
-        lengths = np.diff(mesh.s)
-        x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
-        weighted = rule.weight[:, None] * values
-
-        def moments(shape: Array) -> Array:
-            found = np.zeros((len(lengths), values.shape[1]))
-            np.add.at(found, edge, shape[:, None] * weighted)
-            return found
-
-        start, end = moments(1 - x), moments(x)
-        bubble = moments(4 * x * (1 - x))
-        loads = np.zeros((self.spaces.n_p2, values.shape[1]))
-        shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
-        np.add.at(loads, self.spaces.nodes.ravel(), shapes.reshape(-1, values.shape[1]))
-        at_start, at_end = ((4 * a - 2 * b) / lengths[:, None] for a, b in ((start, end), (end, start)))
-        rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
-        squares = np.zeros_like(start)
-        np.add.at(squares, edge, rule.weight[:, None] * rest**2)
-        fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
-        left_over = oscillation_bound(mesh, self.spaces.triangle, squares)
-        return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), left_over)
-
-    def _indicators(self) -> Functionals:
-        """Of the cells of T_H, each the union of edges of the reference mesh."""
-        s, m = self.spaces.mesh.s, self.partition.n_cells
-        lengths = np.diff(s)
-        cell = np.searchsorted(self.partition.points, 0.5 * (s[1:] + s[:-1])) - 1
-        shares = (lengths[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
-        where = (self.spaces.nodes.ravel(), np.repeat(cell, 3))
-        loads = sp.coo_array((shares, where), shape=(self.spaces.n_p2, m)).tocsc()
-        ends = (np.arange(2 * len(cell)), np.repeat(cell, 2))
-        fluxes = sp.coo_array((np.ones(2 * len(cell)), ends), shape=(2 * len(cell), m)).tocsc()
-        return Functionals(loads, fluxes, np.zeros(m))
 
 
 def dual_norm(

@@ -1,7 +1,7 @@
 """What is measured: errors of u in H1 and of lambda in L2 and in the discrete dual norm, by exact identities.
 
-Everything that needs the interior is computed once per case and mesh, with one pass of quadrature; each
-further partition then costs operations on the boundary only. With z_h the Ritz projection of u,
+Once a case is seen from a mesh (`ritz`), each partition costs operations on the boundary only. With z_h the
+Ritz projection of u,
 
     ||u - u_h||_1^2 = ||u - z_h||_1^2 + 2 (u - z_h, z_h - u_h)_1 + ||z_h - u_h||_1^2,
 
@@ -19,122 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed
-from unilateral.fem.p1 import gradients, h1_load, load
-from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
+from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.case import Case
-
-SMALLEST, LARGEST = 1e-152, 1e152
-"""Of u, so that squares of errors down to 1e-3 of it are normal numbers, and none overflows."""
-
-
-@dataclass(frozen=True, eq=False)
-class RitzProjection:
-    """A case seen from V_h: its loads, its Ritz projection z_h and how far u is from that.
-
-    `load` (n,) is (f, phi_i); `flux_load` (nb,) is <lambda, phi_j>; `trace` (nb,) is A^{-1} f on the
-    boundary; `ritz_error` is ||u - z_h||_1 and `ritz_defect` (nb,) is A^{-1} (u - z_h, phi_i)_1 on the
-    boundary, which is only quadrature's error; `interpolation_error` is ||u - r_h u||_1 of (4.14).
-    """
-
-    case: Case
-    condensed: Condensed
-    load: Array
-    flux_load: Array
-    trace: Array
-    u_norm: float
-    interpolation_error: float
-    ritz_error: float
-    ritz_defect: Array
-
-    def discrete_dual(self, boundary_load: Array) -> float:
-        """||mu||_{-1/2,h} = sup over V_h of <mu, v>/||v||_1, from the values <mu, phi_j> (nb,)."""
-        return math.sqrt(max(float(boundary_load @ self.condensed.solve_boundary(boundary_load)), 0.0))
-
-    def h1_error(self, boundary_load: Array) -> tuple[float, float]:
-        """||u - u_h||_1, and quadrature's share of its square, from <lambda - lambda_H, phi_j> (nb,)."""
-        share = 2 * float(self.ritz_defect @ boundary_load)
-        square = self.ritz_error**2 + share + self.discrete_dual(boundary_load) ** 2
-        return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0
-
-
-def ritz_projection(case: Case, condensed: Condensed, degree: int | None = None) -> RitzProjection:
-    """The projection and its error, with quadrature of that degree in Omega, see `triangle_rules`.
-
-    Raises InputError for a u so large or small that squares of errors leave the range of floating point.
-    """
-    mesh, A = condensed.mesh, condensed.A
-    interpolant, _ = case.value_and_gradient(mesh.points)
-    _check_size(case, float(np.abs(interpolant).max()))
-    f, residual, square, u_square = _moments(case, mesh, interpolant, degree)
-    flux = flux_load(case, mesh)
-    total = f.copy()
-    total[mesh.boundary] += flux
-    solutions = condensed.solve(np.column_stack([f, total]))
-    difference = solutions[:, 1] - interpolant
-    A_difference = A @ difference
-    ritz_square = square - 2 * residual @ difference + difference @ A_difference
-    defect = condensed.solve(residual - A_difference)
-    return RitzProjection(
-        case,
-        condensed,
-        load=f,
-        flux_load=flux,
-        trace=solutions[mesh.boundary, 0],
-        u_norm=math.sqrt(u_square),
-        interpolation_error=math.sqrt(square),
-        ritz_error=math.sqrt(max(ritz_square, 0.0)),
-        ritz_defect=defect[mesh.boundary],
-    )
-
-
-def _check_size(case: Case, size: float) -> None:
-    if size != 0 and not SMALLEST <= size <= LARGEST:
-        raise InputError(
-            f"case '{case.name}': u is as large as {size:.3g}, and squares of its errors leave double "
-            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
-        )
-
-
-def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
-    """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature."""
-    return math.sqrt(_moments(case, mesh, v_h, degree)[2])
-
-
-def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
-    """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass."""
-    nodal = v_h[mesh.triangles]
-    slope_of_v = np.einsum("ti,tid->td", nodal, gradients(mesh))
-    m = len(mesh.triangles)
-    of_f, of_difference, gradient = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 2))
-    square = u_square = 0.0
-    for rule in triangle_rules(mesh, case, degree):
-        w, phi = rule.weight, rule.barycentric
-        u, grad_u = case.value_and_gradient(rule.origin, rule.offset)
-        u_square += float(w.ravel() @ (u**2 + grad_u[:, 0] ** 2 + grad_u[:, 1] ** 2))
-        value = u.reshape(w.shape) - np.einsum("kb,kqb->kq", nodal[rule.triangle], phi)
-        slope = grad_u.reshape(*w.shape, 2) - slope_of_v[rule.triangle][:, None]
-        square += float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
-        f = case.source(rule.origin, rule.offset).reshape(w.shape)
-        np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
-        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
-        np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))
-    return load(mesh, of_f), h1_load(mesh, of_difference, gradient), square, u_square
-
-
-def flux_load(case: Case, mesh: Mesh) -> Array:
-    """<lambda, phi_j> (nb,) of the boundary hats."""
-    rule = boundary_rule(case.polygon, mesh.s, case.singular())
-    _, flux, _ = case.boundary(rule.side, rule.s, rule.near)
-    edge, nb = rule.interval, len(mesh.boundary)
-    position = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
-    weighted = rule.weight * flux
-    start = np.bincount(edge, weighted * (1 - position), nb)
-    return np.asarray(start + np.roll(np.bincount(edge, weighted * position, nb), 1), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,8 @@ from unilateral.formulas.interval import total
 from unilateral.formulas.taylor import EPS, Model, settled
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity, T
-from unilateral.problems.polar import THETA, Polar, R, harmonic
+from unilateral.problems.harmonic import harmonic
+from unilateral.problems.polar import THETA, Polar, R
 
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)

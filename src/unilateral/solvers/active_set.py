@@ -31,7 +31,7 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
     The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, or the
     solver gives up (lambda_H is then 0), the result warns and has converged False.
     """
-    check_offset(operator, offset, tolerance)
+    check_offset(offset, tolerance)
     try:
         lambda_H = _least_distance(operator, offset)
     except RuntimeError:

@@ -14,9 +14,10 @@ from skfem.helpers import div, dot, grad
 from test_dual import POLYGONS
 from test_oscillation import WEDGE
 
+from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible, source
 from unilateral.bounds import total as bounds
-from unilateral.bounds.feasible import constraint
+from unilateral.bounds.constraint import constraint
 from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.total import TotalBound
 from unilateral.discrete import solve
@@ -174,7 +175,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     spaces = spaces_of(problem, mesh)
     every = np.ones(3, dtype=bool)
     g = constraint(problem.enclosed(), mesh, spaces.on_edges, spaces.p2.N, every)
-    missing = g.missing(g.at_unknowns, every, spaces.triangle, np.ones((3, 2)))
+    missing = feasible.missing(g, g.at_unknowns, every, spaces.triangle, np.ones((3, 2)))
     s, squares = sympy.Symbol("s"), 0.0
     for i in range(3):
         a, b, c = np.roll(points, -i, axis=0)
@@ -405,19 +406,19 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
     v[spaces.on_edges[:, 2]] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
-    found = g.missing(v, ~on, spaces.triangle, flux)
+    found = feasible.missing(g, v, ~on, spaces.triangle, flux)
     norm, slack = shortfall(case, mesh, spaces, v, flux)
     assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
     assert (1 - 1e-3) * slack <= found.slack <= 1.3 * slack
     assert np.all(found.added <= 1e-6)
 
 
-def nothing_is_missing(self, v, *_):
-    return feasible.Missing(0.0, 0.0, np.zeros(self.mesh.n_nodes))
+def nothing_is_missing(g, v, *_):
+    return feasible.Missing(0.0, 0.0, np.zeros(g.mesh.n_nodes))
 
 
-def nothing_is_raised(self, v, *_):
-    return v, np.zeros(len(self.unknowns), dtype=bool)
+def nothing_is_raised(g, v, *_):
+    return v, np.zeros(len(g.unknowns), dtype=bool)
 
 
 def test_without_feasibility_the_bound_is_too_small(monkeypatch):
@@ -425,8 +426,8 @@ def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     assert judged("full_contact", 8, crude="zero").holds
     monkeypatch.setattr(bounds, "_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
     assert judged("full_contact", 8, crude="zero").holds
-    monkeypatch.setattr(feasible.Constraint, "raised", nothing_is_raised)
-    monkeypatch.setattr(feasible.Constraint, "missing", nothing_is_missing)
+    monkeypatch.setattr(bounds, "raised", nothing_is_raised)
+    monkeypatch.setattr(bounds, "missing", nothing_is_missing)
     assert not judged("full_contact", 8, crude="zero").holds
 
 
@@ -496,12 +497,10 @@ def test_the_constants_on_squares_cannot_be_smaller():
 def test_the_slack_counts_twice(monkeypatch):
     """By the identity eta^2 has 2 <q.n, v - g> in it: a slack of 1/2 adds 1 to it."""
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.Constraint.missing, []
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
     lambda_H = cell_means(problem, cells).lambda_means
     for more in (0.0, 0.5):
-        monkeypatch.setattr(
-            feasible.Constraint, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s)
-        )
+        monkeypatch.setattr(bounds, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s))
         found.append(bound_on(problem, mesh, cells, lambda_H)[0])
     assert found[1].eta ** 2 - found[0].eta ** 2 == pytest.approx(1, rel=1e-8)
 
@@ -552,12 +551,12 @@ def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
     on = np.array([True, True])
     unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
-    at, rise, jumps = feasible._at_ends(on_edges, unknowns, 5, on)
+    at, rise, jumps = constraints._at_ends(on_edges, unknowns, 5, on)
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
     np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
     on_edges[1, 0] += 1e-11
-    assert feasible._at_ends(on_edges, unknowns, 5, on)[2].tolist() == [True, False]
+    assert constraints._at_ends(on_edges, unknowns, 5, on)[2].tolist() == [True, False]
 
 
 def test_the_rounding_of_v_is_allowed_for():
@@ -571,7 +570,7 @@ def test_the_rounding_of_v_is_allowed_for():
     v = np.maximum(steep, g.at_unknowns)
     flux = np.ones((8, 2))
     doubt = [
-        g.missing(each, every, spaces.triangle, flux).added.max()
+        feasible.missing(g, each, every, spaces.triangle, flux).added.max()
         for each in (v, np.maximum(0, g.at_unknowns))
     ]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]

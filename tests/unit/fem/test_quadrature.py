@@ -23,7 +23,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import ritz_projection
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 

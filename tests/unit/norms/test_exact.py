@@ -12,7 +12,8 @@ from conftest import condensed, load
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
-from unilateral.norms.exact import _check_size, cell_means, h1_distance, ritz_projection
+from unilateral.norms.exact import cell_means
+from unilateral.norms.ritz import _check_size, h1_distance, ritz_projection
 
 
 def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:

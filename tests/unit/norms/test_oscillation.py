@@ -16,7 +16,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms import dual as dual_norms
+from unilateral.norms import functionals
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.oscillation import (
     MEAN_FREE_ON_SQUARE,
@@ -214,5 +214,5 @@ def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatc
     found = norm.of_p0(mu, other)
     assert found.lower <= above
     assert below <= found.upper
-    monkeypatch.setattr(dual_norms, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
+    monkeypatch.setattr(functionals, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
     assert norm.of_p0(mu, other).upper < 0.9 * below

@@ -20,7 +20,7 @@ from unilateral.problems.atoms import Along
 from unilateral.problems.cantor import DUST, Cantor, divided, gap
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.problems.polar import harmonic
+from unilateral.problems.harmonic import harmonic
 
 KEEP = Q(9, 20)
 LARGE = Polygon(2 * square().vertices, "large")

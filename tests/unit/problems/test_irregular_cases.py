@@ -19,7 +19,8 @@ from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.problems.polar import Polar, corner, harmonic
+from unilateral.problems.harmonic import corner, harmonic
+from unilateral.problems.polar import Polar
 
 POLYGONS = {"square": square(), "lshape": named("lshape")}
 ALPHA = {

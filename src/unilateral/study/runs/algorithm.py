@@ -14,7 +14,8 @@ from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import RitzProjection, cell_means, ritz_projection
+from unilateral.norms.exact import cell_means
+from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.case import Case
 from unilateral.solvers.active_set import active_set
 

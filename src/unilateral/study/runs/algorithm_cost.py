@@ -13,7 +13,8 @@ from unilateral.fem.condense import Condensed, condense, dissected
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import cell_means, h1_distance, ritz_projection
+from unilateral.norms.exact import cell_means
+from unilateral.norms.ritz import h1_distance, ritz_projection
 from unilateral.problems.case import Case
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, residual_bound

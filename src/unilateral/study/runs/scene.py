@@ -15,8 +15,9 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.memory import peak_mb
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact import Exact, ExactErrors, cell_means, ritz_projection
+from unilateral.norms.exact import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.case import Case
 from unilateral.solvers.iterate import Stop
 

@@ -23,11 +23,12 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import Exact, cell_means, ritz_projection
+from unilateral.norms.exact import Exact, cell_means
 from unilateral.norms.infsup import infsup
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
-from unilateral.problems.polar import harmonic
+from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.iterate import Stop
 
 START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)

@@ -19,7 +19,8 @@ from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact import Exact, RitzProjection, cell_means, ritz_projection
+from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.case import Case
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import Apply, uzawa

@@ -1,0 +1,137 @@
+"""The constraint v >= g on the boundary edges of a mesh, for v of P2: g as a piecewise polynomial p on them.
+
+On every edge p is known in Gauss points of intervals, which says all of a polynomial; its sign there is told
+by its coefficients in Bernstein's basis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.special import comb
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.formulas.taylor import EPS
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems.obstacle import ORDER, Obstacle
+
+PARTS = 8
+"""Of an edge: intervals on which the sign of p - v is asked for."""
+JUMP = 1e-13
+"""Of |g|: by what it has to jump at a vertex."""
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """g on the boundary edges of a mesh, those on free sides left out.
+
+    `unknowns` (nb, 3) are P2's at the start, the end and the midpoint of every edge, `at_unknowns` (n,) is p
+    there, -inf where there is none; `jumps` (nb,): p differs from that of the side before or after at an end.
+    On K intervals of edges, with Q points each: the edge (K,), the places x (K, Q) in [0, 1] on it, their
+    weights, p and its derivative; the doubt, in which the `rounding` (nb,) of p is, and an upper bound of g
+    (K,).
+    """
+
+    mesh: Mesh
+    unknowns: Index
+    at_unknowns: Array
+    jumps: Mask
+    edge: Index
+    x: Array
+    weight: Array
+    p: Array
+    slope: Array
+    rounding: Array
+    doubt: Array
+    upper: Array
+
+    def trace(self, v: Array) -> tuple[Array, Array]:
+        """v and its derivative along the edges, (K, Q) each."""
+        x, (start, end, middle) = self.x, (a[:, None] for a in v[self.unknowns][self.edge].T)
+        value = start * (1 - x) * (1 - 2 * x) + end * x * (2 * x - 1) + middle * 4 * x * (1 - x)
+        slope = start * (4 * x - 3) + end * (4 * x - 1) + middle * 4 * (1 - 2 * x)
+        return value, slope / np.diff(self.mesh.s)[self.edge][:, None]
+
+    def integrals(self, values: Array) -> Array:
+        """(nb,) integrals over the edges."""
+        of = np.bincount(self.edge, np.sum(self.weight * values, axis=1), len(self.unknowns))
+        return np.asarray(of, dtype=float)
+
+
+def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask) -> Constraint:
+    """The constraint v >= g on the edges `on` (nb,) for P2 with n unknowns, those (nb, 3) on the edges."""
+    lengths = np.diff(mesh.s)
+    inner = mesh.s[:-1, None] + lengths[:, None] * np.arange(PARTS) / PARTS
+    cuts = np.union1d(np.append(inner.ravel(), mesh.s[-1]), obstacle.points)
+    middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
+    edge = np.searchsorted(mesh.s, middle) - 1
+    held = on[edge]
+    middle, half, edge = middle[held], half[held], edge[held]
+    nodes, weights = np.polynomial.legendre.leggauss(ORDER + 1)
+    s, piece = middle[:, None] + half[:, None] * nodes, obstacle.on(middle)
+    p, slope = obstacle.at(piece[:, None], s)
+    x = np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
+    at_unknowns, rise, jumps = _at_ends(_at_unknowns(obstacle, mesh), unknowns, n, on)
+    p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
+    slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
+    rounding = np.zeros(len(lengths))
+    np.maximum.at(rounding, edge, ROUNDING * np.abs(p).max(axis=1))
+    return Constraint(
+        mesh,
+        unknowns,
+        at_unknowns,
+        jumps,
+        edge,
+        x=x,
+        weight=half[:, None] * weights,
+        p=p,
+        slope=slope,
+        rounding=rounding,
+        doubt=obstacle.doubt[piece] + 2 * rounding[edge] + rise.max(axis=1)[edge],
+        upper=obstacle.upper[piece],
+    )
+
+
+def _at_ends(on_edges: Array, unknowns: Index, n: int, on: Mask) -> tuple[Array, Array, Mask]:
+    """p (n,) at the unknowns, from its values (nb, 3) on the edges; by what p is raised at their ends; jumps.
+
+    The larger value counts at a vertex. What lacks of it by rounding (nb, 2) is added to p linearly along the
+    edge, or else w would not vanish there; where more lacks p jumps (nb,).
+    """
+    on_edges = np.where(on[:, None], on_edges, -np.inf)
+    at_unknowns = np.full(n, -np.inf)
+    np.maximum.at(at_unknowns, unknowns, on_edges)
+    lacking = np.where(
+        on[:, None], at_unknowns[unknowns[:, :2]] - np.where(on[:, None], on_edges, 0)[:, :2], np.inf
+    )
+    jumps = np.any(lacking > JUMP * np.max(np.abs(on_edges[on]), initial=0.0), axis=1)
+    rise = np.where(jumps[:, None], 0.0, lacking)
+    at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)
+    return at_unknowns, rise, jumps
+
+
+def _at_unknowns(obstacle: Obstacle, mesh: Mesh) -> Array:
+    """(nb, 3) p at the start, the end and the midpoint of every edge, from inside the edge."""
+    inner = np.stack([mesh.s[:-1], mesh.s[1:], 0.5 * (mesh.s[1:] + mesh.s[:-1])], axis=1)
+    piece = obstacle.on(inner)
+    piece[:, 1] = np.searchsorted(obstacle.points, mesh.s[1:]) - 1
+    return obstacle.at(np.clip(piece, 0, len(obstacle.side) - 1), inner)[0]
+
+
+@cache
+def _to_bernstein() -> Array:
+    """Coefficients in Bernstein's basis of degree ORDER from the values at Gauss points."""
+    x, k = 0.5 * (np.polynomial.legendre.leggauss(ORDER + 1)[0] + 1), np.arange(ORDER + 1)
+    return np.linalg.inv(comb(ORDER, k) * x[:, None] ** k * (1 - x[:, None]) ** (ORDER - k))
+
+
+ROUNDING = 4 * EPS * float(np.abs(_to_bernstein()).sum(axis=1).max())
+"""Of |p|: that of its coefficients in that basis."""
+
+
+def bernstein_bounds(values: Array) -> tuple[Array, Array]:
+    """(K,), (K,) those of the polynomials with the values (K, Q)."""
+    coefficients = values @ _to_bernstein().T
+    return coefficients.min(axis=1), coefficients.max(axis=1)

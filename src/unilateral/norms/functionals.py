@@ -1,0 +1,87 @@
+"""What the reference spaces see of functions on the boundary."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from unilateral.arrays import Array, Index
+from unilateral.fem.quadrature import BoundaryRule, boundary_rule
+from unilateral.geometry.partition import Partition, overlay
+from unilateral.norms.oscillation import oscillation_bound
+from unilateral.norms.reference import ReferenceSpaces
+from unilateral.problems.case import Case
+
+
+class Functionals(NamedTuple):
+    """Of k functions mu on the boundary.
+
+    `loads` (n_p2, k) are <mu, psi_i>; `fluxes` (2 nb, k) are Pi_1 mu at the ends of the boundary edges;
+    `oscillation` (k,) bounds ||mu - Pi_1 mu||_{-1/2}.
+    """
+
+    loads: sp.csc_array
+    fluxes: sp.csc_array
+    oscillation: Array
+
+
+def of_p0(spaces: ReferenceSpaces, partition: Partition, mu_H: Array) -> Functionals:
+    """Of functions mu_H (k, m) constant on the cells."""
+    rule, cell = _rule(spaces, partition, None)
+    return _of_values(spaces, rule, mu_H.T[cell])
+
+
+def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu_H: Array) -> Functionals:
+    """Of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here."""
+    rule, cell = _rule(spaces, partition, case)
+    flux = case.boundary(rule.side, rule.s, rule.near)[1]
+    found = _of_values(spaces, rule, flux[:, None] - mu_H.T[cell])
+    return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
+
+
+def of_indicators(spaces: ReferenceSpaces, partition: Partition) -> Functionals:
+    """Of the cells of T_H, each the union of edges of the reference mesh."""
+    s, m = spaces.mesh.s, partition.n_cells
+    cell = np.searchsorted(partition.points, 0.5 * (s[1:] + s[:-1])) - 1
+    shares = (np.diff(s)[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
+    where = (spaces.nodes.ravel(), np.repeat(cell, 3))
+    loads = sp.coo_array((shares, where), shape=(spaces.n_p2, m)).tocsc()
+    ends = (np.arange(2 * len(cell)), np.repeat(cell, 2))
+    fluxes = sp.coo_array((np.ones(2 * len(cell)), ends), shape=(2 * len(cell), m)).tocsc()
+    return Functionals(loads, fluxes, np.zeros(m))
+
+
+def _rule(spaces: ReferenceSpaces, partition: Partition, case: Case | None) -> tuple[BoundaryRule, Index]:
+    """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
+    cuts, edge, cell = overlay(spaces.mesh.s, partition.points)
+    rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())
+    return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
+
+
+def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Functionals:
+    """Of functions with the values (Q, k) at the points of the rule."""
+    mesh, edge = spaces.mesh, rule.interval
+    lengths = np.diff(mesh.s)
+    x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
+    weighted = rule.weight[:, None] * values
+
+    def moments(shape: Array) -> Array:
+        found = np.zeros((len(lengths), values.shape[1]))
+        np.add.at(found, edge, shape[:, None] * weighted)
+        return found
+
+    start, end = moments(1 - x), moments(x)
+    bubble = moments(4 * x * (1 - x))
+    loads = np.zeros((spaces.n_p2, values.shape[1]))
+    shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
+    np.add.at(loads, spaces.nodes.ravel(), shapes.reshape(-1, values.shape[1]))
+    at_start, at_end = ((4 * a - 2 * b) / lengths[:, None] for a, b in ((start, end), (end, start)))
+    rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
+    squares = np.zeros_like(start)
+    np.add.at(squares, edge, rule.weight[:, None] * rest**2)
+    fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
+    left_over = oscillation_bound(mesh, spaces.triangle, squares)
+    return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), left_over)
