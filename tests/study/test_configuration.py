@@ -142,7 +142,6 @@ def test_defaults_are_filled_in():
         ("figures.grid_square.parameters", {}),
         ("figures.grid_square.parameters.colour", "red"),
         ("figures.grid_square.tables", ["one", "two"]),
-        ("figures.natural.tables", REMOVED),
         ("figures.multiplier.parameters.h_over_H", []),
         ("sharpness", REMOVED),
         ("sharpness.alphas", ["1"]),
@@ -276,10 +275,6 @@ SAID = [
     (
         ("figures.rates.reads.rates", REMOVED),
         "figures.rates: `table` of rates is given errors; it takes errors, rates",
-    ),
-    (
-        ("figures.natural.tables", ["mesh"]),
-        "figures.natural.tables: `draw` of portrait takes mesh and boundary",
     ),
     (
         ("figures.verdict.look", {"work": "seconds"}),
