@@ -335,6 +335,11 @@ def test_rates_that_fail_are_compared_with_the_expected_ones_too(verdict: str, o
 def test_an_expected_rate_that_is_judged_to_fail_is_no_evidence() -> None:
     with pytest.raises(Unjudged, match=r"^a, d, l2: fails$"):
         rates.expected(rates_table(RATES, ["holds", "fails"]), ["a"], ["c", "d"], 2, {"l2": 0.1})
+    why = (("case", "norm", "h_over_H"), np.array(["", "unfit"])[:, None, None].repeat(2, axis=2))
+    with pytest.raises(Unjudged, match=r"^a, d, l2: unfit$"):
+        rates.expected(
+            rates_table(RATES, ["holds", "not judged"], why=why), ["a"], ["c", "d"], 2, {"l2": 0.1}
+        )
 
 
 def test_rates_over_the_last_factor_of_four() -> None:

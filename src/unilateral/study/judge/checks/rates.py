@@ -70,10 +70,14 @@ def expected(
 ) -> Evidence:
     """The least excess of the observed rates over the expected ones, less a tolerance by norm.
 
-    Raises Unjudged where there is none below, but a rate is judged to fail.
+    Raises Unjudged where there is none below, but a rate is judged to fail, or cannot be judged.
     """
     judged = _judged(tables, scenes, cases, tolerances, H_over_h)
-    rows = {name: row for name, row in judged.items() if row["verdict"].item() in ("holds", "fails")}
+    rows = {
+        name: row
+        for name, row in judged.items()
+        if row["verdict"].item() in ("holds", "fails") or row["why"].item()
+    }
     excess = {
         name: smallest_rate(row) - float(row["expected"]) + tolerances[row["norm"].item()]
         for name, row in rows.items()
