@@ -348,7 +348,7 @@ def test_rates_over_the_last_factor_of_four() -> None:
     assert rates.rate_of(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(0.5)
     assert rates.slow(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(1.5)
     of = table({"consistency": (("case", "partition"), [[1.0, 8, 5, 1], [9, 2, 9, 1]])}, case=["c", "d"])
-    assert rates.consistency_rate(of, ["a"], ["d"], 1.0).observed == pytest.approx(0.5)
+    assert rates.rate_of(of, ["a"], "consistency", ["d"], 1.0).observed == pytest.approx(0.5)
 
 
 def test_a_negative_consistency_term_is_none() -> None:

@@ -32,9 +32,9 @@ def collect(judgements: Mapping[tuple[str, str, float], Judgement], judged_ratio
         }
     of_pairs = pd.concat(pairs, names=[*INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
     of_rates = pd.DataFrame.from_dict(rows, orient="index").rename_axis(INDEX).sort_index().to_xarray()
-    merged = xr.merge([of_pairs, of_rates])
-    variables = {name: each.variable for name, each in merged.data_vars.items()}
-    return xr.Dataset(variables, {name: merged[name].variable for name in INDEX})
+    table = xr.merge([of_pairs, of_rates])
+    variables = {name: each.variable for name, each in table.data_vars.items()}
+    return xr.Dataset(variables, {name: table[name].variable for name in INDEX})
 
 
 def summary(found: xr.Dataset, ratio: float) -> str:
