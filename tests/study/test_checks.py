@@ -335,6 +335,11 @@ def test_rates_that_fail_are_compared_with_the_expected_ones_too(verdict: str, o
 def test_an_expected_rate_that_is_judged_to_fail_is_no_evidence() -> None:
     with pytest.raises(Unjudged, match=r"^a, d, l2: fails$"):
         rates.expected(rates_table(RATES, ["holds", "fails"]), ["a"], ["c", "d"], 2, {"l2": 0.1})
+    why = (("case", "norm", "h_over_H"), np.array(["", "unfit"])[:, None, None].repeat(2, axis=2))
+    with pytest.raises(Unjudged, match=r"^a, d, l2: unfit$"):
+        rates.expected(
+            rates_table(RATES, ["holds", "not judged"], why=why), ["a"], ["c", "d"], 2, {"l2": 0.1}
+        )
 
 
 def test_rates_over_the_last_factor_of_four() -> None:
@@ -343,7 +348,7 @@ def test_rates_over_the_last_factor_of_four() -> None:
     assert rates.rate_of(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(0.5)
     assert rates.slow(of, ["a"], "x", ["c", "d", "e"], 1.0).observed == pytest.approx(1.5)
     of = table({"consistency": (("case", "partition"), [[1.0, 8, 5, 1], [9, 2, 9, 1]])}, case=["c", "d"])
-    assert rates.consistency_rate(of, ["a"], ["d"], 1.0).observed == pytest.approx(0.5)
+    assert rates.rate_of(of, ["a"], "consistency", ["d"], 1.0).observed == pytest.approx(0.5)
 
 
 def test_a_negative_consistency_term_is_none() -> None:

@@ -18,7 +18,6 @@ from unilateral.errors import InputError
 from unilateral.problems import case
 from unilateral.study import config as configuration
 from unilateral.study.runs.extremes import KINDS
-from unilateral.study.runs.families import NODES, PARTITIONS
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
@@ -142,7 +141,6 @@ def test_defaults_are_filled_in():
         ("figures.grid_square.parameters", {}),
         ("figures.grid_square.parameters.colour", "red"),
         ("figures.grid_square.tables", ["one", "two"]),
-        ("figures.natural.tables", REMOVED),
         ("figures.multiplier.parameters.h_over_H", []),
         ("sharpness", REMOVED),
         ("sharpness.alphas", ["1"]),
@@ -278,10 +276,6 @@ SAID = [
         "figures.rates: `table` of rates is given errors; it takes errors, rates",
     ),
     (
-        ("figures.natural.tables", ["mesh"]),
-        "figures.natural.tables: `draw` of portrait takes mesh and boundary",
-    ),
-    (
         ("figures.verdict.look", {"work": "seconds"}),
         "figures.verdict.look: `draw` of verdict has no option 'work'",
     ),
@@ -340,13 +334,8 @@ def test_sizes_that_are_allowed(size):
 
 def test_all_that_the_library_knows_can_be_asked_for():
     """And nothing else: the schema's lists against the library's."""
-    axes, nodes = RULES["properties"]["extremes"]["properties"]["axes"], RULES["$defs"]["nodes"]
-    assert sorted(axes["additionalProperties"]["properties"]["kind"]["enum"]) == sorted(KINDS)
-    assert nodes["properties"]["kind"]["enum"] == ["structured", *NODES]
-    forms = [
-        (tuple(form["required"]), form["maxProperties"]) for form in RULES["$defs"]["partition"]["oneOf"]
-    ]
-    assert forms == [(keys, len(keys)) for keys in PARTITIONS]
+    axes = RULES["properties"]["extremes"]["properties"]["axes"]["additionalProperties"]
+    assert sorted(axes["properties"]["kind"]["enum"]) == sorted(KINDS)
 
 
 def patterns(rules) -> Iterator[dict]:

@@ -109,6 +109,14 @@ REFUSED = {
         "On\nall <!--?5.K-->cases\nbut <!--=label-->x<!--/-->.<!--/-->\n",
         r"line 2, 'cases but worst found\.': claim 5\.K, on which this sentence rests, does not hold;",
     ),
+    "one of two claims fails": (
+        "All <!--?S.local,5.K-->cases.<!--/-->\n",
+        r"line 1, 'cases\.': claim 5\.K, on which this sentence rests, does not hold;",
+    ),
+    "one of two claims unknown": (
+        "All <!--?S.local,S.rule-->cases.<!--/-->\n",
+        "line 1, 'cases.': there is no claim 'S.rule'; the most similar are S.local",
+    ),
     "line's start": (
         "A\n<!--?S.local-->b.<!--/-->\n",
         "line 2: a line begins with a mark, .* put a word before it",

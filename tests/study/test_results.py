@@ -103,6 +103,12 @@ def test_the_table_is_complete(errors):
         assert variable.attrs.get("units") or name == "case", name
 
 
+def test_the_longest_edge_is_hardly_longer_than_the_longest_boundary_edge(errors):
+    """By a factor of the square's diagonal at most, as the paper says."""
+    assert np.all(errors["diameter"] <= np.sqrt(2) * errors["h"] * (1 + 1e-12))
+    assert not np.all(errors["diameter"] <= errors["h"])
+
+
 def test_every_run_converged_within_its_tolerance(errors):
     assert np.all(runs(errors, "converged") == 1)
     assert np.all(runs(errors, "algebraic_bound") <= runs(errors, "tolerance"))

@@ -37,17 +37,32 @@ VARIABLES: dict[str, list[str]] = yaml.safe_load(
 """Name: long name, units, the paper's equation or definition."""
 
 
-def error_in(table: xr.Dataset, norm: str, bound: str | None = None) -> xr.DataArray:
+NORMS = ("h1", "hm12", "l2")
+
+
+def error_in(table: xr.Dataset, norm: str, bound: str | None = None, of: str = "error") -> xr.DataArray:
     """The error in a norm; in hm12 its "lower" or "upper" bound or, without one, their r.m.s. mean.
 
-    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed.
+    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed. `of` is what the
+    variables of another quantity than the error are named by.
     """
     if norm != "hm12":
-        return table[f"{norm}_error"]
+        return table[f"{norm}_{of}"]
     if bound:
-        return table[f"hm12_error_{bound}"]
-    square = 0.5 * (table["hm12_error_lower"] ** 2 + table["hm12_error_upper"] ** 2)
+        return table[f"hm12_{of}_{bound}"]
+    square = 0.5 * (table[f"hm12_{of}_lower"] ** 2 + table[f"hm12_{of}_upper"] ** 2)
     return square**0.5
+
+
+def errors_in_all(table: xr.Dataset) -> xr.DataArray:
+    """The same in every norm, over `norm`, without bounds."""
+    return xr.Dataset({norm: error_in(table, norm) for norm in NORMS}).to_dataarray("norm")
+
+
+def along_ratio(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
+    """The runs with that h/H, over `run`, coarse to fine."""
+    mesh, partition = np.nonzero(np.isclose(table["h_over_H"].values, h_over_H, rtol=1e-9))
+    return table.isel(mesh=xr.DataArray(mesh, dims="run"), partition=xr.DataArray(partition, dims="run"))
 
 
 def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:

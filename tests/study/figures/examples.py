@@ -62,12 +62,12 @@ def mesh_table() -> pd.DataFrame:
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], dtype=float)
     return pd.DataFrame(
         {
+            "kind": "mesh",
             "h": 1.0,
             "H": 2.0,
-            "triangle": np.repeat([0, 1], 3),
             "x": corners[:, 0],
             "y": corners[:, 1],
-            "u_h": corners @ [1.0, 2.0],
+            "computed": corners @ [1.0, 2.0],
         }
     )
 
@@ -85,6 +85,10 @@ def boundary_table() -> pd.DataFrame:
         if t < 1:
             rows.append(["multiplier", side, s, s + 0.5, 0.9 * touching, None, None, None, None])
     return pd.DataFrame(rows, columns=columns)
+
+
+def portrait_table() -> pd.DataFrame:
+    return pd.concat([mesh_table(), boundary_table()])
 
 
 def infsup_table() -> pd.DataFrame:
@@ -249,7 +253,7 @@ EXAMPLES = {
     "grid": Example({"grid.csv": grid_table}, "error"),
     "infsup": Example({"infsup.csv": infsup_table}, "beta_lower"),
     "multiplier": Example({"multiplier.csv": multiplier_table}, "mu"),
-    "portrait": Example({"mesh.csv": mesh_table, "boundary.csv": boundary_table}, "u_h"),
+    "portrait": Example({"portrait.csv": portrait_table}, "computed"),
     "rates": Example({"rates.csv": rates_table}, "error"),
     "sharpness": Example({"sharpness.csv": sharpness_table}, "before"),
     "verdict": Example({"verdict.csv": verdict_table}, "margin"),

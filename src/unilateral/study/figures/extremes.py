@@ -5,23 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from unilateral.study import tables
-from unilateral.study.figures.style import COLOURS, SMALL, FilePath, as_fraction, axes_at, figure_in, read
+from unilateral.study.figures import style
 from unilateral.study.judge.extremes import RESCUED, kinds
 
 Array = NDArray[np.float64]
 KINDS = {
-    "right": ("o", COLOURS[2]),
+    "right": ("o", style.COLOURS[2]),
     RESCUED: ("o", "white"),
-    "not converged": ("v", COLOURS[1]),
-    "refused": ("s", COLOURS[0]),
+    "not converged": ("v", style.COLOURS[1]),
+    "refused": ("s", style.COLOURS[0]),
     "wrong": ("X", "red"),
 }
 LIMITS = {
-    "log10_limit": (COLOURS[2], (0, 1), "predicted limit of plain Uzawa"),
+    "log10_limit": (style.COLOURS[2], (0, 1), "predicted limit of plain Uzawa"),
     "log10_tool_limit": ("black", (-1, 0), "predicted limit of the tool"),
 }
 STEP, STRIP, TOP, FOOT = 1.32, 0.44, 0.1, 1.6
@@ -36,54 +35,50 @@ CROWDED, APART = 0.03, 0.06
 BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
 
 
-def table(extremes: FilePath) -> pd.DataFrame:
+def table(extremes: style.FilePath) -> pd.DataFrame:
     """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
     found = tables.load(extremes)
     of = found.sel(axis=found["axis_of"])
     limits = {f"log10_{name}": of[f"predicted_{name}"] for name in ("limit", "tool_limit")}
-    return pd.DataFrame(
-        {
-            "label": of["label"].values,
-            "kind": kinds(found),
-            "log10_value": np.log10(found["value"].values),
-            **{name: np.log10(limit.where(np.isfinite(limit)).values) for name, limit in limits.items()},
-        }
-    )
+    logarithms = {
+        name: np.log10(limit.where(np.isfinite(limit)).values)
+        for name, limit in {"log10_value": found["value"], **limits}.items()
+    }
+    return pd.DataFrame({"label": of["label"].values, "kind": kinds(found), **logarithms})
 
 
-def draw(csv_path: FilePath, svg_path: FilePath) -> None:
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """Two columns of strips, each an axis on a logarithmic scale from mild, at the left, to extreme.
 
     Columns: label (the axis), kind (of outcome), log10_value, and log10_limit and log10_tool_limit (as
     predicted, or empty).
     """
-    data = read(csv_path)
-    groups = list(data.groupby("label", sort=False))
+    groups = list(style.read(csv_path).groupby("label", sort=False))
     rows = -(-len(groups) // 2)
-    height = TOP + STEP * rows + FOOT
-    with figure_in(svg_path, height) as figure:
+    with style.figure_in(svg_path, TOP + STEP * rows + FOOT) as figure:
         for k, (label, of) in enumerate(groups):
             column, row = divmod(k, rows)
             bottom = FOOT + STEP * (rows - 1 - row) + 0.45
-            axes = axes_at(figure, LEFT[column], bottom, STRIP_WIDTH, STRIP)
-            _strip(axes, str(label), of)
-        handles = [_mark(kind, *style) for kind, style in KINDS.items()]
-        for colour, _, label in LIMITS.values():
-            handles.append(Line2D([], [], ls="", marker="|", ms=11, mew=1.6, color=colour, label=label))
-        figure.legend(
-            handles=handles, loc="lower left", ncols=3, bbox_to_anchor=(0.01, 0.0), columnspacing=2.0
-        )
-
-
-def _mark(kind: str, mark: str, colour: str) -> Line2D:
-    return Line2D([], [], ls="", marker=mark, color=colour, mec=_edge(colour), label=kind)
+            axes = style.axes_at(figure, LEFT[column], bottom, STRIP_WIDTH, STRIP)
+            _strip(axes, of)
+            axes.set_title(str(label), loc="left", fontsize=style.SMALL, pad=2)
+        handles = [
+            style.key(kind, ls="", marker=mark, color=colour, mec=_edge(colour))
+            for kind, (mark, colour) in KINDS.items()
+        ]
+        handles += [
+            style.key(label, ls="", marker="|", ms=11, mew=1.6, color=colour)
+            for colour, _, label in LIMITS.values()
+        ]
+        corner = (0.01, 0.0)
+        figure.legend(handles=handles, loc="lower left", ncols=3, bbox_to_anchor=corner, columnspacing=2.0)
 
 
 def _edge(colour: str) -> str:
     return KINDS["right"][1] if colour == "white" else "white"
 
 
-def _strip(axes: Axes, label: str, of: pd.DataFrame) -> None:
+def _strip(axes: Axes, of: pd.DataFrame) -> None:
     values = of["log10_value"].to_numpy()
     low, high = values.min(), values.max()
     pad = MARGIN * (high - low)
@@ -100,18 +95,21 @@ def _strip(axes: Axes, label: str, of: pd.DataFrame) -> None:
     for kind, (mark, colour) in KINDS.items():
         here = (of["kind"] == kind).to_numpy()
         axes.plot(values[here], height[here], mark, color=colour, ms=6, mec=_edge(colour), mew=0.6)
-    if high - low > 2:
-        step = next(step for step in STEPS if step * TICKS >= high - low)
-        marked = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    else:
-        marked = np.unique(values)
-        marked = marked[np.diff(marked, prepend=-np.inf) > APART * (high - low)]
+    marked = _ticks(values)
     axes.set_xticks(marked, [_power(value) for value in marked])
     axes.set_yticks([])
     axes.tick_params(axis="x", length=2, pad=1.5)
-    for side in ("top", "left", "right"):
-        axes.spines[side].set_visible(False)
-    axes.set_title(label, loc="left", fontsize=SMALL, pad=2)
+    axes.spines[["top", "left", "right"]].set_visible(False)
+
+
+def _ticks(values: Array) -> Array:
+    """Powers of 10 or, on a short axis, the values themselves where they are apart."""
+    low, width = values.min(), np.ptp(values)
+    if width <= 2:
+        found = np.unique(values)
+        return found[np.diff(found, prepend=-np.inf) > APART * width]
+    step = next(step for step in STEPS if step * TICKS >= width)
+    return np.arange(np.ceil(low / step), np.floor(values.max() / step) + 1) * step
 
 
 def _heights(values: Array, broken: NDArray[np.bool_], near: float) -> Array:
@@ -127,7 +125,7 @@ def _heights(values: Array, broken: NDArray[np.bool_], near: float) -> Array:
 
 def _power(exponent: float) -> str:
     """10^exponent as readers like it."""
-    value = 10**exponent
     if abs(exponent - round(exponent)) < EXACT and abs(exponent) > 2:
         return rf"$10^{{{round(exponent)}}}$"
-    return as_fraction(value) if value < 1 else f"{value:.3g}"
+    value = 10**exponent
+    return style.as_fraction(value) if value < 1 else f"{value:.3g}"

@@ -3,89 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from unilateral.study import tables
-from unilateral.study.figures.style import (
-    NORMS,
-    SMALL,
-    FilePath,
-    as_fraction,
-    axes_at,
-    figure_in,
-    plain_bar,
-    read,
-)
+from unilateral.study.figures import style
 
 WHITE_READS_BETTER = 0.179  # the luminance at which black and white contrast equally (WCAG 2.1, 1.4.3)
 DIAGONALS = (0.5, 1.0, 2.0)
+BLANK: style.Look = {"fc": "white", "ec": "0.8", "hatch": "////"}
 
 
-def table(errors: FilePath, cases: Sequence[str]) -> pd.DataFrame:
+def table(errors: style.FilePath, cases: Sequence[str]) -> pd.DataFrame:
     """One row per case, norm, h and H: the error, NaN where it was not computed, and whether beta = 0."""
-    found, rows = tables.load(errors), []
-    for case, norm in product(cases, NORMS):
-        of = found.sel(case=case)
-        error = tables.error_in(of, norm).values
-        for i, j in np.ndindex(of.sizes["mesh"], of.sizes["partition"]):
-            solved_without_beta = of["algorithm"].values[i, j] == "active_set"
-            rows.append(
-                {
-                    "case": case,
-                    "norm": norm,
-                    "h": float(of["h"][i]),
-                    "H": float(of["H"][j]),
-                    "h_over_H": float(of["h_over_H"][i, j]),
-                    "error": float(error[i, j]),
-                    "beta_zero": int(solved_without_beta),
-                }
-            )
-    return pd.DataFrame(rows)
+    found = tables.load(errors).sel(case=list(cases))
+    without_beta = (found["algorithm"] == "active_set").astype(int)
+    of = xr.Dataset({"error": tables.errors_in_all(found), "beta_zero": without_beta})
+    rows = of.to_dataframe(["case", "norm", "mesh", "partition"]).reset_index()
+    return rows[["case", "norm", "h", "H", "h_over_H", "error", "beta_zero"]]
 
 
-def draw(csv_path: FilePath, svg_path: FilePath) -> None:
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """Maps of the errors over (h, H): a row of maps per case, a column per norm.
 
     Columns: case, norm (h1, hm12, l2), h, H, h_over_H, error (empty if not computed), beta_zero (0, 1).
     """
-    data = read(csv_path)
+    data = style.read(csv_path)
     cases = data["case"].unique()
     h, H = (np.sort(data[name].unique())[::-1] for name in ("h", "H"))
     width, height, gap = 4.6, 0.53 * len(H), 0.62
-    with figure_in(svg_path, 3.55 + (height + gap) * len(cases)) as figure:
+    with style.figure_in(svg_path, 3.55 + (height + gap) * len(cases)) as figure:
         top = 2.05 + (height + gap) * len(cases)
-        for left, (norm, title) in zip((1.62, 6.74, 11.86), NORMS.items(), strict=True):
+        for left, (norm, title) in zip((1.62, 6.74, 11.86), style.NORMS.items(), strict=True):
             rows = data[data["norm"] == norm]
             scale = _log_scale(rows["error"])
             for i, case in enumerate(cases):
-                axes = axes_at(figure, left, top - height - i * (height + gap), width, height)
+                axes = style.axes_at(figure, left, top - height - i * (height + gap), width, height)
                 _error_map(axes, rows[rows["case"] == case], h, H, scale)
-                axes.set_xticks(range(len(h)), [f"${as_fraction(x)}$" for x in h] if i == 0 else [])
-                axes.set_yticks(range(len(H)), [f"${as_fraction(x)}$" for x in H] if norm == "h1" else [])
+                axes.set_xticks(range(len(h)), _sizes(h) if i == 0 else [])
+                axes.set_yticks(range(len(H)), _sizes(H) if norm == "h1" else [])
                 if norm == "h1":
+                    middle: style.Look = {
+                        "transform": axes.transAxes,
+                        "rotation": 90,
+                        "ha": "center",
+                        "va": "center",
+                    }
                     axes.set_ylabel("cell size $H$", labelpad=1)
-                    axes.text(
-                        -0.31, 0.5, case, transform=axes.transAxes, rotation=90, ha="center", va="center"
-                    )
+                    axes.text(-0.31, 0.5, case, **middle)
                 if i == 0:
                     axes.set_xlabel("mesh size $h$", labelpad=4)
                     axes.set_title(title, pad=6)
-            bar = figure.colorbar(
-                scale, cax=axes_at(figure, left, 1.45, width, 0.25), orientation="horizontal"
-            )
-            plain_bar(bar)
-        _grid_key(figure)
+            place = style.axes_at(figure, left, 1.45, width, 0.25)
+            style.plain_bar(figure.colorbar(scale, cax=place, orientation="horizontal"))
+        handles = [style.key("constant $h/H$", color="black", lw=0.8), Rectangle((0, 0), 1, 1, **BLANK)]
+        blank = r"not computed        underlined: $\beta=0$, where $\lambda_H$ is not judged"
+        figure.legend(handles, ["constant $h/H$", blank], loc="lower center", ncols=2)
+
+
+def _sizes(sizes: np.ndarray) -> list[str]:
+    return [f"${style.as_fraction(size)}$" for size in sizes]
 
 
 def _log_scale(errors: pd.Series) -> ScalarMappable:
@@ -100,15 +85,14 @@ def _error_map(axes: Axes, rows: pd.DataFrame, h: np.ndarray, H: np.ndarray, sca
     axes.tick_params(length=0, pad=3)
     axes.xaxis.tick_top()
     axes.xaxis.set_label_position("top")
-    axes.add_patch(Rectangle((-0.5, -0.5), len(h), len(H), fc="white", ec="0.8", lw=0, hatch="////"))
-    column = {size: j for j, size in enumerate(h)}
-    row = {size: i for i, size in enumerate(H)}
-    places = [(column[x], row[y]) for x, y in zip(rows["h"], rows["H"], strict=True)]
-    for (j, i), error, beta_zero in zip(places, rows["error"], rows["beta_zero"], strict=True):
+    axes.add_patch(Rectangle((-0.5, -0.5), len(h), len(H), lw=0, **BLANK))
+    column, row = (dict(zip(sizes, range(len(sizes)), strict=True)) for sizes in (h, H))
+    places = np.column_stack([rows["h"].map(column), rows["H"].map(row)])
+    for (j, i), error, beta_zero in zip(places.tolist(), rows["error"], rows["beta_zero"], strict=True):
         _cell(axes, j, i, error, bool(beta_zero), scale)
     for ratio in DIAGONALS:
         on = np.isclose(rows["h_over_H"], ratio, rtol=1e-3)
-        _diagonal(axes, sorted(np.array(places)[on].tolist()), ratio)
+        _diagonal(axes, sorted(places[on].tolist()), ratio)
 
 
 def _cell(axes: Axes, j: int, i: int, error: float, beta_zero: bool, scale: ScalarMappable) -> None:
@@ -136,22 +120,7 @@ def _diagonal(axes: Axes, places: list[list[int]], ratio: float) -> None:
     if len(places) < 2:
         return
     (j, i), (last_j, last_i) = places[0], places[-1]
-    x, y = [j - 0.5, last_j + 0.5], [i - 0.5, last_i + 0.5]
-    axes.plot(
-        x, y, color="black", lw=0.8, clip_on=False, path_effects=[withStroke(linewidth=2, foreground="white")]
-    )
-    end = (x[1], y[1])
-    axes.annotate(
-        f"${as_fraction(ratio)}$", end, (2, -1), textcoords="offset points", fontsize=SMALL, va="top"
-    )
-
-
-def _grid_key(figure: Figure) -> None:
-    blank = Rectangle((0, 0), 1, 1, fc="white", ec="0.8", hatch="////")
-    line = Line2D([], [], color="black", lw=0.8)
-    figure.legend(
-        [line, blank],
-        ["constant $h/H$", r"not computed        underlined: $\beta=0$, where $\lambda_H$ is not judged"],
-        loc="lower center",
-        ncols=2,
-    )
+    end, halo = (last_j + 0.5, last_i + 0.5), [withStroke(linewidth=2, foreground="white")]
+    axes.plot([j - 0.5, end[0]], [i - 0.5, end[1]], color="black", lw=0.8, clip_on=False, path_effects=halo)
+    beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL, "va": "top"}
+    axes.annotate(f"${style.as_fraction(ratio)}$", end, (2, -1), **beside)

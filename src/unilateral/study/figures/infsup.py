@@ -8,66 +8,68 @@ from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from unilateral.study import tables
-from unilateral.study.figures.style import (
-    COLOURS,
-    MARKERS,
-    SMALL,
-    WIDTH,
-    FilePath,
-    as_fraction,
-    axes_at,
-    figure_in,
-    light_grid,
-    read,
-)
+from unilateral.study.figures import style
 
-PER_PAIR = ("h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle", "beta_lower", "beta_upper")
+PER_PAIR = ["h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle", "beta_lower", "beta_upper"]
+PLACES = {"uniform": (1.25, 5.35, 0.1), "local": (7.3, 4.55, 6.95), "worst": (12.3, 4.55, 11.95)}
+"""Centimetres: where the axes begin, how wide they are, where the key of a kind begins."""
 TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
-UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(COLOURS) if i != 1)
+UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(style.COLOURS) if i != 1)
 WORST_MARKERS = ("x", "+", (6, 2, 0), "1", "2", "3")
-BACKGROUND: dict[str, Any] = {"color": "0.72", "lw": 1.0, "zorder": 1.5}
+BACKGROUND: style.Look = {"color": "0.72", "lw": 1.0, "zorder": 1.5}
+LOOKS: dict[str, style.Look] = {
+    "uniform": {"ms": 4.2, "mew": 0.5, "lw": 1.1, "mec": "white"},
+    "local": {"ms": 4.2, "mew": 0.8, "ls": "", "color": "0.15", "mfc": "white"},
+    "worst": {
+        "ms": 6.5,
+        "mew": 1.7,
+        "ls": "",
+        "color": style.COLOURS[1],
+        "zorder": 5,
+        "path_effects": [withStroke(linewidth=3.2, foreground="white")],
+    },
+}
 LAST = 1.3
 UNSEEN = 1e-3
 
 
-def table(surveys: Sequence[FilePath], families: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     """One row per survey, partition and mesh; `families` have the label and kind of each survey, by name.
 
     `widest` is the largest beta_upper/beta_lower - 1 of all.
     """
-    rows = [
-        {"scene": name, "label": family["label"], "kind": family["kind"], "H": float(found["H"][p])}
-        | {key: float(found[key][k, p]) for key in PER_PAIR}
-        for (name, family), found in zip(families.items(), map(tables.load, surveys), strict=True)
-        for p in range(found.sizes["partition"])
-        for k in range(found.sizes["mesh"])
+    parts = [
+        tables.load(path)[PER_PAIR]
+        .to_dataframe(["partition", "mesh"])
+        .assign(scene=name, label=family["label"], kind=family["kind"])
+        for (name, family), path in zip(families.items(), surveys, strict=True)
     ]
-    frame = pd.DataFrame(rows)
-    known = frame["beta_lower"] > 0
-    return frame.assign(widest=(frame["beta_upper"] / frame["beta_lower"] - 1)[known].max())
+    rows = pd.concat(parts)[["scene", "label", "kind", "H", *PER_PAIR]]
+    known = rows["beta_lower"] > 0
+    return rows.assign(widest=(rows["beta_upper"] / rows["beta_lower"] - 1)[known].max())
 
 
-def draw(csv_path: FilePath, svg_path: FilePath) -> None:
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """beta of uniform meshes over h/H; beta of all over h/H, and over the fewest edges per cell.
 
     Columns: scene, label (a line or a marker each), kind (uniform, local, worst), H, h_over_H,
     edges_per_cell (the smallest over the cells), beta_lower, beta_upper; and, for the note, widest (largest
     beta_upper/beta_lower - 1), if known.
     """
-    data = _read(csv_path)
+    data = style.read(csv_path)
+    data = data.assign(cells_per_edge=1 / data["edges_per_cell"])
     looks = {kind: _looks(kind, data) for kind in TITLES}
+    data = data.sort_values("h_over_H", kind="stable")
     rows = max(len(looks["uniform"]), len(looks["local"]) + 1, len(looks["worst"]))
     bottom = 2.45 + 0.44 * rows
-    places = dict(zip(TITLES, ((1.25, 5.35), (7.3, 4.55), (12.3, 4.55)), strict=True))
-    with figure_in(svg_path, bottom + 5.85) as figure:
-        uniform, ratio, local = (axes_at(figure, x, bottom, width, 5.2) for x, width in places.values())
-        _uniform(uniform, data, looks)
+    with style.figure_in(svg_path, bottom + 5.85) as figure:
+        panels = (style.axes_at(figure, x, bottom, width, 5.2) for x, width, _ in PLACES.values())
+        uniform, ratio, local = panels
+        _uniform(uniform, data, looks["uniform"])
         for axes, x in ((ratio, "h_over_H"), (local, "cells_per_edge")):
             _all_kinds(axes, data, looks, x)
         _ratio_axis(uniform, data[data["kind"] == "uniform"], "h_over_H")
@@ -76,50 +78,36 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
         uniform.set(title="uniform meshes", xlabel="$h/H$", ylabel=r"$\beta$")
         ratio.set(title="all, over the global ratio", xlabel="$h/H$")
         local.set(title="all, over the local one", xlabel="$1$ / (fewest edges per cell)")
-        for left, kind in zip((0.1, 6.95, 11.95), TITLES, strict=True):
-            _legend(figure, kind, looks[kind], left / WIDTH, (bottom - 1.3) / (bottom + 5.85))
-        figure.text(0.1 / WIDTH, 0.2 / (bottom + 5.85), _note(data), fontsize=SMALL)
+        for kind, (_, _, left) in PLACES.items():
+            handles = [style.key(label, **look) for label, look in looks[kind].items()]
+            if kind == "local":
+                handles.append(style.key("uniform, as on the left", **BACKGROUND))
+            of_kind: style.Look = {"title": TITLES[kind], "title_fontsize": 9.5, "alignment": "left"}
+            style.legend(figure, handles, left, bottom - 1.3, handlelength=1.8, labelspacing=0.42, **of_kind)
+        style.note(figure, _note(data))
 
 
-def _read(path: FilePath) -> pd.DataFrame:
-    data = read(path)
-    return data.assign(cells_per_edge=1 / data["edges_per_cell"]).sort_values("h_over_H", kind="stable")
-
-
-def _looks(kind: str, data: pd.DataFrame) -> dict[str, dict[str, Any]]:
+def _looks(kind: str, data: pd.DataFrame) -> dict[str, style.Look]:
     """How the labels of a kind look, in the order of the table."""
-    labels = data.sort_index().loc[data["kind"] == kind, "label"].unique()
-    markers = WORST_MARKERS if kind == "worst" else MARKERS
-    looks: dict[str, dict[str, Any]] = {
-        "uniform": {"ms": 4.2, "mew": 0.5, "lw": 1.1, "mec": "white"},
-        "local": {"ms": 4.2, "mew": 0.8, "ls": "", "color": "0.15", "mfc": "white"},
-        "worst": {
-            "ms": 6.5,
-            "mew": 1.7,
-            "ls": "",
-            "color": COLOURS[1],
-            "zorder": 5,
-            "path_effects": [withStroke(linewidth=3.2, foreground="white")],
-        },
-    }
+    markers = WORST_MARKERS if kind == "worst" else style.MARKERS
     found = {}
-    for i, label in enumerate(labels):
-        found[str(label)] = {**looks[kind], "marker": markers[i % len(markers)]}
+    for i, label in enumerate(data.loc[data["kind"] == kind, "label"].unique()):
+        found[str(label)] = {**LOOKS[kind], "marker": markers[i % len(markers)]}
         if kind == "uniform":
             found[str(label)]["color"] = UNIFORM_COLOURS[i % len(UNIFORM_COLOURS)]
     return found
 
 
-def _uniform(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, dict[str, Any]]]) -> None:
+def _uniform(axes: Axes, data: pd.DataFrame, looks: dict[str, style.Look]) -> None:
     """A line per scene and H at the lower bounds, and a band up to the upper ones."""
-    for label, look in looks["uniform"].items():
+    for label, look in looks.items():
         for _, line in data[(data["kind"] == "uniform") & (data["label"] == label)].groupby("H"):
             bounds = line["beta_lower"], line["beta_upper"]
             axes.fill_between(line["h_over_H"], *bounds, color=look["color"], alpha=0.35, lw=0)
             axes.plot(line["h_over_H"], line["beta_lower"], **look)
 
 
-def _all_kinds(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, dict[str, Any]]], x: str) -> None:
+def _all_kinds(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, style.Look]], x: str) -> None:
     """The others as markers at the lower bounds, with bars up to the upper ones, on the uniform lines."""
     uniform = data[data["kind"] == "uniform"].sort_values(x, kind="stable")
     for _, line in uniform.groupby(["label", "H"], sort=False):
@@ -141,8 +129,8 @@ def _ratio_axis(axes: Axes, rows: pd.DataFrame, x: str) -> None:
     axes.xaxis.set_major_formatter(lambda value, _: f"${Fraction(value).limit_denominator(8)}$")
     _beta_axis(axes)
     if cut and len(beyond):
-        text = f"$0$ up\nto ${as_fraction(beyond[x].max())}$"
-        axes.text(LAST - 0.03, 0.1, text, ha="right", va="bottom", fontsize=SMALL)
+        text = f"$0$ up\nto ${style.as_fraction(beyond[x].max())}$"
+        axes.text(LAST - 0.03, 0.1, text, ha="right", va="bottom", fontsize=style.SMALL)
         arrow = {"arrowstyle": "-|>", "lw": 0.8, "color": "black", "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (LAST - 0.02, 0.06), (LAST - 0.22, 0.06), arrowprops=arrow)
 
@@ -151,38 +139,20 @@ def _log_axis(axes: Axes, x: pd.Series) -> None:
     axes.set_xscale("log", base=2)
     axes.set_xlim(x.min() / 1.2, x.max() * 1.2)
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda value, _: f"${as_fraction(value)}$")
+    axes.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
     axes.axvline(1, color="0.25", lw=0.8, ls=(0, (4, 2)), zorder=1)
     _beta_axis(axes)
 
 
 def _beta_axis(axes: Axes) -> None:
     axes.set_ylim(-0.03, 1.03)
-    light_grid(axes)
-
-
-def _legend(figure: Figure, kind: str, looks: dict[str, dict[str, Any]], left: float, top: float) -> None:
-    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    if kind == "local":
-        handles.append(Line2D([], [], label="uniform, as on the left", **BACKGROUND))
-    legend = figure.legend(
-        handles=handles,
-        title=TITLES[kind],
-        loc="upper left",
-        bbox_to_anchor=(left, top),
-        alignment="left",
-        borderpad=0,
-        borderaxespad=0,
-        handlelength=1.8,
-        labelspacing=0.42,
-    )
-    legend.get_title().set_fontsize(9.5)
+    style.light_grid(axes)
 
 
 def _note(data: pd.DataFrame) -> str:
     sizes = data.loc[data["kind"] == "uniform", "H"]
-    low, high = (f"${as_fraction(size)}$" for size in (sizes.min(), sizes.max()))
-    note = f"Uniform meshes: $H$ = {low}" + (f" to {high}." if low != high else ".")
+    ends = dict.fromkeys(f"${style.as_fraction(size)}$" for size in (sizes.min(), sizes.max()))
+    note = f"Uniform meshes: $H$ = {' to '.join(ends)}."
     note += r" Markers: guaranteed lower bounds of $\beta$; bars reach up to the upper bounds"
     if "widest" in data:
         note += f", at most {100 * data['widest'].max():.2g} % higher"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 
 import numpy as np
 import pandas as pd
@@ -14,13 +13,13 @@ from matplotlib.ticker import MultipleLocator
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.study import tables
-from unilateral.study.figures.style import COLOURS, SMALL, WIDTH, FilePath, axes_at, figure_in, read
+from unilateral.study.figures import style
 
 SIDES = ("bottom", "right", "top", "left")
 STRIP, GAP, LEFT, FOOT = 2.15, 0.45, 1.25, 1.1
 
 
-def table(survey: FilePath, h_over_H: Sequence[object]) -> pd.DataFrame:
+def table(survey: style.FilePath, h_over_H: Sequence[object]) -> pd.DataFrame:
     """One row per h/H and cell of the survey's first partition: the worst multiplier on it.
 
     Raises InputError for a ratio that the survey does not have.
@@ -36,26 +35,26 @@ def _worst(of: xr.Dataset, ratio: float) -> pd.DataFrame:
     mesh, points = of.isel(mesh=int(same[0])), of["points"].values
     points = points[np.isfinite(points)]
     m = len(points) - 1
-    whole = {
-        "h_over_H": float(mesh["h_over_H"]),
-        "beta": float(0.5 * (mesh["beta_lower"] + mesh["beta_upper"])),
-    }
+    beta = 0.5 * (mesh["beta_lower"] + mesh["beta_upper"])
     cells = {"side": of["side"].values[:m].astype(int), "s": points[:-1], "end": points[1:]}
-    return pd.DataFrame({**whole, **cells, "mu": mesh["worst"].values[:m]})
+    of_mesh = {"h_over_H": float(mesh["h_over_H"]), "beta": float(beta)}
+    return pd.DataFrame({**of_mesh, **cells, "mu": mesh["worst"].values[:m]})
 
 
-def draw(csv_path: FilePath, svg_path: FilePath) -> None:
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """The worst mu in P0(T_H) over arc length, a strip for each h/H, with its beta.
 
     Columns: h_over_H, beta, side (0 to 3), and for each cell, from s to end, mu (largest absolute value 1).
     """
-    data = read(csv_path)
-    strips = [rows for _, rows in data.groupby("h_over_H")]
-    with figure_in(svg_path, FOOT + len(strips) * (STRIP + GAP) + 0.15) as figure:
+    strips = [rows.sort_values("s") for _, rows in style.read(csv_path).groupby("h_over_H")]
+    with style.figure_in(svg_path, FOOT + len(strips) * (STRIP + GAP) + 0.15) as figure:
         for i, rows in enumerate(strips):
-            axes = axes_at(figure, LEFT, FOOT + i * (STRIP + GAP), WIDTH - LEFT - 2.3, STRIP)
-            _steps(axes, rows.sort_values("s"))
-            _sides(axes, rows, named=i == len(strips) - 1)
+            bottom, width = FOOT + i * (STRIP + GAP), style.WIDTH - LEFT - 2.3
+            axes = style.axes_at(figure, LEFT, bottom, width, STRIP)
+            _steps(axes, rows)
+            ends = rows.groupby("side").agg(start=("s", "min"), end=("end", "max"))
+            names = SIDES if i == len(strips) - 1 else ()
+            style.sides(axes, ends, names, 1.06, color="black", lw=1.0)
             axes.tick_params(labelbottom=i == 0)
             if i == 0:
                 axes.set_xlabel(r"arc length $s$ along $\partial\Omega$")
@@ -63,35 +62,14 @@ def draw(csv_path: FilePath, svg_path: FilePath) -> None:
 
 def _steps(axes: Axes, rows: pd.DataFrame) -> None:
     edges = [*rows["s"], rows["end"].iloc[-1]]
-    for sign, colour in ((1, COLOURS[0]), (-1, COLOURS[1])):
-        axes.stairs(
-            (sign * rows["mu"]).clip(lower=0) * sign, edges, fill=True, color=colour, alpha=0.35, lw=0
-        )
+    for sign, colour in ((1, style.COLOURS[0]), (-1, style.COLOURS[1])):
+        part = (sign * rows["mu"]).clip(lower=0) * sign
+        axes.stairs(part, edges, fill=True, color=colour, alpha=0.35, lw=0)
     axes.stairs(rows["mu"], edges, baseline=None, color="black", lw=0.9)
     axes.axhline(0, color="0.4", lw=0.5)
     axes.set(xlim=(edges[0], edges[-1]), ylim=(-1.15, 1.15), yticks=(-1, 0, 1), ylabel=r"$\mu$")
     axes.yaxis.set_label_coords(-0.055, 0.5)
     axes.xaxis.set_major_locator(MultipleLocator(0.5))
     ratio, beta = rows[["h_over_H", "beta"]].iloc[0]
-    text = f"$h/H={_fraction(ratio)}$\n" + rf"$\beta={_rounded(beta)}$"
+    text = f"$h/H={style.as_fraction(ratio, 16)}$\n" + rf"$\beta={f'{beta:.3f}' if beta else '0'}$"
     axes.text(1.025, 0.5, text, transform=axes.transAxes, va="center", linespacing=1.7)
-
-
-def _sides(axes: Axes, rows: pd.DataFrame, named: bool) -> None:
-    """Lines at the vertices, and the names of the sides between them."""
-    for side, cells in rows.groupby("side"):
-        start, end = cells["s"].min(), cells["end"].max()
-        axes.axvline(start, color="black", lw=1.0)
-        if named:
-            place = ((start + end) / 2, 1.06)
-            name = SIDES[int(side)]  # type: ignore[call-overload]
-            axes.text(*place, name, transform=axes.get_xaxis_transform(), ha="center", fontsize=SMALL)
-
-
-def _fraction(ratio: float) -> str:
-    near = Fraction(ratio).limit_denominator(16)
-    return str(near) if abs(near / ratio - 1) < 1e-3 else f"{ratio:.3g}"
-
-
-def _rounded(beta: float) -> str:
-    return f"{beta:.3f}" if beta else "0"

@@ -9,25 +9,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 
 from unilateral.formulas.formula import real
 from unilateral.study import tables
-from unilateral.study.figures.style import (
-    COLOURS,
-    MARKERS,
-    NORMS,
-    SMALL,
-    WIDTH,
-    FilePath,
-    as_fraction,
-    axes_at,
-    figure_in,
-    light_grid,
-    read,
-)
+from unilateral.study.figures import style
 from unilateral.study.judge import cost
 from unilateral.study.runs.cost.variants import Variant
 
@@ -37,40 +23,39 @@ COLUMNS = (
 )
 UNFITTED = ("barzilai_borwein", "newton")
 """Algorithms whose steps follow no power of H: they change with rounding, or are a few."""
-KINDS = ("front", "line", "steps", "step", "stop")
-ALGORITHMS: dict[str, tuple[str, dict[str, Any]]] = {
-    "uzawa": (r"Uzawa, $\rho=1.9/\lambda_{\max}(S)$", {"color": COLOURS[0], "marker": "o", "ms": 5.2}),
-    "safe": (r"Uzawa, safe: $\rho=1.9\,\sigma_1$", {"color": COLOURS[6], "marker": "P", "ms": 3.4}),
+ALGORITHMS: dict[str, tuple[str, style.Look]] = {
+    "uzawa": (r"Uzawa, $\rho=1.9/\lambda_{\max}(S)$", {"color": style.COLOURS[0], "marker": "o", "ms": 5.2}),
+    "safe": (r"Uzawa, safe: $\rho=1.9\,\sigma_1$", {"color": style.COLOURS[6], "marker": "P", "ms": 3.4}),
     "optimal": (
         r"Uzawa, $\rho=2/(\lambda_{\min}+\lambda_{\max})$",
-        {"color": COLOURS[4], "marker": "x", "ms": 2.6},
+        {"color": style.COLOURS[4], "marker": "x", "ms": 2.6},
     ),
-    "nesterov": ("Nesterov, restarted", {"color": COLOURS[1], "marker": "s", "ms": 3.2}),
-    "barzilai_borwein": ("projected Barzilai–Borwein", {"color": COLOURS[2], "marker": "^", "ms": 3.8}),
-    "newton": ("primal–dual active set", {"color": COLOURS[3], "marker": "D", "ms": 3.0}),
+    "nesterov": ("Nesterov, restarted", {**style.look(1), "ms": 3.2}),
+    "barzilai_borwein": ("projected Barzilai–Borwein", {**style.look(2), "ms": 3.8}),
+    "newton": ("primal–dual active set", {**style.look(3), "ms": 3.0}),
 }
-MATRICES: dict[str, tuple[str, dict[str, Any]]] = {
-    "A": ("solve with $A$", {"color": COLOURS[0], "marker": "o"}),
-    "A_3": ("solve with $A_3$", {"color": COLOURS[1], "marker": "s"}),
-    "S": ("multiply by $S$", {"color": COLOURS[2], "marker": "^"}),
-    "setup_A": ("set-up, with $A$", {"color": COLOURS[0], "marker": "", "ls": (0, (3, 2))}),
-    "setup_S": ("set-up, with $S$", {"color": COLOURS[2], "marker": "", "ls": (0, (3, 2))}),
+DASHED: style.Look = {"marker": "", "ls": (0, (3, 2))}
+MATRICES: dict[str, tuple[str, style.Look]] = {
+    "A": ("solve with $A$", style.look(0)),
+    "A_3": ("solve with $A_3$", style.look(1)),
+    "S": ("multiply by $S$", style.look(2)),
+    "setup_A": ("set-up, with $A$", style.look(0) | DASHED),
+    "setup_S": ("set-up, with $S$", style.look(2) | DASHED),
 }
-STOPS = {"h1": (COLOURS[0], "o"), "hm12": (COLOURS[1], "s"), "l2": (COLOURS[2], "^")}
 LEFT, ACROSS, TALL = (1.35, 6.95, 12.55), 4.25, 4.3
-HEIGHT = 14.8
-FRONT: dict[str, Any] = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
+THIN: style.Look = {"lw": 0.9, "ms": 3.6}
+FRONT: style.Look = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
 LAST_STOP = 1e-5
 """What is below it is drawn nowhere: all errors are then those of the discrete solution."""
 
 
 def table(
-    crossed: FilePath,
-    cases: FilePath,
-    algebra: FilePath,
+    crossed: style.FilePath,
+    cases: style.FilePath,
+    algebra: style.FilePath,
     base: Mapping[str, Any],
     coarsest: object,
-    timings: FilePath | None = None,
+    timings: style.FilePath | None = None,
 ) -> pd.DataFrame:
     """Work and relative errors, and what is behind them; work in seconds where timings are given.
 
@@ -84,7 +69,7 @@ def table(
     if timings:
         runs, of_matrix = _in_seconds(runs, of_matrix, tables.load(timings), config)
     largest = real(coarsest, "coarsest")
-    parts = [_of_norm(runs, of_cases, norm, largest) for norm in NORMS]
+    parts = [_of_norm(runs, of_cases, norm, largest) for norm in style.NORMS]
     parts += [_of_steps(runs, config.H_over_h, largest), _of_matrices(of_matrix)]
     return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
 
@@ -142,64 +127,63 @@ def _of_matrices(algebra: xr.Dataset) -> pd.DataFrame:
     return pd.concat(parts)
 
 
-def draw(csv_path: FilePath, svg_path: FilePath, work: str = "operations") -> None:
+def draw(csv_path: style.FilePath, svg_path: style.FilePath, work: str = "operations") -> None:
     """Above: relative errors over work at fixed H/h, and the front of all. Below: steps, one step, stops.
 
     Columns: kind (front, line, steps, step, stop), norm, label (algorithm or matrix), H_over_h, H, unknowns,
     stop, work, error, steps, slope (p of steps ~ H^-p), excess. `work` is "operations" or "seconds". Raises
     InputError for a table without them.
     """
-    data = read(csv_path)
+    data = style.read(csv_path)
     parts = {kind: rows for kind, rows in data.groupby("kind")}
-    ratios = sorted(parts["line"]["H_over_h"].unique())
-    with figure_in(svg_path, HEIGHT) as figure:
-        for left, (norm, title) in zip(LEFT, NORMS.items(), strict=True):
-            axes = axes_at(figure, left, 9.4, ACROSS, TALL)
+    ratios = np.unique(parts["line"]["H_over_h"]).tolist()
+    edge: style.Look = {"mec": "white", "mew": 0.3}
+    looks: dict[float, style.Look] = {r: {**style.look(i), **THIN, **edge} for i, r in enumerate(ratios)}
+    with style.figure_in(svg_path, 14.8) as figure:
+        for left, (norm, title) in zip(LEFT, style.NORMS.items(), strict=True):
+            axes = style.axes_at(figure, left, 9.4, ACROSS, TALL)
             rows = parts["front"][parts["front"]["norm"] == norm]
             _line(axes, rows["work"], rows["error"], FRONT)
             for ratio, rows in parts["line"][parts["line"]["norm"] == norm].groupby("H_over_h"):
-                _line(axes, rows["work"], rows["error"], _look(ratios, float(ratio)))
+                _line(axes, rows["work"], rows["error"], looks[ratio])
             axes.set(title=f"{title}, relative", xlabel=work)
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_locator(NullLocator())
-        lower = [axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
+        lower = [style.axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
         _steps(lower[0], parts["steps"])
         _step(lower[1], parts["step"], work)
         _stop(lower[2], parts["stop"])
-        fronts = [Line2D([], [], label=f"$H/h={as_fraction(r)}$", **_look(ratios, r)) for r in ratios]
-        _legend(figure, [*fronts, Line2D([], [], label="front of all runs", **FRONT)], 8.2, 7)
-        named = [Line2D([], [], label=name, lw=0.9, **look) for name, look in ALGORITHMS.values()]
-        _legend(figure, named, 1.25, 3)
+        fronts = [style.key(f"$H/h={style.as_fraction(ratio)}$", **look) for ratio, look in looks.items()]
+        fronts.append(style.key("front of all runs", **FRONT))
+        named = [style.key(name, lw=0.9, **look) for name, look in ALGORITHMS.values()]
+        for handles, top, columns in ((fronts, 8.2, 7), (named, 1.25, 3)):
+            space: style.Look = {"labelspacing": 0.4, "columnspacing": 1.15, "handlelength": 1.6}
+            style.legend(figure, handles, 1.35, top, ncols=columns, **space)
 
 
-def _look(ratios: list[float], ratio: float) -> dict[str, Any]:
-    i = ratios.index(ratio)
-    return {"color": COLOURS[i], "marker": MARKERS[i], "lw": 0.9, "ms": 3.6, "mec": "white", "mew": 0.3}
-
-
-def _line(axes: Axes, x: pd.Series, y: pd.Series, look: dict[str, Any]) -> None:
+def _line(axes: Axes, x: pd.Series, y: pd.Series, look: style.Look) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
-    light_grid(axes)
+    style.light_grid(axes)
     axes.plot(x, y, **look)
 
 
 def _steps(axes: Axes, rows: pd.DataFrame) -> None:
     """With fitted exponents, if any, beside the finest points; one where lines coincide."""
     ends: list[float] = []
+    place: style.Look = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
     for label, line in rows.groupby("label", sort=False):
         look = {**ALGORITHMS[str(label)][1], "lw": 0.9}
         _line(axes, line["H"], line["steps"], look)
         end = line.loc[line["H"].idxmin()]
-        if end["slope"] == end["slope"] and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
-            place: dict[str, Any] = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
+        if pd.notna(end["slope"]) and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
             text = f"$H^{{-{end['slope']:.1f}}}$"
-            axes.annotate(text, (end["H"], end["steps"]), color=look["color"], fontsize=SMALL, **place)
+            axes.annotate(text, (end["H"], end["steps"]), color=look["color"], fontsize=style.SMALL, **place)
             ends.append(end["steps"])
     sizes = sorted(rows["H"].unique(), reverse=True)
     axes.set_xlim(1.3 * sizes[0], sizes[-1] / 5.0)
-    axes.set_xticks(sizes[::2], [as_fraction(H) for H in sizes[::2]])
+    axes.set_xticks(sizes[::2], [style.as_fraction(H) for H in sizes[::2]])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set(title=r"steps to the level $10^{-6}$", xlabel="$H$")
 
@@ -207,30 +191,25 @@ def _steps(axes: Axes, rows: pd.DataFrame) -> None:
 def _step(axes: Axes, rows: pd.DataFrame, work: str) -> None:
     for label, (name, look) in MATRICES.items():
         line = rows[rows["label"] == label]
-        _line(axes, line["unknowns"], line["work"], {**look, "lw": 0.9, "ms": 3.6, "label": name})
+        _line(axes, line["unknowns"], line["work"], {**look, **THIN, "label": name})
     axes.set(title=f"{work}: a step, the set-up", xlabel="unknowns in $\\Omega$")
     axes.set_ylim(top=200 * axes.get_ylim()[1])
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.legend(loc="upper left", borderpad=0, borderaxespad=0.4, labelspacing=0.25, handlelength=1.6)
+    _named(axes, "upper left")
 
 
 def _stop(axes: Axes, rows: pd.DataFrame) -> None:
-    for norm, line in rows[rows["stop"] >= LAST_STOP].groupby("norm", sort=False):
-        colour, marker = STOPS[str(norm)]
-        look = {"color": colour, "marker": marker, "lw": 0.9, "ms": 3.6, "label": NORMS[str(norm)]}
-        _line(axes, line["stop"], line["excess"], look)
+    for i, (norm, title) in enumerate(style.NORMS.items()):
+        line = rows[(rows["norm"] == norm) & (rows["stop"] >= LAST_STOP)]
+        _line(axes, line["stop"], line["excess"], {**style.look(i), **THIN, "label": title})
     axes.invert_xaxis()
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_minor_locator(NullLocator())
+    _named(axes, "upper right")
     axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
     axes.set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
-    axes.legend(loc="upper right", borderpad=0, borderaxespad=0.4, labelspacing=0.25, handlelength=1.6)
 
 
-def _legend(figure: Figure, handles: list[Line2D], top: float, columns: int) -> None:
-    corner = (1.35 / WIDTH, top / HEIGHT)
-    space: dict[str, float] = {"borderpad": 0, "borderaxespad": 0, "labelspacing": 0.4, "columnspacing": 1.15}
-    figure.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=columns, handlelength=1.6, **space
-    )
+def _named(axes: Axes, corner: Any) -> None:
+    """The lines' names in a corner, and no minor ticks."""
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_minor_locator(NullLocator())
+    space: style.Look = {"borderpad": 0, "borderaxespad": 0.4, "labelspacing": 0.25, "handlelength": 1.6}
+    axes.legend(loc=corner, **space)

@@ -6,7 +6,7 @@ Errors are relative to ||u||_1, ||lambda||_{-1/2}, ||lambda||_0; in H^{-1/2} the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,6 @@ SIZES = 3
 """So many H are needed for the growth of steps, and one more for a line of errors over work."""
 WORKS = 256
 """At which lines of errors are compared."""
-NORM_OF = {"h1": "u_norm", "l2": "l2_norm"}
 
 
 class Price(NamedTuple):
@@ -51,41 +50,24 @@ def along(table: xr.Dataset, base: Variant, axes: Sequence[str]) -> xr.Dataset:
     others = [name for name in Variant._fields if name not in axes]
     kept = np.logical_and.reduce([table[name].values == getattr(base, name) for name in others])
     runs = table.isel(run=np.flatnonzero(kept))
-    labels = [pd.unique(runs[name].values) for name in axes]
-    H = np.unique(runs["H"].values)[::-1]
-    places = [
-        np.array([list(label).index(x) for x in runs[name].values])
-        for name, label in zip(axes, labels, strict=True)
-    ]
-    index = (*places, np.searchsorted(-H, -runs["H"].values))
-    shape, dims = (*map(len, labels), len(H)), (*axes, "H")
-    found: dict[str, Any] = {}
-    for name, variable in runs.data_vars.items():
-        if name in Variant._fields or name == "H":
-            continue
-        values = np.full((*shape, *variable.shape[1:]), np.nan)
-        values[index] = variable.values
-        found[str(name)] = ((*dims, *variable.dims[1:]), values)
-    coords = {**dict(zip(axes, labels, strict=True)), "H": H, "stop": table["stop"].values}
-    return xr.Dataset(found, coords=coords)
+    labels = {name: pd.unique(runs[name].values) for name in axes} | {"H": np.unique(runs["H"])[::-1]}
+    index = pd.MultiIndex.from_arrays([runs[name].values for name in labels], names=[*labels])
+    places = xr.Coordinates.from_pandas_multiindex(index, "run")
+    found = runs.drop_vars([*Variant._fields, "H"]).assign_coords(places).unstack("run").reindex(labels)
+    variables = found.transpose(*labels, "stop").data_vars.items()
+    coords = {**labels, "stop": table["stop"].values}
+    return xr.Dataset({name: each.variable for name, each in variables}, coords)
 
 
 def relative(table: xr.Dataset, norm: str) -> xr.DataArray:
     """The errors over the norm of u or lambda."""
-    return error_in(table, norm) / _mean(table, "hm12_norm", NORM_OF.get(norm))
+    whole = table["u_norm"] if norm == "h1" else error_in(table, norm, of="norm")
+    return error_in(table, norm) / whole
 
 
 def excess(table: xr.Dataset, norm: str) -> xr.DataArray:
     """The errors over those of the discrete solution."""
-    return error_in(table, norm) / _mean(
-        table, "hm12_discrete", None if norm == "hm12" else f"{norm}_discrete"
-    )
-
-
-def _mean(table: xr.Dataset, bounds: str, name: str | None) -> xr.DataArray:
-    if name:
-        return table[name]
-    return (0.5 * (table[f"{bounds}_lower"] ** 2 + table[f"{bounds}_upper"] ** 2)) ** 0.5
+    return error_in(table, norm) / error_in(table, norm, of="discrete")
 
 
 def front(work: Array, error: Array) -> NDArray[np.intp]:

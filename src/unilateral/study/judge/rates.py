@@ -1,10 +1,10 @@
 """Rates and their judgement: one-sided, on every asymptotic pair, with a bound on the finest level.
 
-A rate holds if every pair of asymptotic levels reaches the expected rate less a tolerance, the finest
-error lies under a stated bound, and every run that counts converged with a guaranteed algebraic error of
-at most a given share of its error in the norm that is judged. In H^{-1/2} rates are those of the r.m.s. mean
-of the error's bounds; the lower one meets the share, the upper one the bound on the finest level. An error
-whose exact value is 0 has no rate and must be 0 to round-off.
+A rate holds if every pair of asymptotic levels reaches the expected rate less a tolerance, and the finest
+error lies under a stated bound. It is judged only if every run that counts converged with a guaranteed
+algebraic error of at most a given share of its error in the norm that is judged. In H^{-1/2} rates are those
+of the r.m.s. mean of the error's bounds; the lower one meets the share, the upper one the bound on the finest
+level. An error whose exact value is 0 has no rate and must be 0 to round-off.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
-from unilateral.study.tables import error_in
+from unilateral.study.tables import NORMS, along_ratio, error_in
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
-NORMS = ("h1", "hm12", "l2")
+Verdict = Literal["holds", "fails", "exact", "not judged"]
+Reasons = tuple[str, ...]
 FEWEST_PAIRS = 3
 ZERO = 1e-12
 
@@ -34,14 +35,14 @@ ZERO = 1e-12
 class Expectation:
     """What is expected of a case in a norm, and how it is judged.
 
-    `rate` is None where the exact error is 0, and NaN where nothing is judged, and no level counts; a level
-    is asymptotic if h and H times `judged_ratio` are at most `start`; rates compare levels a factor `factor`
-    (2 or 4) apart; the finest error may be `bound` times (H ** `power`) times the table's variable
+    `rate` is "exact" where the exact error is 0, and "none" where nothing is judged, and no level counts; a
+    level is asymptotic if h and H times `judged_ratio` are at most `start`; rates compare levels a factor
+    `factor` (2 or 4) apart; the finest error may be `bound` times (H ** `power`) times the table's variable
     `reference`.
     """
 
     proved: float
-    rate: float | None
+    rate: float | Literal["exact", "none"]
     tolerance: float
     start: float
     factor: int
@@ -59,11 +60,11 @@ class Expectation:
         """
         if case not in study["cases"]:
             raise InputError(f"the table of expected rates has no case '{case}'; add it there")
-        general, special = study["norms"][norm], study["cases"][case][norm]
+        general, rate = study["norms"][norm], study["cases"][case][norm]["rate"]
         bound, where = general["bound"], f"the expected rate of '{case}' in {norm}"
         return cls(
             proved=real(general["proved"], where),
-            rate=_rate(special["rate"], where),
+            rate=rate if rate in ("exact", "none") else real(rate, where),
             tolerance=real(general["tolerance"], where),
             start=real(asymptotic[norm]["from"], where),
             factor=int(asymptotic[norm].get("factor", 2)),
@@ -74,10 +75,18 @@ class Expectation:
             judged_ratio=real(study["judged_ratio"], where),
         )
 
+    @property
+    def least(self) -> float:
+        """The rate that has to be reached, NaN where none is expected."""
+        return math.nan if isinstance(self.rate, str) else self.rate - self.tolerance
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Levels h, H and their errors (k,); the pairs' h's and rates (p,); the verdict with its reasons."""
+    """Levels h, H and their errors (k,); the pairs' h's and rates (p,); the verdict with its reasons.
+
+    `unfit` says why the runs cannot be judged, `against` what speaks against them.
+    """
 
     h: Array
     H: Array
@@ -89,15 +98,21 @@ class Judgement:
     fitted: float
     bound: float
     expected: Expectation
-    why: tuple[str, ...]
+    unfit: Reasons
+    against: Reasons
 
     @property
-    def verdict(self) -> str:
-        if self.expected.rate is None:
-            return "fails" if self.why else "exact"
-        if math.isnan(self.expected.rate):
+    def why(self) -> Reasons:
+        """The reasons for which a rate does not hold."""
+        return self.unfit + self.against
+
+    @property
+    def verdict(self) -> Verdict:
+        if self.unfit or self.expected.rate == "none":
             return "not judged"
-        return "fails" if self.why else "holds"
+        if self.against:
+            return "fails"
+        return "exact" if self.expected.rate == "exact" else "holds"
 
     def __str__(self) -> str:
         lines = [f"{'h':>12} {'H':>12} {'error':>12}"]
@@ -112,50 +127,24 @@ class Judgement:
 
 def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> Judgement:
     """The judgement of a case's errors in a norm along a fixed h/H, from the table of a scene."""
-    runs = _along(table.sel(case=case), h_over_H)
+    runs = along_ratio(table.sel(case=case), h_over_H)
     h, H, error = runs["h"].values, runs["H"].values, error_in(runs, norm).values
-    coarse, fine = _pairs(h, expected.factor)
+    coarse, fine = np.nonzero(np.isclose(h[:, None], expected.factor * h[None], rtol=1e-9))
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
     levels = np.maximum(h, H * expected.judged_ratio) <= expected.start * (1 + 1e-9)
-    if expected.rate is not None and math.isnan(expected.rate):
+    unfit: Reasons = ()
+    against: Reasons = ()
+    if expected.rate == "exact":
+        rate, against = np.full_like(rate, np.nan), _why_not_zero(runs, norm)
+    elif expected.rate == "none":
         levels = np.zeros_like(levels)
-    asymptotic = levels[coarse]
-    bound = _bound(runs, expected)
-    if expected.rate is None:
-        rate, levels = np.full_like(rate, np.nan), np.zeros_like(levels)
-        why = _why_not_zero(error_in(runs, norm, "upper").values, runs["u_norm"].values)
-    elif math.isnan(expected.rate):
-        why = []
     else:
-        why = [
-            *_why_unfit(runs, norm, levels, expected),
-            *_why_slow(rate, asymptotic, h, coarse, expected),
-        ]
-        finest = error_in(runs, norm, "upper").values[-1] if len(error) else math.nan
-        if len(error) and not finest <= bound:
-            why.append(f"the finest error {finest:.4g} is above its bound {bound:.4g}")
-    fitted = _fit(h[levels], error[levels])
-    return Judgement(h, H, error, h[coarse], h[fine], rate, asymptotic, fitted, bound, expected, tuple(why))
-
-
-def _rate(given: object, where: str) -> float | None:
-    if given == "exact":
-        return None
-    return math.nan if given == "none" else real(given, where)
-
-
-def _along(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
-    """The runs (k,) with that ratio, coarse to fine."""
-    mesh, partition = np.nonzero(np.isclose(table["h_over_H"].values, h_over_H, rtol=1e-9))
-    order = np.argsort(-table["h"].values[mesh], kind="stable")
-    index = {d: xr.DataArray(i[order], dims="run") for d, i in (("mesh", mesh), ("partition", partition))}
-    return table.isel(index)
-
-
-def _pairs(h: Array, factor: int) -> tuple[Index, Index]:
-    coarse, fine = np.nonzero(np.isclose(h[:, None], factor * h[None], rtol=1e-9))
-    return coarse, fine
+        unfit = _why_unfit(runs, norm, levels, expected)
+        against = _why_slow(rate, levels[coarse], h[coarse], expected) + _why_large(runs, norm, expected)
+    fitted = math.nan if expected.rate == "exact" else _fit(h[levels], error[levels])
+    pairs = (h[coarse], h[fine], rate, levels[coarse])
+    return Judgement(h, H, error, *pairs, fitted, _bound(runs, expected), expected, unfit, against)
 
 
 def _fit(h: Array, error: Array) -> float:
@@ -165,21 +154,23 @@ def _fit(h: Array, error: Array) -> float:
 
 
 def _bound(runs: xr.Dataset, expected: Expectation) -> float:
-    if expected.rate is None or runs.sizes["run"] == 0:
+    """Of the finest error."""
+    if expected.rate == "exact" or runs.sizes["run"] == 0:
         return math.nan
     finest = runs.isel(run=-1)
     return expected.bound * float(finest["H"]) ** expected.power * float(finest[expected.reference])
 
 
-def _why_not_zero(error: Array, u_norm: Array) -> list[str]:
-    if len(error) and np.all(np.abs(error) <= ZERO * u_norm):
-        return []
-    return [f"the error should be 0 to {ZERO:g} of ||u||_1"]
+def _why_not_zero(runs: xr.Dataset, norm: str) -> Reasons:
+    error = error_in(runs, norm, "upper").values
+    if len(error) and np.all(np.abs(error) <= ZERO * runs["u_norm"].values):
+        return ()
+    return (f"the error should be 0 to {ZERO:g} of ||u||_1",)
 
 
-def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation) -> list[str]:
+def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation) -> Reasons:
     """Unconverged or not accurate enough: reasons for which the asymptotic levels cannot be judged."""
-    least = error_in(runs, norm, "lower").values
+    least, why = error_in(runs, norm, "lower").values, []
     factor = {
         "h1": np.ones_like(least),
         "hm12": runs["beta_lower"].values,
@@ -187,23 +178,27 @@ def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation)
     }[norm]
     with np.errstate(divide="ignore", invalid="ignore"):
         algebraic = runs["algebraic_bound"].values / factor
-    why = []
     if not np.all(runs["converged"].values[levels] == 1):
         why.append("a run did not converge")
     if not np.all(algebraic[levels] <= expected.algebraic_share * least[levels] * (1 + 1e-9)):
         why.append(f"a guaranteed algebraic error is above {expected.algebraic_share:g} of the error")
-    return why
+    return tuple(why)
 
 
-def _why_slow(rate: Array, asymptotic: Mask, h: Array, coarse: Index, expected: Expectation) -> list[str]:
-    assert expected.rate is not None
-    least = expected.rate - expected.tolerance
+def _why_slow(rate: Array, asymptotic: Mask, h_coarse: Array, expected: Expectation) -> Reasons:
     why = []
     if np.count_nonzero(asymptotic) < FEWEST_PAIRS:
         why.append(f"there are fewer than {FEWEST_PAIRS} pairs of asymptotic levels")
-    slow = np.flatnonzero(asymptotic & ~(rate >= least))
-    why += [f"the rate {rate[i]:.3f} from h = {h[coarse[i]]:.4g} is below {least:.3f}" for i in slow]
-    return why
+    slow = np.flatnonzero(asymptotic & ~(rate >= expected.least))
+    why += [f"the rate {rate[i]:.3f} from h = {h_coarse[i]:.4g} is below {expected.least:.3f}" for i in slow]
+    return tuple(why)
+
+
+def _why_large(runs: xr.Dataset, norm: str, expected: Expectation) -> Reasons:
+    if runs.sizes["run"] == 0:
+        return ()
+    finest, bound = error_in(runs, norm, "upper").values[-1], _bound(runs, expected)
+    return () if finest <= bound else (f"the finest error {finest:.4g} is above its bound {bound:.4g}",)
 
 
 def judge_all(

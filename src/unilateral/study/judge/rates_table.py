@@ -6,45 +6,35 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from unilateral.study.judge.rates import Judgement
 
+INDEX = ["case", "norm", "h_over_H"]
+OF_PAIRS = ("h_coarse", "h_fine", "rate", "asymptotic")
+
 
 def collect(judgements: Mapping[tuple[str, str, float], Judgement], judged_ratio: float | None) -> xr.Dataset:
     """The table of rates from judgements by (case, norm, h/H); verdicts at one h/H, or at none."""
-    cases, norms, ratios = (sorted({key[i] for key in judgements}) for i in range(3))
-    longest = max(len(j.rate) for j in judgements.values())
-    index, pairs = ("case", "norm", "h_over_H"), ("case", "norm", "h_over_H", "pair")
-    shape = (len(cases), len(norms), len(ratios))
-    table = xr.Dataset(
-        {
-            name: (pairs, np.full((*shape, longest), np.nan))
-            for name in ("h_coarse", "h_fine", "rate", "asymptotic")
-        }
-        | {
-            name: (index, np.full(shape, np.nan))
-            for name in ("fitted", "proved", "expected", "finest_error", "bound")
-        }
-        | {name: (index, np.full(shape, "", dtype=object)) for name in ("verdict", "why")},
-        coords={"case": cases, "norm": norms, "h_over_H": ratios},
-    )
-    for (case, norm, ratio), found in judgements.items():
-        at = (cases.index(case), norms.index(norm), ratios.index(ratio))
-        for name in ("h_coarse", "h_fine", "rate", "asymptotic"):
-            table[name][(*at, slice(len(found.rate)))] = getattr(found, name)
-        values = {
+    pairs, rows = {}, {}
+    for key, found in judgements.items():
+        pairs[key] = pd.DataFrame({name: getattr(found, name) for name in OF_PAIRS}, dtype=float)
+        expected, judged = found.expected, key[2] == judged_ratio
+        rows[key] = {
             "fitted": found.fitted,
-            "proved": found.expected.proved,
-            "expected": math.nan if found.expected.rate is None else found.expected.rate,
+            "proved": expected.proved,
+            "expected": math.nan if isinstance(expected.rate, str) else expected.rate,
             "finest_error": found.error[-1] if len(found.error) else math.nan,
             "bound": found.bound,
-            "verdict": found.verdict if ratio == judged_ratio else "not judged",
-            "why": "; ".join(found.why) if ratio == judged_ratio else "",
+            "verdict": found.verdict if judged else "not judged",
+            "why": "; ".join(found.why) if judged else "",
         }
-        for name, value in values.items():
-            table[name][at] = value
-    return table
+    of_pairs = pd.concat(pairs, names=[*INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
+    of_rates = pd.DataFrame.from_dict(rows, orient="index").rename_axis(INDEX).sort_index().to_xarray()
+    table = xr.merge([of_pairs, of_rates])
+    variables = {name: each.variable for name, each in table.data_vars.items()}
+    return xr.Dataset(variables, {name: table[name].variable for name in INDEX})
 
 
 def summary(found: xr.Dataset, ratio: float) -> str:

@@ -8,17 +8,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.discrete import with_load
 from unilateral.fem.condense import Condensed, condense, dissected
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import cell_means
-from unilateral.norms.ritz import h1_distance, ritz_projection
+from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
-from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, residual_bound
-from unilateral.study.runs.algorithm import VARIANTS, iterate
+from unilateral.study.runs.algorithm import VARIANTS, Known, iterate, known
 from unilateral.study.runs.cost import operations
 
 Array = NDArray[np.float64]
@@ -32,33 +29,23 @@ def certificates(
     Over (case, step), rho = 0.9/lambda_max(S); the error is ||u(mu) - u_h||_1, relative in `u_distance`.
     `first_term_index` is that of the first of the two terms of `residual_bound`, which is no bound.
     """
-    condensed = condense(mesh)
-    spaces = mixed_spaces(condensed, partition)
-    rho = 0.9 / spaces.operator.lambda_max
-    shape = (len(cases), len(recorded))
-    distance, residual, first_term, energy = (np.empty(shape) for _ in range(4))
-    for c, case in enumerate(cases):
-        problem, cells = ritz_projection(case, condensed), cell_means(case, partition)
-        offset = with_load(spaces, problem.load, problem.trace, cells.g_means).offset
-        lambda_H = active_set(spaces.operator, offset, np.inf).lambda_H
-        for k, steps in enumerate(recorded):
-            mu = iterate(spaces.operator, offset, rho, steps, VARIANTS[0])
-            error = float(np.linalg.norm(spaces.operator.half @ (mu - lambda_H)))
-            distance[c, k] = error / np.linalg.norm(spaces.operator.half @ lambda_H)
-            residual[c, k] = residual_bound(spaces.operator, offset, mu, rho) / error
-            R = np.minimum(mu, rho * spaces.operator.gap(mu, offset))
-            first_term[c, k] = np.linalg.norm(spaces.operator.half @ R) / error
-            energy[c, k] = energy_bound(spaces.operator, offset, mu) / error
-    table = {
-        "u_distance": distance,
-        "residual_index": residual,
-        "first_term_index": first_term,
-        "energy_index": energy,
+    rows = [[_bounds(of, steps) for steps in recorded] for of in known(mesh, partition, cases)]
+    table = {name: (("case", "step"), [[each[name] for each in row] for row in rows]) for name in rows[0][0]}
+    return xr.Dataset(table, {"case": [case.name for case in cases], "step": list(recorded)})
+
+
+def _bounds(of: Known, steps: int) -> dict[str, float]:
+    operator, offset = of.spaces.operator, of.discrete.offset
+    rho = 0.9 / operator.lambda_max
+    mu = iterate(operator, offset, rho, steps, VARIANTS[0])
+    error = float(np.linalg.norm(operator.half @ (mu - of.lambda_H)))
+    R = np.minimum(mu, rho * operator.gap(mu, offset))
+    return {
+        "u_distance": error / float(np.linalg.norm(operator.half @ of.lambda_H)),
+        "residual_index": residual_bound(operator, offset, mu, rho) / error,
+        "first_term_index": float(np.linalg.norm(operator.half @ R)) / error,
+        "energy_index": energy_bound(operator, offset, mu) / error,
     }
-    coordinates = {"case": [case.name for case in cases], "step": list(recorded)}
-    return xr.Dataset(
-        {name: (("case", "step"), values) for name, values in table.items()}, coords=coordinates
-    )
 
 
 def split(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
@@ -66,24 +53,18 @@ def split(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset
 
     Over the cases. `..._elsewhere`: with H ||lambda-lambda_H||_0^2 as the second term.
     """
-    condensed = condense(mesh)
-    spaces = mixed_spaces(condensed, partition)
-    defects = np.empty((2, len(cases)))
-    for c, case in enumerate(cases):
-        problem, cells = ritz_projection(case, condensed), cell_means(case, partition)
-        offset = with_load(spaces, problem.load, problem.trace, cells.g_means).offset
-        lambda_H = active_set(spaces.operator, offset, np.inf).lambda_H
-        left = h1_distance(case, mesh, spaces.response(problem.load, lambda_H)) ** 2
+    defects = []
+    for of in known(mesh, partition, cases):
+        ritz, lambda_H = of.exact.ritz, of.lambda_H
+        left = h1_distance(ritz.case, mesh, of.spaces.response(of.discrete.load, lambda_H)) ** 2
         seconds = (
-            problem.discrete_dual(problem.flux_load - spaces.B.T @ lambda_H) ** 2,
-            partition.H * cells.l2_error(lambda_H) ** 2,
+            ritz.discrete_dual(of.exact.boundary_load(of.spaces, lambda_H)) ** 2,
+            partition.H * of.exact.means.l2_error(lambda_H) ** 2,
         )
-        defects[:, c] = [abs(problem.ritz_error**2 + second - left) / left for second in seconds]
-    names = ("split_defect", "split_defect_elsewhere")
-    return xr.Dataset(
-        {name: ("case", row) for name, row in zip(names, defects, strict=True)},
-        coords={"case": [case.name for case in cases]},
-    )
+        defects.append([abs(ritz.ritz_error**2 + second - left) / left for second in seconds])
+    table = dict(zip(("split_defect", "split_defect_elsewhere"), np.transpose(defects), strict=True))
+    coords = {"case": [case.name for case in cases]}
+    return xr.Dataset({name: ("case", column) for name, column in table.items()}, coords)
 
 
 def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:

@@ -14,9 +14,13 @@ LINE = 150
 
 def markdown(table: pd.DataFrame) -> str:
     """All cells are texts."""
-    options = {"index": False, "tablefmt": "github", "disable_numparse": True}
-    text = table.to_markdown(**options)
-    return text if text.find("\n") <= LINE else table.to_markdown(stralign=None, **options)
+    rows = [list(table.columns), *table.to_numpy().tolist()]
+    widths = [max(map(len, [f"{head}  ", *cells])) for head, *cells in zip(*rows, strict=True)]
+    if sum(widths) + 3 * len(widths) + 1 > LINE:
+        widths = [0] * len(widths)
+    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+    lines.insert(1, "|" + "|".join("-" * max(3, width + 2) for width in widths) + "|")
+    return "\n".join(lines)
 
 
 def collect(told: Sources) -> dict[str, str]:

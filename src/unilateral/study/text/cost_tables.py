@@ -127,19 +127,22 @@ def expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFram
     return pd.DataFrame(rows)
 
 
-def algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
-    """On the finest mesh, steps to some levels, and the work over that of the cheapest."""
+def at_level(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
+    """By algorithm, on the finest mesh, the steps to a level, and the work over that of the cheapest."""
     at = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
-    rows = []
-    for algorithm, title in NAMES.items():
-        row = {"algorithm": title}
-        for stop in LEVELS:
-            here = at.sel(stop=stop, method="nearest")
-            work = here["operations"].sel(algorithm=algorithm) / here["operations"].min("algorithm")
-            steps = float(f"{float(here['steps'].sel(algorithm=algorithm)):.2g}")
-            row[f"steps to {shown(stop, '10^')}"] = shown(steps, "space")
-            row[f"work to {shown(stop, '10^')}"] = f"{float(work):.2f}"
-        rows.append(row)
+    here = at[["steps", "operations"]].sel(stop=stop, method="nearest")
+    return here.assign(work=here["operations"] / here["operations"].min("algorithm"))
+
+
+def algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
+    """The same at some levels."""
+    rows = [{"algorithm": title} for title in NAMES.values()]
+    for stop in LEVELS:
+        here, level = at_level(crossed, H_over_h, stop), shown(stop, "10^")
+        for row, name in zip(rows, NAMES, strict=True):
+            of = here.sel(algorithm=name)
+            row[f"steps to {level}"] = shown(float(f"{of['steps'].item():.2g}"), "space")
+            row[f"work to {level}"] = f"{of['work'].item():.2f}"
     return pd.DataFrame(rows)
 
 

@@ -1,7 +1,8 @@
 """Documents that people write: numbers and tables are filled in between marks, all else is kept.
 
 - `<!--=NAME:FORMAT-->0.19<!--/-->` holds the number of that name, see `formats`;
-- `<!--?CLAIM-->a sentence.<!--/-->` guards what is true only while a claim of the ledger holds;
+- `<!--?CLAIM-->a sentence.<!--/-->` guards what is true only while a claim of the ledger holds, or all of
+  several, separated by commas;
 - a block, a table, stands between the lines `<!-- NAME: begin -->` and `<!-- NAME: end -->`.
 
 A line does not begin with one of the first two, for Markdown would take all of it for HTML.
@@ -91,11 +92,12 @@ def _check(path: str, text: str, claims: Mapping[str, bool]) -> None:
     for mark in CLAIM.finditer(sentences):
         sentence = shown(" ".join(mark["sentence"].split()))
         where = f"{_place(path, sentences, mark.start())}, '{sentence}'"
-        _known(where, "claim", mark["name"], claims)
-        if not claims[mark["name"]]:
-            raise InputError(
-                f"{where}: claim {mark['name']}, on which this sentence rests, does not hold; rewrite it"
-            )
+        for name in mark["name"].split(","):
+            _known(where, "claim", name, claims)
+            if not claims[name]:
+                raise InputError(
+                    f"{where}: claim {name}, on which this sentence rests, does not hold; rewrite it"
+                )
     others = CLAIM.sub(lambda mark: mark["sentence"], sentences)
     if left := ANY.search(others):
         raise InputError(

@@ -36,14 +36,17 @@ def collect(told: Sources) -> dict[str, Value]:
             "study": told.study,
             "claims": {each["id"]: {"observed": each["observed"]} for each in told.claims}
             | {"all": len(told.claims)},
-            "beta": beta(told.pairs, **told.study["infsup"]["rule"]),
+            "beta": beta(told.pairs, **told.study["infsup"]["rule"]) | uniform_beta(told.pairs),
             "cost": recommended(of["case"], H_over_h, coarsest)
             | {
+                "enough_times": trade.ENOUGH,
                 "newton_adds": newton_adds(of["algorithm"], H_over_h),
+                "plain": plain(of["algorithm"], H_over_h),
                 "growth": growth(of["algorithm"], coarsest),
                 "elimination": elimination(of["algorithm"], of["algebra"], H_over_h),
                 "precision": in_precision(of["precision"]),
             },
+            "totals": totals(told.totals["corners"]),
             "extremes": outcomes(of["extremes"]),
         }
     )
@@ -74,6 +77,14 @@ def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> G
     }
 
 
+def uniform_beta(pairs: pd.DataFrame) -> Group:
+    """The least beta on uniform meshes with h < H; and that of an odd number of edges at H = h."""
+    ratio, equal = pairs["h_over_H"], np.isclose(pairs["h_over_H"], 1, rtol=ROUNDED)
+    below = (pairs["kind"] == "uniform") & (ratio < 1) & ~equal
+    odd = pairs.loc[(pairs["scene"] == "betaodd") & equal, "beta_lower"]
+    return {"uniform": float(pairs.loc[below, "beta_lower"].min()), "odd": odd.item()}
+
+
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> Group:
     """Over all cases: the loss against the best H/h, that H/h, the stops, Uzawa's share, half the error."""
     lost = cost_tables.losses(cases, coarsest)
@@ -96,6 +107,18 @@ def newton_adds(crossed: xr.Dataset, H_over_h: float) -> float:
     newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(stop=trade.SHOWN, method="nearest")
     at = newton.dropna("H").isel(H=-1)
     return float(at["operations"] / at["setup_operations"] - 1)
+
+
+def plain(crossed: xr.Dataset, H_over_h: float) -> Group:
+    """Uzawa's work over that of the cheapest algorithm, to the first and the last level shown."""
+    first, last = (cost_tables.at_level(crossed, H_over_h, stop)["work"] for stop in cost_tables.LEVELS[::2])
+    return {"first": first.sel(algorithm="uzawa").item(), "last": last.sel(algorithm="uzawa").item()}
+
+
+def totals(corners: xr.Dataset) -> Group:
+    """On how many meshes totals are bounded; at the re-entrant vertex lambda's bound over its error."""
+    index = corners["total_index_lambda"].sel(case="reentrant").values
+    return {"meshes": len(index), "reentrant": {"coarsest": float(index[0]), "finest": float(index[-1])}}
 
 
 def growth(crossed: xr.Dataset, coarsest: float) -> Group:

@@ -7,16 +7,25 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from unilateral.norms.infsup import of_runs
-from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, along_ratio, forms, worst
+from unilateral.study.judge.checks.evidence import (
+    ZERO,
+    Evidence,
+    Tables,
+    along_ratio,
+    by_case,
+    forms,
+    worst,
+)
 
 
 def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """The largest <Pi_H lambda, u-g> on the cells without a transition inside, in all cases."""
-    found = {}
-    for scene in scenes:
-        data = abs(tables[f"{scene}/errors"]["consistency_elsewhere"])
-        for case in data["case"].values:
-            found[f"{scene}, {case}"] = float(np.max(data.sel(case=case).values))
+    errors = {scene: tables[f"{scene}/errors"] for scene in scenes}
+    found = {
+        f"{scene}, {case}": float(np.abs(data["consistency_elsewhere"].sel(case=case).values).max())
+        for scene, data in errors.items()
+        for case in data["case"].values
+    }
     return worst(found, "the largest <Pi_H lambda, u-g> on these cells", ZERO, False)
 
 
@@ -36,14 +45,9 @@ def decrease(
 ) -> Evidence:
     """||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
     found = {}
-    for scene in scenes:
-        errors = tables[f"{scene}/errors"]
-        for case in sorted(set(cases) & set(errors["case"].values)):
-            lower, upper = (
-                along_ratio(errors.sel(case=case), f"hm12_error_{bound}", H_over_h)
-                for bound in ("lower", "upper")
-            )
-            found[f"{scene}, {case}"] = float(upper[-1] / lower[0])
+    for name, errors in by_case(tables, "{scene}/errors", scenes, cases).items():
+        lower, upper = (along_ratio(errors, f"hm12_error_{bound}", H_over_h) for bound in ("lower", "upper"))
+        found[name] = float(upper[-1] / lower[0])
     return worst(found, "the finest error over the coarsest", most, False)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import Gram
+from unilateral.study import tables as stored
 
 Tables = Mapping[str, xr.Dataset]
 Array = NDArray[np.float64]
@@ -68,9 +69,17 @@ def provided(evidence: Evidence, faults: Sequence[str]) -> Evidence:
 
 def along_ratio(table: xr.Dataset, variable: str, H_over_h: float) -> Array:
     """(case, level) values along H/h, coarse to fine; without cases (level,)."""
-    mesh, partition = np.nonzero(np.isclose(1 / table["h_over_H"].values, H_over_h, rtol=1e-9))
-    index = {"mesh": xr.DataArray(mesh, dims="run"), "partition": xr.DataArray(partition, dims="run")}
-    return table[variable].isel({d: i for d, i in index.items() if d in table[variable].dims}).values
+    return stored.along_ratio(table, 1 / H_over_h)[variable].values
+
+
+def by_case(tables: Tables, table: str, scenes: Sequence[str], cases: Iterable[str]) -> dict[str, xr.Dataset]:
+    """What a table of each scene says of each of the cases that it has, by "scene, case"."""
+    found = {scene: tables[table.format(scene=scene)] for scene in scenes}
+    return {
+        f"{scene}, {case}": data.sel(case=case)
+        for scene, data in found.items()
+        for case in sorted(set(cases) & set(data["case"].values))
+    }
 
 
 def forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged, provided, worst
+from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
 from unilateral.study.judge.rates_table import smallest_rate
 
 LAST = "the rate over the last factor of 4"
@@ -44,12 +44,11 @@ def _judged(
     tables: Tables, scenes: Sequence[str], cases: Sequence[str], norms: Iterable[str], H_over_h: float
 ) -> dict[str, xr.Dataset]:
     """The rows of the tables of rates, by scene, case and norm."""
-    rows: dict[str, xr.Dataset] = {}
-    for scene in scenes:
-        rates = tables[f"{scene}/rates"].sel(h_over_H=1 / H_over_h)
-        for case in sorted(set(cases) & set(rates["case"].values)):
-            rows |= {f"{scene}, {case}, {norm}": rates.sel(case=case, norm=norm) for norm in norms}
-    return rows
+    return {
+        f"{name}, {norm}": rates.sel(h_over_H=1 / H_over_h, norm=norm)
+        for name, rates in by_case(tables, "{scene}/rates", scenes, cases).items()
+        for norm in norms
+    }
 
 
 def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
@@ -70,10 +69,14 @@ def expected(
 ) -> Evidence:
     """The least excess of the observed rates over the expected ones, less a tolerance by norm.
 
-    Raises Unjudged where there is none below, but a rate is judged to fail.
+    Raises Unjudged where there is none below, but a rate is judged to fail, or cannot be judged.
     """
     judged = _judged(tables, scenes, cases, tolerances, H_over_h)
-    rows = {name: row for name, row in judged.items() if row["verdict"].item() in ("holds", "fails")}
+    rows = {
+        name: row
+        for name, row in judged.items()
+        if row["verdict"].item() in ("holds", "fails") or row["why"].item()
+    }
     excess = {
         name: smallest_rate(row) - float(row["expected"]) + tolerances[row["norm"].item()]
         for name, row in rows.items()
@@ -85,7 +88,7 @@ def expected(
 def rate_of(
     tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
 ) -> Evidence:
-    """The smallest rate over the last two pairs of levels (a factor of 4) of something over (case, mesh)."""
+    """The smallest rate over the last two pairs (a factor of 4) of something over meshes or partitions."""
     return worst(_last_rates(tables, scenes, variable, cases), LAST, least, True)
 
 
@@ -94,21 +97,13 @@ def slow(tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[s
     return worst(_last_rates(tables, scenes, variable, cases), LAST, most, False)
 
 
-def consistency_rate(tables: Tables, scenes: Sequence[str], cases: Sequence[str], least: float) -> Evidence:
-    """The rate of <Pi_H lambda, u-g> over the last two pairs of partitions."""
-    return worst(_last_rates(tables, scenes, "consistency", cases), LAST, least, True)
-
-
 def _last_rates(
     tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str]
 ) -> dict[str, float]:
-    found = {}
-    for scene in scenes:
-        data = tables[f"{scene}/errors"][variable]
-        for case in sorted(set(cases) & set(data["case"].values)):
-            errors = data.sel(case=case).values
-            found[f"{scene}, {case}"] = float(np.log(errors[-3] / errors[-1]) / np.log(4))
-    return found
+    errors = {
+        name: data[variable].values for name, data in by_case(tables, "{scene}/errors", scenes, cases).items()
+    }
+    return {name: float(np.log(each[-3] / each[-1]) / np.log(4)) for name, each in errors.items()}
 
 
 def surface(

@@ -48,9 +48,10 @@ def at_ratio(
     tables: Tables, table: str, scenes: Sequence[str], variable: str, H_over_h: float, least: float
 ) -> Evidence:
     """The smallest value over the levels at one H/h."""
-    found = {}
-    for scene in scenes:
-        found[scene] = float(np.min(along_ratio(tables[table.format(scene=scene)], variable, H_over_h)))
+    found = {
+        scene: float(np.min(along_ratio(tables[table.format(scene=scene)], variable, H_over_h)))
+        for scene in scenes
+    }
     return worst(found, f"the smallest {variable} at H = {H_over_h:g}h", least, True)
 
 

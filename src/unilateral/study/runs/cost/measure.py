@@ -8,12 +8,12 @@ What is measured is the error of (u(lambda^n), lambda^n) at that step, and what 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from unilateral.geometry.mesh import Mesh
 from unilateral.memory import forget_peak, peak_mb
@@ -23,7 +23,6 @@ from unilateral.study.runs.cost.history import Reached
 from unilateral.study.runs.cost.run import Measured, Shared, method_of
 from unilateral.study.runs.cost.variants import Variant
 
-Array = NDArray[np.float64]
 LONGER = 2
 """So many times the steps in double precision may be taken in another one."""
 PER_STOP = (
@@ -37,19 +36,9 @@ PER_STOP = (
     "operations",
     "algebraic_bound",
 )
-SIZES = ("h", "H", "unknowns", "boundary_unknowns", "multipliers")
-PER_RUN = (
-    "lambda_min",
-    "lambda_max",
-    "sigma_1",
-    "rho",
-    "factor_nonzeros",
-    "setup_operations",
-    "step_operations",
-)
-NORMS_OF = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
 DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_discrete")
 """Errors of (u_h, lambda_H), to which the iteration tends."""
+NORMS_OF = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
 
 
 class Limits(NamedTuple):
@@ -72,39 +61,44 @@ def measure(
 
     `gram` holds the dual norm's forms for the cases, in their order. What is not reached is NaN.
     """
-    shared = Shared(mesh, cases, gram)
+    variants = [each for each in variants if np.isclose(sizes, each.H_over_h * mesh.h, rtol=1e-9).any()]
+    shared = Shared(mesh, cases, gram, variants)
     table, timed = [], []
     longest: dict[Variant, float] = {}
     for variant in variants:
-        if not np.any(np.isclose(sizes, variant.H_over_h * mesh.h, rtol=1e-9)):
-            continue
         forget_peak()
-        measured = shared.measured(variant)
+        measured = shared.measured[variant.case, variant.H_over_h]
         most = limits.max_steps if variant.algebra == "S" else limits.costly_steps
         steps = longest.get(variant._replace(precision="float64"), math.inf)
         reached, per_step = measured.run(variant, limits.stops, int(min(most, LONGER * steps)))
         longest[variant] = reached[-1].steps if reached else math.inf
-        table.append(_row(variant, measured, reached, len(limits.stops)))
-        timed.append(_times(shared, variant, reached, per_step, len(limits.stops)))
+        table.append(_row(variant, measured, reached, limits.stops))
+        timed.append(_times(shared, variant, reached, per_step, limits.stops))
     return _dataset(table, limits.stops), _dataset(timed, limits.stops)
 
 
 def _times(
-    shared: Shared, variant: Variant, reached: Sequence[Reached], per_step: float, stops: int
+    shared: Shared, variant: Variant, reached: Sequence[Reached], per_step: float, stops: Sequence[float]
 ) -> dict[str, Any]:
     """A row of the table of seconds; they depend on the machine."""
+    spaces, coupling = shared.coupled[variant.H_over_h]
     setup = shared.dissecting if variant.algebra == "A" else shared.condensing
-    setup += shared.coupled[variant.H_over_h][1] if variant.algebra == "S" else 0.0
-    seconds = _filled([setup + each.seconds for each in reached], stops)
-    values = {"setup_seconds": setup, "seconds_per_step": per_step, "seconds": seconds, "peak_mb": peak_mb()}
-    sizes = {"h": shared.condensed.mesh.h, "H": shared.coupled[variant.H_over_h][0].partition.H}
-    return variant._asdict() | sizes | values
+    setup += coupling if variant.algebra == "S" else 0.0
+    return variant._asdict() | {
+        "h": spaces.mesh.h,
+        "H": spaces.partition.H,
+        "setup_seconds": setup,
+        "seconds_per_step": per_step,
+        **_at_stops(("seconds",), [(setup + each.seconds,) for each in reached], stops),
+        "peak_mb": peak_mb(),
+    }
 
 
-def _row(variant: Variant, measured: Measured, reached: Sequence[Reached], stops: int) -> dict[str, Any]:
+def _row(
+    variant: Variant, measured: Measured, reached: Sequence[Reached], stops: Sequence[float]
+) -> dict[str, Any]:
     """A row of the table of counts and errors."""
-    costs, spaces = measured.costs(variant), measured.spaces
-    mesh, m = spaces.mesh, spaces.partition.n_cells
+    costs, spaces, operator = measured.costs(variant), measured.spaces, measured.spaces.operator
     dense = method_of(variant) == "newton"
     values = [
         (
@@ -117,44 +111,36 @@ def _row(variant: Variant, measured: Measured, reached: Sequence[Reached], stops
         )
         for each in reached
     ]
-    columns = zip(*values, strict=True) if values else [[]] * len(PER_STOP)
-    row: dict[str, Any] = {
-        name: _filled(column, stops) for name, column in zip(PER_STOP, columns, strict=True)
+    of_run = {
+        "h": spaces.mesh.h,
+        "H": spaces.partition.H,
+        "unknowns": spaces.mesh.n_nodes,
+        "boundary_unknowns": len(spaces.mesh.boundary),
+        "multipliers": spaces.partition.n_cells,
+        "lambda_min": operator.lambda_min,
+        "lambda_max": operator.lambda_max,
+        "sigma_1": spaces.condensed.sigma_1,
+        "rho": measured.rho(variant.algorithm),
+        "factor_nonzeros": measured.of_A[variant.algebra].nonzeros,
+        "setup_operations": costs.setup,
+        "step_operations": costs.residual + costs.advance,
     }
-    sizes = (mesh.h, spaces.partition.H, mesh.n_nodes, len(mesh.boundary), m)
-    operator = spaces.operator
-    per_run = (
-        operator.lambda_min,
-        operator.lambda_max,
-        spaces.condensed.sigma_1,
-        measured.rho(variant.algorithm),
-        measured.of_A[variant.algebra].nonzeros,
-        costs.setup,
-        costs.residual + costs.advance,
-    )
-    row |= dict(zip(SIZES, sizes, strict=True)) | dict(zip(PER_RUN, per_run, strict=True))
-    row |= dict(zip(DISCRETE, measured.discrete_errors, strict=True))
-    row |= dict(zip(NORMS_OF, measured.norms, strict=True))
-    return variant._asdict() | row
+    known = zip((*DISCRETE, *NORMS_OF), (*measured.discrete_errors, *measured.norms), strict=True)
+    return variant._asdict() | _at_stops(PER_STOP, values, stops) | of_run | dict(known)
 
 
-def _filled(values: Iterable[float], length: int) -> Array:
-    """(length,) the values, and NaN for what was not reached."""
-    found = np.full(length, np.nan)
-    known = list(values)
-    found[: len(known)] = known
-    return found
+def _at_stops(
+    names: Sequence[str], values: Sequence[tuple[float, ...]], stops: Sequence[float]
+) -> dict[str, pd.Series]:
+    """By name the values at all levels, NaN at those that were not reached."""
+    return dict(pd.DataFrame(values, columns=names, dtype=float).reindex(range(len(stops))).items())
 
 
 def _dataset(rows: Sequence[Mapping[str, Any]], stops: Sequence[float]) -> xr.Dataset:
     """Rows as a table over `run` and, what depends on the level, `stop`."""
-    table: dict[str, Any] = {}
-    for name in rows[0]:
-        column = [row[name] for row in rows]
-        if isinstance(column[0], np.ndarray):
-            table[name] = (("run", "stop"), np.array(column))
-        else:
-            table[name] = ("run", np.array(column, dtype=object if isinstance(column[0], str) else float))
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    typed = {name: each.astype(object if each.dtype.kind == "U" else float) for name, each in columns.items()}
+    table = {name: (("run", "stop")[: column.ndim], column) for name, column in typed.items()}
     return xr.Dataset(table, coords={"stop": list(stops)})
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact import Exact, cell_means
-from unilateral.norms.ritz import RitzProjection, ritz_projection
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.case import Case
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import Apply, uzawa
@@ -29,6 +29,8 @@ from unilateral.study.runs.cost.history import History, Reached, by_A, by_A_3, b
 from unilateral.study.runs.cost.variants import REFRESH, Variant
 
 Array = NDArray[np.float64]
+Errors = tuple[float, float, float, float]
+Made = TypeVar("Made")
 SAFE = 1.9
 METHODS = {"safe": "uzawa", "optimal": "uzawa"}
 """Of the algorithms that are another one's with a step of their own."""
@@ -69,23 +71,18 @@ class Measured:
         return self.discrete.spaces
 
     @cached_property
-    def lambda_H(self) -> Array:
-        """(m,) the discrete solution."""
+    def discrete_errors(self) -> Errors:
+        """`errors` of the discrete solution (u_h, lambda_H)."""
         tolerance = EXACT * self.exact.ritz.ritz_error
         solve = partial(uzawa, max_steps=MOST_NEWTON, method="newton")
-        return solve(self.spaces.operator, self.discrete.offset, tolerance).lambda_H
+        return self.errors(solve(self.spaces.operator, self.discrete.offset, tolerance).lambda_H)
 
     @cached_property
-    def discrete_errors(self) -> tuple[float, float, float, float]:
-        """`errors` of (u_h, lambda_H)."""
-        return self.errors(self.lambda_H)
-
-    @cached_property
-    def norms(self) -> tuple[float, float, float, float]:
+    def norms(self) -> Errors:
         """||u||_1, the bounds of ||lambda||_{-1/2} and ||lambda||_0."""
         return (self.exact.ritz.u_norm, *self.errors(np.zeros(self.spaces.partition.n_cells))[1:])
 
-    def errors(self, mu: Array) -> tuple[float, float, float, float]:
+    def errors(self, mu: Array) -> Errors:
         """||u - u(mu)||_1, the bounds of ||lambda - mu||_{-1/2} and ||lambda - mu||_0, for mu (m,)."""
         errors = self.exact.errors(self.spaces, mu)
         lower, upper = self.form.error(self.c, (self.exact.means.lambda_means - mu)[None])
@@ -131,19 +128,16 @@ class Measured:
 
     def run(self, variant: Variant, stops: Sequence[float], max_steps: int) -> tuple[list[Reached], float]:
         """What is reached at each of the falling levels, as long as they are met, and seconds a step."""
-        operator, method, rho = self.spaces.operator, method_of(variant), self.rho(variant.algorithm)
-        tolerances = [stop * self.discrete_errors[0] for stop in stops]
+        operator, offset, rho = self.spaces.operator, self.discrete.offset, self.rho(variant.algorithm)
+        method, tolerances = method_of(variant), [stop * self.discrete_errors[0] for stop in stops]
         apply = self.apply(variant)
-        history = History(operator, self.discrete.offset, rho, tolerances)
+        history = History(operator, offset, rho, tolerances)
         observe = history.with_solves if method == "newton" else history
-        begin = time.perf_counter()
+        steps = partial(uzawa, max_steps=max_steps, method=method, apply=apply, observe=observe)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            uzawa(
-                operator, self.discrete.offset, tolerances[-1], rho, None, max_steps, method, apply, observe
-            )
-        seconds = time.perf_counter() - begin - history.aside
-        return history.reached, seconds / (history.steps + 1)
+            _, seconds = timed(partial(steps, operator, offset, tolerances[-1], rho))
+        return history.reached, (seconds - history.aside) / (history.steps + 1)
 
 
 def method_of(variant: Variant) -> str:
@@ -152,41 +146,41 @@ def method_of(variant: Variant) -> str:
 
 
 class Shared:
-    """What the variants on a mesh share, made when it is asked for, and how long that took."""
+    """What the variants on a mesh share, and the seconds that it took: to condense, to dissect, to couple.
 
-    def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram) -> None:
-        begin = time.perf_counter()
-        self.condensed = condense(mesh)
-        self.condensing = time.perf_counter() - begin
-        begin = time.perf_counter()
-        stiffness_and_mass(mesh)  # for its time
-        self.alone = dissected(self.condensed)
-        self.dissecting = time.perf_counter() - begin
-        eliminated = operations.factors(self.condensed.lu)
-        self.of_A = {"A": operations.factors(self.alone.lu), "A_3": eliminated, "S": eliminated}
-        self.cases, self.gram = {case.name: (c, case) for c, case in enumerate(cases)}, gram
-        self.problems: dict[str, RitzProjection] = {}
-        self.coupled: dict[float, tuple[MixedSpaces, float]] = {}
-        self.made: dict[tuple[str, float], Measured] = {}
+    `measured` is by case and H/h, `coupled`, the spaces and the seconds, by H/h.
+    """
 
-    def measured(self, variant: Variant) -> Measured:
-        """The case on the mesh and the partition."""
-        name, ratio = variant.case, variant.H_over_h
-        c, case = self.cases[name]
-        if name not in self.problems:
-            self.problems[name] = ritz_projection(case, self.condensed)
-        if ratio not in self.coupled:
-            self.coupled[ratio] = self._coupled(ratio)
-        if (name, ratio) not in self.made:
-            spaces = self.coupled[ratio][0]
-            exact = Exact(self.problems[name], cell_means(case, spaces.partition))
-            discrete, form = with_solution(spaces, exact), self.gram.on(spaces.partition)
-            self.made[name, ratio] = Measured(exact, discrete, form, c, self.alone, self.of_A)
-        return self.made[name, ratio]
+    def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram, variants: Sequence[Variant]) -> None:
+        condensed, self.condensing = timed(partial(condense, mesh))
+        _, assembling = timed(partial(stiffness_and_mass, mesh))
+        alone, factorising = timed(partial(dissected, condensed))
+        self.dissecting = assembling + factorising
+        eliminated = operations.factors(condensed.lu)
+        of_A = {"A": operations.factors(alone.lu), "A_3": eliminated, "S": eliminated}
+        ratios = {variant.H_over_h for variant in variants}
+        self.coupled = {ratio: timed(partial(_spaces, condensed, ratio)) for ratio in ratios}
+        self.measured: dict[tuple[str, float], Measured] = {}
+        for c, case in enumerate(cases):
+            own = {variant.H_over_h for variant in variants if variant.case == case.name}
+            if own:
+                problem = ritz_projection(case, condensed)
+            for ratio in own:
+                spaces = self.coupled[ratio][0]
+                exact = Exact(problem, cell_means(case, spaces.partition))
+                discrete, form = with_solution(spaces, exact), gram.on(spaces.partition)
+                self.measured[case.name, ratio] = Measured(exact, discrete, form, c, alone, of_A)
 
-    def _coupled(self, ratio: float) -> tuple[MixedSpaces, float]:
-        mesh = self.condensed.mesh
-        begin = time.perf_counter()
-        spaces = mixed_spaces(self.condensed, uniform(mesh.polygon, ratio * mesh.h))
-        spaces.operator.spectrum  # noqa: B018 - found once, and kept
-        return spaces, time.perf_counter() - begin
+
+def _spaces(condensed: Condensed, ratio: float) -> MixedSpaces:
+    """With the spectrum, which is found once, and kept."""
+    mesh = condensed.mesh
+    spaces = mixed_spaces(condensed, uniform(mesh.polygon, ratio * mesh.h))
+    spaces.operator.spectrum  # noqa: B018
+    return spaces
+
+
+def timed(make: Callable[[], Made]) -> tuple[Made, float]:
+    """What it makes, and the seconds."""
+    begin = time.perf_counter()
+    return make(), time.perf_counter() - begin

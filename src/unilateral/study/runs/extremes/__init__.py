@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,36 +12,31 @@ import xarray as xr
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.study.runs.extremes import cells, contact, precision, shapes, steps
-from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
+from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget
+from unilateral.study.runs.extremes.problem import full, waves
 
 __all__ = ["Budget", "joined", "survey"]
-KINDS = {
-    name: getattr(module, name)
-    for module, names in (
-        (shapes, ("scaled", "angle", "slit", "side", "aspect", "moved")),
-        (cells, ("ratio", "odd", "shift", "short", "short_loaded", "near", "kernel", "kernel_loaded")),
-        (contact, ("data", "start", "flat", "touching", "shrinking", "vertex", "nothing")),
-        (steps, ("step_full", "step_partial", "printed_full", "printed_partial")),
-        (precision, ("single", "double")),
+KINDS: dict[str, Callable[..., Axis]] = {
+    "scaled": partial(shapes.thin, shape=shapes.scaled, contact=full),
+    "angle": partial(shapes.thin, shape=shapes.needle, contact=full),
+    "slit": partial(shapes.thin, shape=shapes.slit, contact=waves),
+    "side": partial(shapes.thin, shape=shapes.cut, contact=waves),
+    "step_full": partial(steps.as_meant, contact=full),
+    "step_partial": partial(steps.as_meant, contact=waves),
+    "printed_full": partial(steps.as_printed, contact=full),
+    "printed_partial": partial(steps.as_printed, contact=waves),
+    "single": partial(precision.floors, precision=np.float32),
+    "double": partial(precision.floors, precision=np.float64),
+} | {
+    kind.__name__: kind
+    for kind in (
+        *(shapes.aspect, shapes.moved),
+        *(cells.ratio, cells.odd, cells.shift, cells.short, cells.short_loaded, cells.near),
+        *(cells.kernel, cells.kernel_loaded),
+        *(contact.data, contact.start, contact.flat, contact.touching, contact.shrinking),
+        *(contact.vertex, contact.nothing),
     )
-    for name in names
 }
-
-
-COLUMNS = (
-    "value",
-    "outcome",
-    "tool",
-    "true_error",
-    "guaranteed",
-    "allowance",
-    "tolerance",
-    "u_norm",
-    "measured",
-    "predicted",
-    "message",
-)
-LIMITS = ("predicted_limit", "predicted_tool_limit", "local_limit", "measured_limit", "measured_tool_limit")
 
 
 def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:
@@ -50,21 +46,17 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
     the first one that is not.
     Raises InputError for an unknown kind.
     """
-    points: dict[str, list[Any]] = {name: [] for name in ("axis_of", *COLUMNS)}
-    limits: dict[str, list[Any]] = {name: [] for name in LIMITS}
+    points, limits = [], []
     for name, axis in axes.items():
         found = _axis(name, axis, h, H, budget)
-        for row in found.rows:
-            points["axis_of"].append(name)
-            for column in COLUMNS:
-                points[column].append(getattr(row, column))
-        measured = (_first(found.rows, what) for what in ("outcome", "tool"))
-        told = (found.limit, found.tool_limit, found.local_limit)
-        for key, value in zip(LIMITS, (*told, *measured), strict=True):
-            limits[key].append(value)
-    table = {name: ("point", values) for name, values in points.items()}
-    of_axis = {"label": [axis["label"] for axis in axes.values()], **limits}
-    table |= {name: ("axis", values) for name, values in of_axis.items()}
+        of_points = [row.record() for row in found.rows]
+        points += [{"axis_of": name, **record} for record in of_points]
+        told = {key: value for key, value in vars(found).items() if key != "rows"}
+        measured = [_first(of_points, what) for what in ("outcome", "tool")]
+        met = dict(zip(("measured_limit", "measured_tool_limit"), measured, strict=True))
+        limits.append({"label": axis["label"], **told, **met})
+    table = {name: ("point", [record[name] for record in points]) for name in points[0]}
+    table |= {name: ("axis", [record[name] for record in limits]) for name in limits[0]}
     return xr.Dataset(table, coords={"axis": list(axes)})
 
 
@@ -75,8 +67,7 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
     values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
-    found: Axis = KINDS[axis["kind"]](values, h, H, allowed)
-    return found
+    return KINDS[axis["kind"]](values, h, H, allowed)
 
 
 def _value(value: object, where: str) -> float:
@@ -84,13 +75,13 @@ def _value(value: object, where: str) -> float:
     return value if isinstance(value, float) else real(value, where)
 
 
+def _first(points: Sequence[Mapping[str, Any]], what: str) -> float:
+    broken = [point["value"] for point in points if point[what] not in (RIGHT, NO_TOOL)]
+    return broken[0] if broken else np.nan
+
+
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     """One table of the axes of several."""
     parts = [part.drop_encoding() for part in parts]
     points = xr.concat([part.drop_dims("axis") for part in parts], "point")
     return xr.merge([points, xr.concat([part.drop_dims("point") for part in parts], "axis")])
-
-
-def _first(rows: Sequence[Row], what: str) -> float:
-    broken = [row.value for row in rows if getattr(row, what) not in (RIGHT, NO_TOOL)]
-    return broken[0] if broken else np.nan

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.study.runs.extremes.outcome import NOTHING, Axis, Budget, Row, crossing, predicted, within
-from unilateral.study.runs.extremes.problem import Array, Problem, full, made, on_square, posed, waves
+from unilateral.study.runs.extremes.outcome import NOTHING, Axis, Budget, by_law, predicted, within
+from unilateral.study.runs.extremes.problem import Array, Problem, full, on_square, posed, waves
 from unilateral.study.runs.extremes.shapes import SLACK
-from unilateral.study.runs.extremes.trial import attempt, attempts
+from unilateral.study.runs.extremes.trial import Start, attempts, condition
 
 
 def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -22,7 +21,7 @@ def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
         edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
         return on_square(edge, cell, waves)
 
-    rows = attempts(values, problem, budget, _condition)
+    rows = attempts(values, problem, budget, condition)
     return Axis(predicted(rows, np.where(values >= 1, np.inf, np.nan)), 1.0)
 
 
@@ -35,8 +34,8 @@ def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
         points = square().divided(counts)
         return posed(meshes.with_boundary(square(), points[:-1]), Partition(square(), points), waves)
 
-    rows = attempts(values, problem, budget, _condition)
-    return _by_law(rows, values, (values / values[0]) ** 3, budget)
+    rows = attempts(values, problem, budget, condition)
+    return by_law(rows, values, (values / values[0]) ** 3, budget)
 
 
 def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -46,34 +45,29 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
     def problem(fraction: float) -> Problem:
         return posed(mesh, shifted(square(), h, fraction), waves)
 
-    rows = attempts(values, problem, budget, _condition)
-    return _by_law(rows, values, (values[0] / values) ** 2, budget)
+    rows = attempts(values, problem, budget, condition)
+    return by_law(rows, values, (values[0] / values) ** 2, budget)
 
 
-def short(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def short(values: Array, h: float, H: float, budget: Budget, start: Start = 0.0) -> Axis:
     """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
-    mesh = structured(square(), h)
-    rows = attempts(values, lambda length: _with_short_cell(mesh, H, length), budget, _condition)
-    return _by_law(rows, values, values[0] / values, budget)
+    mesh, points = structured(square(), h), uniform(square(), H).points
+
+    def problem(length: float) -> Problem:
+        return posed(mesh, from_points(square(), np.sort(np.append(points, 0.5 + length))), waves)
+
+    rows = attempts(values, problem, budget, condition, start)
+    return by_law(rows, values, values[0] / values, budget)
 
 
 def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """The same, with lambda^0 = 1/length on that cell and 0 on all others."""
-    mesh = structured(square(), h)
 
-    def attempted(length: float) -> Row:
-        of = _with_short_cell(mesh, H, length)
+    def start(length: float, of: Problem) -> Array:
         H_i = of.spaces.operator.H_i
-        start = (H_i == H_i.min()) / length
-        return attempt(length, lambda _: of, budget, _condition, start)
+        return (H_i == H_i.min()) / length
 
-    rows = [attempted(length) for length in values.tolist()]
-    return _by_law(rows, values, values[0] / values, budget)
-
-
-def _with_short_cell(mesh: Mesh, H: float, length: float) -> Problem:
-    points = np.append(uniform(square(), H).points, 0.5 + length)
-    return posed(mesh, from_points(square(), np.sort(points)), waves)
+    return short(values, h, H, budget, start)
 
 
 def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -95,8 +89,8 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h of those values, g orthogonal to the kernel of S: how far another multiplier with this u_h is."""
 
-    def distance(problem: Problem, found: Array) -> float:
-        return _distance(problem, found, problem.lambda_H)
+    def distance(of: Problem, found: Array) -> float:
+        return of.distance(found, of.lambda_H)
 
     return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), NOTHING)
 
@@ -104,8 +98,8 @@ def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h, that gap on every other cell, so that lambda_H is unique: how far it is from a smooth one."""
 
-    def distance(problem: Problem, found: Array) -> float:
-        return _distance(problem, found, smoothed(problem.lambda_H))
+    def distance(of: Problem, found: Array) -> float:
+        return of.distance(found, smoothed(of.lambda_H))
 
     rows = attempts(values, lambda gap: _contact_at_h(h, gap), budget, distance)
     known = _contact_at_h(h, float(values[0]))
@@ -120,24 +114,9 @@ def smoothed(lambda_H: Array) -> Array:
 
 def _contact_at_h(h: float, gap: float) -> Problem:
     """Contact on all cells, or with that gap on every other one."""
-    partition = uniform(square(), h)
-    free = (np.arange(partition.n_cells) % 2 == 1) & (gap > 0)
-    lambda_H = full(partition)[0] * ~free
-    return made(structured(square(), h), partition, lambda_H, gap * free)
 
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        free = (np.arange(partition.n_cells) % 2 == 1) & (gap > 0)
+        return full(partition)[0] * ~free, gap * free
 
-def _distance(problem: Problem, found: Array, mu: Array) -> float:
-    """Of a multiplier from mu, in L2, relative."""
-    H_i = problem.spaces.operator.H_i
-    return float(np.sqrt(H_i @ (found - mu) ** 2 / (H_i @ mu**2)))
-
-
-def _by_law(rows: list[Row], values: Array, growth: Array, budget: Budget) -> Axis:
-    """cond(S) grows like that from the first row's; limits by the steps that it allows."""
-    numbers = rows[0].measured * growth
-    limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
-    return Axis(predicted(rows, numbers), *limits)
-
-
-def _condition(problem: Problem, _: Array) -> float:
-    return problem.condition
+    return on_square(h, h, contact)

@@ -6,14 +6,14 @@ import numpy as np
 
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DIVERGED, LEAST
-from unilateral.study.runs.extremes.outcome import Axis, Budget, Row, predicted, within
+from unilateral.study.runs.extremes.outcome import Axis, Budget, predicted, within
 from unilateral.study.runs.extremes.problem import Array, Problem, full, made, on_square, place, waves
-from unilateral.study.runs.extremes.trial import attempt, attempts
+from unilateral.study.runs.extremes.trial import attempts
 
 TOUCH = 1 / 3
 SCALES = 1e-10
@@ -43,7 +43,7 @@ def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
     Below it the steps grow like the size's logarithm.
     """
     problem = on_square(h, H, waves)
-    rows = [attempt(value, lambda _: problem, budget, _held, start=value) for value in values]
+    rows = attempts(values, lambda _: problem, budget, _held, start=lambda size, _: size)
     limit = DIVERGED / float(np.sqrt(square().perimeter))
     return Axis(rows, limit, limit)
 
@@ -52,13 +52,14 @@ def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda = 0 and u = g on that share of the boundary, reached from above."""
 
     def problem(share: float) -> Problem:
-        partition = uniform(square(), H)
-        lambda_H, gap = waves(partition)
-        kept = place(partition) > share
-        return made(structured(square(), h), partition, lambda_H * kept, gap * kept)
+        def contact(partition: Partition) -> tuple[Array, Array]:
+            lambda_H, gap = waves(partition)
+            kept = place(partition) > share
+            return lambda_H * kept, gap * kept
 
-    rows = attempts(values, problem, budget, _held, start=1.0)
-    return Axis(rows)
+        return on_square(h, H, contact)
+
+    return Axis(attempts(values, problem, budget, _held, start=1.0))
 
 
 def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -68,14 +69,19 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
     third of the cell from one of its ends.
     """
 
-    def attempted(size: float) -> Row:
-        partition = uniform(square(), size)
-        gap = 1 - np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi / partition.lengths
-        of = made(structured(square(), size * h / H), partition, np.zeros(len(gap)), gap)
-        there = (np.arange(len(gap)) == np.argmin(gap)).astype(float)
-        return attempt(size, lambda _: of, budget, _smallest_gap, start=there)
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi
+        return np.zeros(partition.n_cells), 1 - integral / partition.lengths
 
-    return Axis(predicted([attempted(size) for size in values.tolist()], (np.pi * values) ** 2 / 72))
+    def there(_: float, of: Problem) -> Array:
+        points = of.spaces.partition.points
+        return ((points[:-1] < TOUCH) & (points[1:] > TOUCH)).astype(float)
+
+    def smallest_gap(of: Problem, found: Array) -> float:
+        return float(of.spaces.operator.gap(found, of.discrete.offset).min())
+
+    rows = attempts(values, lambda size: on_square(size * h / H, size, contact), budget, smallest_gap, there)
+    return Axis(predicted(rows, (np.pi * values) ** 2 / 72))
 
 
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -97,23 +103,18 @@ def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Contact on two opposite sides, a gap on the others: transitions at all vertices; over H."""
 
-    def problem(size: float) -> Problem:
-        partition = uniform(square(), size)
+    def contact(partition: Partition) -> tuple[Array, Array]:
         here = partition.side % 2 == 0
-        lambda_H = full(partition)[0]
-        return made(structured(square(), size * h / H), partition, lambda_H * here, 1.0 * ~here)
+        return full(partition)[0] * here, 1.0 * ~here
 
-    rows = attempts(values, problem, budget, _held)
-    return Axis(rows)
+    return Axis(attempts(values, lambda size: on_square(size * h / H, size, contact), budget, _held))
 
 
 def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
 
     def problem(size: float) -> Problem:
-        partition = uniform(square(), size)
-        none = np.zeros(partition.n_cells)
-        return made(structured(square(), size * h / H), partition, none, none, 0.0)
+        return on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
 
     rows = attempts(values, problem, budget, _held, start=1.0)
     return Axis(predicted(rows, np.zeros(len(rows))))
@@ -124,10 +125,6 @@ def _first_residual(problem: Problem) -> float:
     of = problem.spaces.operator
     rho = STEPS["uzawa"].share / of.lambda_max
     return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.discrete.offset)))
-
-
-def _smallest_gap(problem: Problem, found: Array) -> float:
-    return float(problem.spaces.operator.gap(found, problem.discrete.offset).min())
 
 
 def _held(problem: Problem, found: Array) -> float:

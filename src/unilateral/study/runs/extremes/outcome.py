@@ -4,66 +4,71 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from unilateral.solvers.uzawa import DualResult
 from unilateral.study.runs.extremes.problem import Array, Problem
 
-RIGHT, NOT_CONVERGED, REFUSED, WRONG = OUTCOMES = ("right", "not converged", "refused", "wrong")
+RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
 NO_TOOL = ""
 """The library offers no such thing."""
 NOTHING = np.inf
 """The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a result is, by ||u(mu) - u_h||_1, the bound that it tells, and what is allowed for rounding.
+class Numbers(NamedTuple):
+    """||u(mu) - u_h||_1, the bound that is told of it, what is allowed for rounding, and what was asked for.
 
-    Numbers of what is refused are NaN. `u_norm` is ||u_h||_1.
+    `u_norm` is ||u_h||_1. NaN for what is refused.
     """
 
-    outcome: str
-    error: float = np.nan
-    bound: float = np.nan
+    true_error: float = np.nan
+    guaranteed: float = np.nan
     allowance: float = np.nan
     tolerance: float = np.nan
     u_norm: float = np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the result of a run is, by its numbers; what is said of it; its lambda_H (m,), if not refused."""
+
+    outcome: str
+    said: str
+    numbers: Numbers = Numbers()  # noqa: RUF009
+    lambda_H: Array | None = None
 
     @property
     def used(self) -> float:
         """The share of the bound that the error takes; all of it if wrong, less than any other if refused."""
         if self.outcome in (WRONG, REFUSED):
             return np.inf if self.outcome == WRONG else -1.0
-        allowed = self.bound + self.allowance
-        return self.error / allowed if allowed > 0 else 0.0
-
-    @property
-    def numbers(self) -> tuple[float, float, float, float, float]:
-        """All but the outcome."""
-        return self.error, self.bound, self.allowance, self.tolerance, self.u_norm
+        allowed = self.numbers.guaranteed + self.numbers.allowance
+        return self.numbers.true_error / allowed if allowed > 0 else 0.0
 
 
 @dataclass(frozen=True)
 class Row:
     """A point of an axis: the outcomes of plain Uzawa and of the tool's choice, a number, its prediction.
 
-    `true_error`, `guaranteed` (its bound), `allowance`, `tolerance` and `u_norm` are the numbers of the
-    verdict on the algorithm that is nearest to its bound, or beyond it.
+    `numbers` are those of the algorithm that is nearest to its bound, or beyond it.
     """
 
     value: float
     outcome: str
     tool: str
-    true_error: float = np.nan
-    guaranteed: float = np.nan
-    allowance: float = np.nan
-    tolerance: float = np.nan
-    u_norm: float = np.nan
+    numbers: Numbers = Numbers()  # noqa: RUF009
     measured: float = np.nan
     predicted: float = np.nan
     message: str = ""
+
+    def record(self) -> dict[str, Any]:
+        """The point in the table."""
+        outcomes = {"value": self.value, "outcome": self.outcome, "tool": self.tool}
+        rest = {"measured": self.measured, "predicted": self.predicted, "message": self.message}
+        return outcomes | self.numbers._asdict() | rest
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,8 @@ class Axis:
     """
 
     rows: list[Row]
-    limit: float = np.nan
-    tool_limit: float = np.nan
+    predicted_limit: float = np.nan
+    predicted_tool_limit: float = np.nan
     local_limit: float = np.nan
 
 
@@ -103,18 +108,21 @@ class Budget:
 
 def judge(problem: Problem, result: DualResult, tolerance: float) -> Verdict:
     """By the true error; a result that says more than is true, or nothing, is wrong, whatever its error."""
-    error, allowance = problem.error(result.lambda_H), problem.allowance
+    error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
     outcome = RIGHT if result.converged else NOT_CONVERGED
-    valid = error <= result.bound + allowance < np.inf
-    if not valid or result.converged != (result.bound <= tolerance):
+    if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
         outcome = WRONG
-    return Verdict(outcome, error, result.bound, allowance, tolerance, problem.norm(problem.u))
+    said = f"{result.iterations} steps"
+    if not result.converged:
+        said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
+    numbers = Numbers(error, bound, allowance, tolerance, problem.norm(problem.u))
+    return Verdict(outcome, said, numbers, result.lambda_H)
 
 
 def untooled(value: float, verdict: Verdict, measured: float, predicted: float = np.nan) -> Row:
     """The row of an algorithm that the library does not offer."""
-    said = f"bound {verdict.bound:.2g}"
-    return Row(value, verdict.outcome, NO_TOOL, *verdict.numbers, measured, predicted, said)
+    said = f"bound {verdict.numbers.guaranteed:.2g}"
+    return Row(value, verdict.outcome, NO_TOOL, verdict.numbers, measured, predicted, said)
 
 
 def predicted(rows: Sequence[Row], values: Array) -> list[Row]:
@@ -124,13 +132,22 @@ def predicted(rows: Sequence[Row], values: Array) -> list[Row]:
 
 def within(rows: Sequence[Row], slack: float) -> list[Row]:
     """The rows, wrong where the number is above `slack` and above what is predicted."""
-    return [
-        replace(row, outcome=WRONG, tool=WRONG, message=f"{row.measured:.2g}, predicted {row.predicted:.2g}")
-        if not (row.outcome == REFUSED and np.isnan(row.measured))
-        and not row.measured <= max(row.predicted, slack)
-        else row
-        for row in rows
-    ]
+    return [_judged_by_number(row, slack) for row in rows]
+
+
+def _judged_by_number(row: Row, slack: float) -> Row:
+    refused = row.outcome == REFUSED and np.isnan(row.measured)
+    if refused or row.measured <= max(row.predicted, slack):
+        return row
+    said = f"{row.measured:.2g}, predicted {row.predicted:.2g}"
+    return replace(row, outcome=WRONG, tool=WRONG, message=said)
+
+
+def by_law(rows: Sequence[Row], values: Array, growth: Array, budget: Budget) -> Axis:
+    """cond(S) grows like that from the first row's; limits by the steps that it allows."""
+    numbers = rows[0].measured * growth
+    limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
+    return Axis(predicted(rows, numbers), *limits)
 
 
 def crossing(values: Array, numbers: Array, limit: float) -> float:

@@ -18,14 +18,22 @@ from unilateral.study.runs.extremes.outcome import Axis, Budget, crossing, judge
 from unilateral.study.runs.extremes.problem import Array, Problem, full, on_square
 
 
-def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """In float32, over H with h in proportion: the floor of the error of lambda in L2, relative."""
-    return _floors(values, h / H, budget, np.float32)
+def floors(values: Array, h: float, H: float, budget: Budget, precision: DTypeLike) -> Axis:
+    """Over H with h in proportion, in full contact: the floor of the error of lambda in L2, relative.
 
-
-def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same in float64."""
-    return _floors(values, h / H, budget, np.float64)
+    Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there.
+    """
+    rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
+    for size in values.tolist():
+        problem = on_square(h / H * size, size, full)
+        of, tolerance = problem.spaces.operator, budget.tolerance(problem)
+        mu = _last(problem, operator_in(problem, precision), budget.max_steps)
+        bound = residual_bound(of, problem.discrete.offset, mu, 1 / of.lambda_max)
+        result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, np.nan, "uzawa")
+        found, floor = judge(problem, result, tolerance), unit_roundoff * problem.condition
+        rows.append(untooled(size, found, problem.distance(mu, problem.lambda_H), floor))
+        bounds.append(floor * _bound_of_floor(problem))
+    return Axis(rows, crossing(values, np.array(bounds), budget.accuracy))
 
 
 def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
@@ -35,23 +43,6 @@ def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
     cholesky = last_block(factorise(A, elimination_order(A, mesh.boundary)), len(mesh.boundary))
     half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
     return DualOperator(half, spaces.partition.lengths.astype(precision), mesh.polygon.area)
-
-
-def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
-    """Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there."""
-    rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
-    for H in values.tolist():
-        problem = on_square(h_over_H * H, H, full)
-        of, tolerance = problem.spaces.operator, budget.tolerance(problem)
-        mu = _last(problem, operator_in(problem, precision), budget.max_steps)
-        bound = residual_bound(of, problem.discrete.offset, mu, 1 / of.lambda_max)
-        result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, np.nan, "uzawa")
-        found = judge(problem, result, tolerance)
-        distance = np.sqrt(of.H_i @ (mu - problem.lambda_H) ** 2 / (of.H_i @ problem.lambda_H**2))
-        floor = unit_roundoff * problem.condition
-        rows.append(untooled(H, found, float(distance), floor))
-        bounds.append(floor * _bound_of_floor(problem))
-    return Axis(rows, crossing(values, np.array(bounds), budget.accuracy))
 
 
 def _bound_of_floor(problem: Problem) -> float:

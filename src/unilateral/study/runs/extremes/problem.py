@@ -76,6 +76,11 @@ class Problem:
         u = self.spaces.response(self.discrete.load / unit, mu / unit)
         return unit * self.norm(u - self.u / unit)
 
+    def distance(self, mu: Array, from_mu: Array) -> float:
+        """How far a multiplier (m,) is from another one, in L2, relative to the latter."""
+        H_i = self.spaces.operator.H_i
+        return float(np.sqrt(H_i @ (mu - from_mu) ** 2 / (H_i @ from_mu**2)))
+
     def norm(self, v: Array) -> float:
         """||v||_1 of v (n,), scaled: the square of a tiny number would be 0."""
         unit = float(np.abs(v).max())
