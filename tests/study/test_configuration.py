@@ -211,7 +211,7 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of algorithm, cost, extremes, paper, sharpness",
+        "letter first, and none of algorithm, cost, extremes, logs, paper, sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),

@@ -10,7 +10,9 @@ rule extremes_part:
     input:
         code("try_extremes"),
     output:
-        "results/extremes/parts/{part}.nc",
+        part="results/extremes/parts/{part}.nc",
+    log:
+        "results/logs/extremes_part/{part}.log",
     params:
         study={key: value for key, value in EXTREMES.items() if key not in ("axes", "jobs")},
         axes=lambda wildcards: {name: EXTREMES["axes"][name] for name in EXTREMES["jobs"][wildcards.part]},
@@ -25,7 +27,9 @@ rule extremes:
         code("collect_extremes"),
         parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["jobs"]),
     output:
-        "results/extremes/extremes.nc",
+        extremes="results/extremes/extremes.nc",
+    log:
+        "results/logs/extremes.log",
     message:
         "extremes: the table"
     script:
