@@ -101,15 +101,10 @@ def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
 
 def test_the_extremes_plan_their_own_jobs(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
-    parts = len(STUDY["extremes"]["jobs"])
+    parts = len(STUDY["extremes"]["axes"])
     chain = ("extremes", "figure_table", "figure")
     assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
     assert built(text) == {"extremes"}
-
-
-def test_every_axis_of_the_extremes_is_in_one_job():
-    listed = [name for job in STUDY["extremes"]["jobs"].values() for name in job]
-    assert sorted(listed) == sorted(STUDY["extremes"]["axes"])
 
 
 def test_floors_plan_their_scene_without_rates(tree):

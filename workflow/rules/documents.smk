@@ -31,6 +31,7 @@ rule numbers:
             "bounded": list(config["totals"]["scenes"]),
             "judged_ratio": config["rates"]["judged_ratio"],
             "norms": config["rates"]["norms"],
+            "figures": in_git(config),
         },
     message:
         "The numbers and tables of all documents"

@@ -1,9 +1,10 @@
-# Where it breaks: the axes in several jobs -> one table; and, on request only, the finest h.
+# Where it breaks: the axes in several jobs -> one table.
+
 EXTREMES = config["extremes"]
 
 
 wildcard_constraints:
-    part="|".join(EXTREMES["jobs"]),
+    part="|".join(EXTREMES["axes"]),
 
 
 rule extremes_part:
@@ -14,8 +15,8 @@ rule extremes_part:
     log:
         "results/logs/extremes_part/{part}.log",
     params:
-        study={key: value for key, value in EXTREMES.items() if key not in ("axes", "jobs")},
-        axes=lambda wildcards: {name: EXTREMES["axes"][name] for name in EXTREMES["jobs"][wildcards.part]},
+        study={key: value for key, value in EXTREMES.items() if key != "axes"},
+        axes=lambda wildcards: EXTREMES["axes"][wildcards.part],
     message:
         "extremes: {wildcards.part}"
     script:
@@ -25,7 +26,7 @@ rule extremes_part:
 rule extremes:
     input:
         code("collect_extremes"),
-        parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["jobs"]),
+        parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["axes"]),
     output:
         extremes="results/extremes/extremes.nc",
     log:

@@ -8,25 +8,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from unilateral.errors import InputError
 from unilateral.formulas.formula import real
+from unilateral.study import functions
 from unilateral.study.runs.extremes import cells, contact, precision, shapes, steps
 from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
 __all__ = ["Budget", "joined", "survey"]
-KINDS = {
-    name: getattr(module, name)
-    for module, names in (
-        (shapes, ("scaled", "angle", "slit", "side", "aspect", "moved")),
-        (cells, ("ratio", "odd", "shift", "short", "short_loaded", "near", "kernel", "kernel_loaded")),
-        (contact, ("data", "start", "flat", "touching", "shrinking", "vertex", "nothing")),
-        (steps, ("step_full", "step_partial", "printed_full", "printed_partial")),
-        (precision, ("single", "double")),
-    )
-    for name in names
-}
-
-
+MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
+KINDS = {name: getattr(MODULES[module], name) for name, module in functions.axes().items()}
+"""The function of each kind of axis."""
 COLUMNS = (
     "value",
     "outcome",
@@ -48,7 +38,6 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
 
     Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
     the first one that is not.
-    Raises InputError for an unknown kind.
     """
     points: dict[str, list[Any]] = {name: [] for name in ("axis_of", *COLUMNS)}
     limits: dict[str, list[Any]] = {name: [] for name in LIMITS}
@@ -70,8 +59,6 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
 
 def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget) -> Axis:
     where = f"extremes.axes.{name}"
-    if axis["kind"] not in KINDS:
-        raise InputError(f"{where}: the kind '{axis['kind']}' is none of {', '.join(KINDS)}")
     values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
