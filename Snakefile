@@ -40,24 +40,6 @@ include: "workflow/rules/paper.smk"
 
 
 # Snakemake makes a file anew that is missing only if it is a target, or if what follows from it is made anew.
-
-
-def results_of(scene):
-    """All files of a scene."""
-    kinds = [
-        rules.mesh,
-        rules.solve,
-        rules.errors,
-        rules.rates,
-        *([rules.dual_norm] if has_norm(scene) else []),
-    ]
-    return expand(
-        [path for kind in kinds for path in kind.output],
-        scene=scene,
-        level=range(SCENES[scene]["mesh"]["levels"]),
-    )
-
-
 RESULTS = [
     *(path for scene in JUDGED for path in results_of(scene)),
     *expand(rules.floors.output, scene=config["floors"]),
@@ -65,10 +47,9 @@ RESULTS = [
     *expand(rules.survey.output, survey=SURVEYS),
     *rules.sharpness.input.levels,
     *rules.sharpness.output,
-    *rules.sharpness_rates.output,
     *rules.algorithm.output,
-    *rules.cost.input.parts,
-    *rules.cost.input.timings,
+    *rules.cost.input.runs,
+    *rules.cost.input.timed,
     *rules.cost.output,
     *rules.extremes.input.parts,
     *rules.extremes.output,

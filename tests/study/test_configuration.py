@@ -15,9 +15,11 @@ import yaml
 from conftest import ROOT
 
 from unilateral.errors import InputError
+from unilateral.geometry import polygon
 from unilateral.problems import case
 from unilateral.study import config as configuration
-from unilateral.study.runs.extremes import KINDS
+from unilateral.study import drawings, functions
+from unilateral.study.runs.families import NODES, PARTITIONS
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
@@ -167,10 +169,10 @@ def test_defaults_are_filled_in():
         ("cost.costly_steps", 0),
         ("extremes", REMOVED),
         ("extremes.accuracy", 0),
-        ("extremes.axes.ratio.values", [1]),
-        ("extremes.axes.ratio.values", [1, -1]),
-        ("extremes.axes.ratio.steps", 3),
-        ("extremes.jobs.cells", []),
+        ("extremes.axes.cells.ratio.values", [1]),
+        ("extremes.axes.cells.ratio.values", [1, -1]),
+        ("extremes.axes.cells.ratio.steps", 3),
+        ("extremes.axes.cells", {}),
         ("figures.natural.parameters.levels", 3),
         ("figures.natural.parameters.H", REMOVED),
         ("rates.judged_ratio", "0"),
@@ -209,7 +211,7 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of algorithm, cost, extremes, paper, sharpness",
+        "letter first, and none of algorithm, cost, extremes, logs, paper, sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
@@ -222,12 +224,12 @@ SAID = [
     ),
     (
         ("surveys.betathin.mesh", {"kind": "structured"}),
-        "surveys.betathin.polygon: it is [[0, 0], [1, 0], [1, 0.176327]]; it has to be one of square, lshape",
+        "surveys.betathin.polygon: it is [[0, 0], [1, 0], [1, 0.176327]]; it has to be one of "
+        f"{', '.join(polygon.names())}",
     ),
     (
         ("totals.scenes.nowhere", ["thirds"]),
-        "totals.scenes: it is 'nowhere'; it has to be one of square, unstructured, lshape, irregular, "
-        "cantor, corners, quick",
+        f"totals.scenes: it is 'nowhere'; it has to be one of {', '.join(STUDY['scenes'])}",
     ),
     (
         ("scenes.quick.cases", ["natural", "third"]),
@@ -255,13 +257,11 @@ SAID = [
     ),
     (
         ("figures.verdict.module", "verdicts"),
-        "figures.verdict.module: it is 'verdicts'; it has to be one of consistency, dual_norm, extremes, "
-        "grid, infsup, multiplier, portrait, rates, sharpness, verdict, work_precision",
+        f"figures.verdict.module: it is 'verdicts'; it has to be one of {', '.join(drawings.modules())}",
     ),
     (
         ("figures.rates.scenes", ["square", "nowhere"]),
-        "figures.rates.scenes[1]: it is 'nowhere'; it has to be one of square, unstructured, lshape, "
-        "irregular, cantor, corners, quick",
+        f"figures.rates.scenes[1]: it is 'nowhere'; it has to be one of {', '.join(STUDY['scenes'])}",
     ),
     (
         ("figures.multiplier.reads.survey", "results/nowhere/infsup.nc"),
@@ -284,6 +284,14 @@ SAID = [
         "scenes.quick.H: each number has to be smaller than the one before it",
     ),
     (
+        ("extremes.axes.cells.odd.kind", "even"),
+        f"extremes.axes.cells.odd.kind: it is 'even'; it has to be one of {', '.join(functions.axes())}",
+    ),
+    (
+        ("extremes.axes.shapes.odd", STUDY["extremes"]["axes"]["cells"]["odd"]),
+        "extremes.axes.shapes.odd: the job 'cells' has an axis of that name, too",
+    ),
+    (
         ("totals.levels", 7),
         "totals.levels: it has to be at most 6, the levels of its scenes",
     ),
@@ -297,8 +305,14 @@ SAID = [
 @pytest.mark.parametrize(("change", "said"), SAID)
 def test_what_is_said(change, said):
     """One line with the file, the field and what would be right."""
-    file = next((name for name in ("rates", "figures") if said.startswith(name)), "study")
+    file = next((name for name in ("rates", "figures", "extremes") if said.startswith(name)), "study")
     assert fault(changed(*change)) == f"workflow/config/{file}.yaml, field {said}"
+
+
+def test_a_module_that_is_no_figure_is_told(monkeypatch):
+    monkeypatch.setattr(functions, "functions", lambda *_: {"table": functions.Arguments([], [])})
+    said = "figures.rates.module: rates has to have the functions `table` and `draw`"
+    assert fault(copy.deepcopy(STUDY)) == f"workflow/config/figures.yaml, field {said}"
 
 
 def test_a_whole_part_that_is_missing_is_asked_for():
@@ -317,8 +331,6 @@ def test_a_whole_part_that_is_missing_is_asked_for():
         ("cost.vary.case", ["rough"]),
         ("cost.jobs", [{"scene": "nowhere", "h": ["1/8"]}]),
         ("cost.cross", [["algorithm", "scene"], ["case", "nothing"]]),
-        ("extremes.jobs.cells", ["nothing", "nowhere"]),
-        ("extremes.axes.odd.kind", "even"),
         ("algorithm.cases", ["violates_j"]),
     ],
 )
@@ -334,8 +346,11 @@ def test_sizes_that_are_allowed(size):
 
 def test_all_that_the_library_knows_can_be_asked_for():
     """And nothing else: the schema's lists against the library's."""
-    axes = RULES["properties"]["extremes"]["properties"]["axes"]["additionalProperties"]
-    assert sorted(axes["properties"]["kind"]["enum"]) == sorted(KINDS)
+    assert RULES["$defs"]["nodes"]["properties"]["kind"]["enum"] == ["structured", *NODES]
+    forms = [
+        (tuple(form["required"]), form["maxProperties"]) for form in RULES["$defs"]["partition"]["oneOf"]
+    ]
+    assert forms == [(keys, len(keys)) for keys in PARTITIONS]
 
 
 def patterns(rules) -> Iterator[dict]:
@@ -393,7 +408,7 @@ ACCEPTED = [
     (r"(scenes|surveys|totals\.scenes|rates\.cases)\.[\w.]+?|figures\.\w+", "removed"),
     (r"figures\.work_seconds\.(look(\.work)?|reads\.timings)", "removed|mapping"),
     (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle|folder)", "removed"),
-    (r"extremes\.axes\.\w+\.(h|H|accuracy)|cost\.vary\.\w+", "removed"),
+    (r"extremes\.axes\.\w+\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
@@ -408,7 +423,7 @@ ACCEPTED = [
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
-    (r".*\.(label|name|what)", "text|upper|path|half|scientific"),
+    (r".*\.(label|name|what|shows)", "text|upper|path|half|scientific"),
     (r".*\.judged", "true"),
     (r"floors", "list"),
 ]

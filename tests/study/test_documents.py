@@ -9,11 +9,13 @@ import pytest
 from conftest import ROOT
 
 from unilateral.errors import InputError
-from unilateral.study import config
+from unilateral.study import config, drawings
 from unilateral.study.judge import claims
 from unilateral.study.text import blocks, marks, numbers, sources, verdicts
 
-CONFIG = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes")]
+CONFIG = [
+    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
+]
 DOCUMENTS = ["README.md", "paper.md", *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md"))]
 COST = ("algorithm", "case", "scene", "algebra", "precision")
 
@@ -21,8 +23,9 @@ COST = ("algorithm", "case", "scene", "algebra", "precision")
 @cache
 def told():
     """The numbers, the blocks and the claims that hold, by the stored results."""
-    study, _ = config.read([str(ROOT / file) for file in CONFIG])
-    scenes = [name for name, scene in study["scenes"].items() if scene.get("judged", True)]
+    study, read = config.read([str(ROOT / file) for file in CONFIG])
+    config.check(study, read, str(ROOT / "workflow/schemas/study.schema.yaml"))
+    scenes = [name for name, scene in study["scenes"].items() if scene["judged"]]
     bounded, results = list(study["totals"]["scenes"]), ROOT / "results"
     paths = {name: results / f"cost/{name}.nc" for name in COST} | {
         "claims": results / "claims.json",
@@ -33,9 +36,10 @@ def told():
         "sharpness": results / "sharpness/rates.nc",
         "extremes": results / "extremes/extremes.nc",
     }
-    rates = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
+    given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
+    given |= {"judged": scenes, "bounded": bounded, "figures": drawings.in_git(study)}
     try:
-        found = sources.read(paths, {**study, **rates, "judged": scenes, "bounded": bounded})
+        found = sources.read(paths, {**study, **given})
     except InputError as missing:
         pytest.fail(str(missing).replace(f"{ROOT}/", ""), pytrace=False)
     return numbers.collect(found), blocks.collect(found), verdicts.holding(found.claims)

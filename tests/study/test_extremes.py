@@ -6,7 +6,10 @@ import math
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from importlib import import_module
+from inspect import getmembers, isfunction
 from pathlib import Path
+from pkgutil import iter_modules
 
 import clarabel
 import numpy as np
@@ -352,15 +355,26 @@ def test_a_survey_of_one_axis() -> None:
     both = extremes.joined([table, table.assign_coords(axis=["other, with a longer name"])])
     assert both.sizes == {"point": 6, "axis": 2}
     assert both["axis"].values.tolist() == ["size", "other, with a longer name"]
-    with pytest.raises(InputError, match=r"extremes\.axes\.size: the kind 'sized' is none of scaled"):
-        extremes.survey({"size": {**axes["size"], "kind": "sized"}}, 1 / 4, 1 / 2, BUDGET)
+
+
+def test_the_kinds_of_axes_are_the_public_functions_that_make_one() -> None:
+    """Found by their results here, by their arguments in the configuration."""
+    modules = [import_module(f"{extremes.__name__}.{each.name}") for each in iter_modules(extremes.__path__)]
+    found = {
+        name
+        for module in modules
+        for name, function in getmembers(module, isfunction)
+        if function.__module__ == module.__name__ and function.__annotations__.get("return") == "Axis"
+    }
+    assert set(KINDS) == {name for name in found if not name.startswith("_")}
+    assert len(KINDS) > 20
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_axis_has_a_right_point_and_no_wrong_one(kind: str) -> None:
     """On a coarse mesh, at the mildest two values of the study."""
     study = yaml.safe_load((ROOT / "workflow/config/extremes.yaml").read_text())["extremes"]
-    axis = next(axis for axis in study["axes"].values() if axis["kind"] == kind)
+    axis = next(axis for axes in study["axes"].values() for axis in axes.values() if axis["kind"] == kind)
     axis = {**axis, "values": axis["values"][:2], "accuracy": 1e-4}
     table = extremes.survey({kind: axis}, 1 / 8, 1 / 4, Budget(1e-4, 10_000))
     assert WRONG not in table["outcome"].values
@@ -451,7 +465,7 @@ def test_no_loss_of_constants_is_near_where_it_is_refused(kind: str, monkeypatch
     monkeypatch.setattr("unilateral.fem.condense.check_constants", seen)
     monkeypatch.setattr(shapes, "attempts", only_made)
     study = yaml.safe_load((ROOT / "workflow/config/extremes.yaml").read_text())["extremes"]
-    of_kind = [axis for axis in study["axes"].values() if axis["kind"] == kind]
+    of_kind = [axis for axes in study["axes"].values() for axis in axes.values() if axis["kind"] == kind]
     extremes.survey({str(k): axis for k, axis in enumerate(of_kind)}, 1 / 8, 1 / 4, BUDGET)
     share = np.array(lost) / CONSTANTS
     assert len(share) >= 6

@@ -154,8 +154,9 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
     """A limit on the size of files stands for the disk; netCDF itself says "HDF error" of it."""
     code = (
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
-        "import sentences, xarray; from unilateral.study import tables; sentences.speak_plainly()\n"
-        f"tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
+        "import job, types, xarray; from unilateral.study import tables\n"
+        f"def main(): tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')\n"
+        "job.run(main, types.SimpleNamespace(input={}, output={}, params={}, log=['/dev/null']))"
     )
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)

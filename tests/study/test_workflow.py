@@ -1,6 +1,8 @@
 """The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is run."""
 
 import ast
+import importlib.util
+import inspect
 import os
 import re
 import shutil
@@ -92,22 +94,17 @@ def test_one_figure_of_the_lshape_plans_no_other_scene(tree):
 
 def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     text, jobs = plan(tree, "figures/sharpness.svg")
-    chain = ("sharpness", "sharpness_rates", "figure_table", "figure")
+    chain = ("sharpness", "figure_table", "figure")
     assert jobs == {"sharpness_level": len(STUDY["sharpness"]["H"])} | dict.fromkeys(chain, 1)
     assert built(text) == {"sharpness"}
 
 
 def test_the_extremes_plan_their_own_jobs(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
-    parts = len(STUDY["extremes"]["jobs"])
+    parts = len(STUDY["extremes"]["axes"])
     chain = ("extremes", "figure_table", "figure")
     assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
     assert built(text) == {"extremes"}
-
-
-def test_every_axis_of_the_extremes_is_in_one_job():
-    listed = [name for job in STUDY["extremes"]["jobs"].values() for name in job]
-    assert sorted(listed) == sorted(STUDY["extremes"]["axes"])
 
 
 def test_floors_plan_their_scene_without_rates(tree):
@@ -183,12 +180,7 @@ def test_one_command_makes_a_damaged_file_anew(tree, computed, name, rule):
 def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
     """An emptied one, as solve_level.py reads it."""
     (computed / "mesh.vtu").write_text("")
-    code = (
-        "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
-        f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
-    )
-    command = [sys.executable, "-c", code]
-    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+    found, _ = ended(f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})", computed)
     said = r"unilateral: .*mesh\.vtu: no mesh can be read .*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
     assert re.fullmatch(said, found.stderr)
     assert found.returncode == 4
@@ -309,9 +301,48 @@ def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     assert "src/unilateral/solvers/uzawa.py" not in code("draw_figure", "study.figures.rates")
 
 
-def test_each_rule_depends_on_its_own_script():
-    for text in re.split(r"^rule ", rules(), flags=re.MULTILINE)[1:]:
-        assert re.search(r'"\.\./scripts/(\w+)\.py"', text)[1] == re.search(r'code\("(\w+)"', text)[1]
+def each_rule():
+    """The text of each rule that runs a script, and the script."""
+    texts = re.split(r"^rule ", rules(), flags=re.MULTILINE)[1:]
+    return [(text, re.search(r'"\.\./scripts/(\w+)\.py"', text)[1]) for text in texts]
+
+
+def test_each_rule_depends_on_its_own_script_and_has_a_log_of_its_name():
+    for text, script in each_rule():
+        assert re.search(r'code\("(\w+)"', text)[1] == script
+        name = text.partition(":")[0]
+        assert re.search(rf'^    log:\n        "results/logs/{name}(/.*)?\.log",$', text, re.MULTILINE), name
+
+
+def given(text):
+    """The names of a rule's input, output and params; `**` where more follow from the configuration."""
+    parts = re.findall(r"^    (?:input|output|params):\n((?: {8}.*\n)+)", text, re.MULTILINE)
+    names = re.findall(r"^ {8}(?:(\w+)=|\*\*|unpack\()", "".join(parts), re.MULTILINE)
+    return {name or "**" for name in names}
+
+
+def taken(script):
+    """The arguments of the function that a script runs; `**` where it takes others, too."""
+    function = re.search(r"^    run\((\w+), snakemake\)$", script.read_text(), re.MULTILINE)[1]
+    spec = importlib.util.spec_from_file_location(script.stem, script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    parameters = inspect.signature(getattr(module, function)).parameters.values()
+    return {"**" if each.kind is each.VAR_KEYWORD else each.name for each in parameters}
+
+
+def test_a_rule_s_names_are_the_arguments_of_its_script(monkeypatch):
+    monkeypatch.syspath_prepend(WORKFLOW / "scripts")
+    for text, script in each_rule():
+        wanted = taken(WORKFLOW / f"scripts/{script}.py")
+        assert wanted <= given(text), script
+        assert "**" in wanted or wanted == given(text), script
+
+
+def test_the_names_of_a_rule_are_found():
+    """Control."""
+    text = 'a:\n    input:\n        "x",\n        **{b: c},\n        d="e",\n    output:\n        f="g",\n'
+    assert given(text) == {"**", "d", "f"}
 
 
 def rules():
@@ -329,7 +360,7 @@ def test_a_script_uses_snakemake_under_its_main_guard_only(script):
     guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
     assert all(id(node) in guarded for node in names)
-    assert bool(names) == (script.name != "sentences.py")
+    assert bool(names) == (script.name != "job.py")
     allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
     assert all(isinstance(node, allowed) for node in tree.body)
     assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
@@ -358,29 +389,57 @@ def test_no_absolute_path_in_the_workflow():
         assert not re.search(r"""(^|[\s"'])(/[a-z]\w*/|~/)""", file.read_text()), file
 
 
+def ended(statements, folder):
+    """How a script ends whose `main` consists of these statements, and its log."""
+    code = "import os, warnings; from types import SimpleNamespace; from job import run; "
+    code += f"from unilateral import errors; from unilateral.study import scenes\ndef main(): {statements}\n"
+    log = folder / "job.log"
+    code += f"run(main, SimpleNamespace(input={{}}, output={{}}, params={{}}, log=[{str(log)!r}]))"
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+    assert found.stdout == ""
+    return found, log.read_text()
+
+
 @pytest.mark.parametrize(
-    ("fault", "said"),
+    ("fault", "code", "said"),
     [
-        ("errors.InputError('case x: u < g')", (2, "unilateral: case x: u < g\n")),
-        ("errors.StorageError('x.nc is damaged')", (4, "unilateral: x.nc is damaged\n")),
+        ("errors.InputError('case x: u < g')", 2, "unilateral: case x: u < g\n"),
+        ("errors.StorageError('x.nc is damaged')", 4, "unilateral: x.nc is damaged\n"),
     ],
 )
-def test_bad_input_and_bad_files_end_a_script_in_one_sentence(fault, said):
-    found = raised_in_a_script(fault)
-    assert (found.returncode, found.stderr) == said
+def test_bad_input_and_bad_files_end_a_script_in_one_sentence(tmp_path, fault, code, said):
+    """On the terminal, and as the last line of the log, where what was said before stands, too."""
+    found, log = ended(f"print('a table'); raise {fault}", tmp_path)
+    assert (found.returncode, found.stderr) == (code, said)
+    assert log == f"a table\n{said}"
 
 
-def test_any_other_error_keeps_its_traceback():
-    """Control."""
-    found = raised_in_a_script("KeyError('x')")
-    assert found.returncode == 1
-    assert found.stderr.startswith("Traceback")
+def test_any_other_error_leaves_its_traceback_in_the_log(tmp_path):
+    found, log = ended("raise KeyError('x')", tmp_path)
+    said = f"unilateral: KeyError: 'x'; the traceback is in {tmp_path / 'job.log'}\n"
+    assert (found.returncode, found.stderr) == (1, said)
+    assert log.startswith("Traceback")
+    assert log.endswith(f"\nKeyError: 'x'\n{said}")
 
 
-def raised_in_a_script(fault):
-    code = "import sentences; from unilateral import errors; sentences.speak_plainly(); raise " + fault
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+def test_all_that_a_job_says_is_in_its_log_in_order(tmp_path):
+    """Lines, warnings, and what a library writes past Python; on the terminal there is nothing."""
+    found, log = ended("print('a'); warnings.warn('b'); os.system('echo c'); print('d')", tmp_path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert re.fullmatch(r"a\n.*UserWarning: b\nc\nd\ndone in [\d.]+ s, with at most \d+ MB\n", log)
+
+
+def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):
+    """The levels that it reads are no tables."""
+    left = set(computed.iterdir()) - {computed / f"{name}.nc" for name in ("errors", "infsup", "timings")}
+    command = [sys.executable, "-m", "snakemake", "-c1", "-f", "results/quick/errors.nc"]
+    command += ["--rerun-triggers", "mtime"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    said = re.findall(r"^unilateral: .*0\.nc is damaged .*\n", found.stdout + found.stderr, re.MULTILINE)
+    assert (found.returncode, len(said)) == (1, 1)
+    assert (tree / "results/logs/errors/quick.log").read_text() == said[0]
+    assert set(computed.iterdir()) == left
 
 
 def test_cases_of_a_scene_are_certified(tmp_path):
@@ -388,8 +447,28 @@ def test_cases_of_a_scene_are_certified(tmp_path):
     text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
     (tmp_path / "broken.yaml").write_text(text)
     scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
-    code = "import sentences; from unilateral.study import scenes; sentences.speak_plainly(); "
-    code += f"scenes.cases({scene!r})"
-    command = [sys.executable, "-c", code]
-    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
+    found, _ = ended(f"scenes.cases({scene!r})", tmp_path)
     assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)
+
+
+ACCEPTED = {"Specify a conda environment or container for each rule."}
+"""All rules run in the one environment that holds the locked packages, and Snakemake itself: .venv. A rule of
+its own could only repeat it, in a second way to set it up."""
+
+
+def lints(folder):
+    """The titles of what Snakemake's linter says of the Snakefile in a folder."""
+    command = [sys.executable, "-m", "snakemake", "--lint"]
+    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    assert "Lints for" in found.stderr, found.stderr
+    return set(re.findall(r"^    \* (.*):$", found.stderr, re.MULTILINE))
+
+
+def test_snakemake_s_linter_has_nothing_else_to_say(tree):
+    assert lints(tree) <= ACCEPTED
+
+
+def test_a_rule_without_a_log_would_be_found(tmp_path):
+    """Control."""
+    (tmp_path / "Snakefile").write_text("rule made:\n    output: 'x'\n    shell: 'touch x'\n")
+    assert lints(tmp_path) - ACCEPTED == {"No log directive defined"}

@@ -4,7 +4,7 @@
 rule algorithm:
     input:
         code("try_algorithm"),
-        [f"manufactured/{case}.yaml" for case in config["algorithm"]["cases"]],
+        case_files(config["algorithm"]["cases"]),
     output:
         steps="results/algorithm/steps.nc",
         certificates="results/algorithm/certificates.nc",
@@ -13,6 +13,8 @@ rule algorithm:
         unique="results/algorithm/unique.nc",
         elimination="results/algorithm/elimination.nc",
         split="results/algorithm/split.nc",
+    log:
+        "results/logs/algorithm.log",
     params:
         study=config["algorithm"],
     message:
@@ -26,9 +28,9 @@ rule claims:
         code("judge_claims"),
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
-        "results/claims.json",
-    params:
-        results="results",
+        claims="results/claims.json",
+    log:
+        "results/logs/claims.log",
     message:
         "The ledger: every statement judged"
     script:

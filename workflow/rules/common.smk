@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from unilateral.study.drawings import drawings
+from unilateral.study.drawings import drawings, in_git
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]
@@ -60,18 +60,44 @@ def scene_of(wildcards):
     return SCENES[wildcards.scene]
 
 
-def case_files(wildcards):
-    return [f"manufactured/{case}.yaml" for case in scene_of(wildcards)["cases"]]
+def case_files(cases):
+    return [f"manufactured/{case}.yaml" for case in cases]
 
 
-def levels(wildcards):
-    return range(scene_of(wildcards)["mesh"]["levels"])
+def cases_of(wildcards):
+    return case_files(scene_of(wildcards)["cases"])
+
+
+def levels_of(path):
+    """The files of all levels of a scene, as a function of its wildcards."""
+    return lambda wildcards: expand(
+        path, scene=wildcards.scene, level=range(scene_of(wildcards)["mesh"]["levels"])
+    )
 
 
 @cache
-def has_norm(name):
+def has_norm(scene):
     """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
-    return bool(normed(SCENES[name]))
+    return bool(normed(SCENES[scene]))
+
+
+def results_of(scene):
+    """All files of a scene."""
+    made = [rules.mesh, rules.solve, rules.errors, rules.rates]
+    made += [rules.dual_norm] if has_norm(scene) else []
+    paths = [path for rule in made for path in rule.output]
+    return expand(paths, scene=scene, level=range(SCENES[scene]["mesh"]["levels"]))
+
+
+def job_of(wildcards):
+    """The scene and the meshes that a job of the study of cost measures."""
+    return config["cost"]["jobs"][int(wildcards.job)]
+
+
+def pictures(paper):
+    """The figures that it shows."""
+    text = Path(paper).read_text(encoding="utf-8")
+    return sorted(set(re.findall(r"\]\((figures/\w+\.svg)\)", text)))
 
 
 def claimed():

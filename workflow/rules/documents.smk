@@ -22,12 +22,17 @@ rule numbers:
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",
+    log:
+        "results/logs/numbers.log",
     params:
-        **{name: config[name] for name in ("cost", "extremes", "infsup")},
-        judged=JUDGED,
-        bounded=list(config["totals"]["scenes"]),
-        judged_ratio=config["rates"]["judged_ratio"],
-        norms=config["rates"]["norms"],
+        study={
+            **{name: config[name] for name in ("cost", "extremes", "infsup")},
+            "judged": JUDGED,
+            "bounded": list(config["totals"]["scenes"]),
+            "judged_ratio": config["rates"]["judged_ratio"],
+            "norms": config["rates"]["norms"],
+            "figures": in_git(config),
+        },
     message:
         "The numbers and tables of all documents"
     script:
@@ -41,7 +46,9 @@ rule document:
         blocks="results/blocks.json",
         claims="results/claims.json",
     output:
-        update("{document}"),
+        document=update("{document}"),
+    log:
+        "results/logs/document/{document}.log",
     message:
         "{wildcards.document}: its numbers and tables"
     script:

@@ -1,19 +1,22 @@
-# Where it breaks: the axes in several jobs -> one table; and, on request only, the finest h.
+# Where it breaks: the axes in several jobs -> one table.
+
 EXTREMES = config["extremes"]
 
 
 wildcard_constraints:
-    part="|".join(EXTREMES["jobs"]),
+    part="|".join(EXTREMES["axes"]),
 
 
 rule extremes_part:
     input:
         code("try_extremes"),
     output:
-        "results/extremes/parts/{part}.nc",
+        part="results/extremes/parts/{part}.nc",
+    log:
+        "results/logs/extremes_part/{part}.log",
     params:
-        study={key: value for key, value in EXTREMES.items() if key not in ("axes", "jobs")},
-        axes=lambda wildcards: {name: EXTREMES["axes"][name] for name in EXTREMES["jobs"][wildcards.part]},
+        study={key: value for key, value in EXTREMES.items() if key != "axes"},
+        axes=lambda wildcards: EXTREMES["axes"][wildcards.part],
     message:
         "extremes: {wildcards.part}"
     script:
@@ -23,9 +26,11 @@ rule extremes_part:
 rule extremes:
     input:
         code("collect_extremes"),
-        parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["jobs"]),
+        parts=expand("results/extremes/parts/{part}.nc", part=EXTREMES["axes"]),
     output:
-        "results/extremes/extremes.nc",
+        extremes="results/extremes/extremes.nc",
+    log:
+        "results/logs/extremes.log",
     message:
         "extremes: the table"
     script:

@@ -14,10 +14,12 @@ wildcard_constraints:
 rule figure_table:
     input:
         lambda wildcards: code("table_figure", f"study.figures.{DRAWN_FROM[wildcards.table].module}"),
-        lambda wildcards: [f"manufactured/{case}.yaml" for case in DRAWN_FROM[wildcards.table].cases],
+        lambda wildcards: case_files(DRAWN_FROM[wildcards.table].cases),
         unpack(lambda wildcards: DRAWN_FROM[wildcards.table].reads),
     output:
-        update("{table}.csv"),
+        csv=update("{table}.csv"),
+    log:
+        "results/logs/figure_table/{table}.log",
     params:
         module=lambda wildcards: DRAWN_FROM[wildcards.table].module,
         part=lambda wildcards: DRAWN_FROM[wildcards.table].parts[wildcards.table],
@@ -33,7 +35,9 @@ rule figure:
         lambda wildcards: code("draw_figure", f"study.figures.{DRAWN[wildcards.figure].module}"),
         tables=lambda wildcards: [f"{table}.csv" for table in DRAWN[wildcards.figure].parts],
     output:
-        update("{figure}.svg"),
+        figure=update("{figure}.svg"),
+    log:
+        "results/logs/figure/{figure}.log",
     params:
         module=lambda wildcards: DRAWN[wildcards.figure].module,
         look=lambda wildcards: DRAWN[wildcards.figure].look,

@@ -1,16 +1,10 @@
 # The paper, typeset.
 
 
-def shown(wildcards):
-    """The figures that the paper shows."""
-    text = Path("paper.md").read_text(encoding="utf-8")
-    return sorted(set(re.findall(r"\]\((figures/\w+\.svg)\)", text)))
-
-
 rule paper:
     input:
         code("typeset_paper"),
-        shown,
+        lambda wildcards: pictures("paper.md"),
         "paper.bib",
         paper="paper.md",
         numbers="workflow/paper/numbers.lua",
@@ -19,6 +13,8 @@ rule paper:
     output:
         html="results/paper/paper.html",
         pdf="results/paper/paper.pdf",
+    log:
+        "results/logs/paper.log",
     message:
         "The paper as HTML and PDF"
     script:

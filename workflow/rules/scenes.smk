@@ -5,7 +5,9 @@ rule mesh:
     input:
         code("make_mesh"),
     output:
-        "results/{scene}/mesh.vtu",
+        mesh="results/{scene}/mesh.vtu",
+    log:
+        "results/logs/mesh/{scene}.log",
     params:
         scene=scene_of,
     message:
@@ -17,11 +19,14 @@ rule mesh:
 rule dual_norm:
     input:
         code("measure_dual_norm"),
-        case_files,
+        cases_of,
     output:
-        "results/{scene}/dual_norm.nc",
+        dual_norm="results/{scene}/dual_norm.nc",
+    log:
+        "results/logs/dual_norm/{scene}.log",
     params:
         scene=scene_of,
+        name="{scene}",
     message:
         "{wildcards.scene}: the dual norm"
     script:
@@ -31,14 +36,18 @@ rule dual_norm:
 rule solve:
     input:
         code("solve_level"),
-        case_files,
+        cases_of,
         mesh="results/{scene}/mesh.vtu",
         norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
         solutions="results/{scene}/levels/{level}.nc",
         timings="results/{scene}/levels/{level}_timings.nc",
+    log:
+        "results/logs/solve/{scene}/{level}.log",
     params:
         scene=scene_of,
+        name="{scene}",
+        level=lambda wildcards: int(wildcards.level),
         stop=config["stop"],
     message:
         "{wildcards.scene}: all cases on level {wildcards.level}"
@@ -49,16 +58,16 @@ rule solve:
 rule errors:
     input:
         code("collect_errors"),
-        solutions=lambda wildcards: expand(
-            "results/{scene}/levels/{level}.nc", scene=wildcards.scene, level=levels(wildcards)
-        ),
-        timings=lambda wildcards: expand(
-            "results/{scene}/levels/{level}_timings.nc", scene=wildcards.scene, level=levels(wildcards)
-        ),
+        solutions=levels_of("results/{scene}/levels/{level}.nc"),
+        timed=levels_of("results/{scene}/levels/{level}_timings.nc"),
     output:
         errors="results/{scene}/errors.nc",
         infsup="results/{scene}/infsup.nc",
         timings="results/{scene}/timings.nc",
+    log:
+        "results/logs/errors/{scene}.log",
+    params:
+        name="{scene}",
     message:
         "{wildcards.scene}: the table of errors"
     script:
@@ -68,12 +77,15 @@ rule errors:
 rule rates:
     input:
         code("judge_rates"),
-        case_files,
+        cases_of,
         errors="results/{scene}/errors.nc",
     output:
-        "results/{scene}/rates.nc",
+        rates="results/{scene}/rates.nc",
+    log:
+        "results/logs/rates/{scene}.log",
     params:
-        rates=config["rates"],
+        name="{scene}",
+        study=config["rates"],
         judged=lambda wildcards: scene_of(wildcards)["judged"],
     message:
         "{wildcards.scene}: rates, judged"
@@ -84,14 +96,17 @@ rule rates:
 rule totals:
     input:
         code("bound_totals"),
-        case_files,
+        cases_of,
         mesh="results/{scene}/mesh.vtu",
         levels=expand("results/{{scene}}/levels/{level}.nc", level=range(config["totals"]["levels"])),
     output:
-        "results/{scene}/totals.nc",
+        totals="results/{scene}/totals.nc",
+    log:
+        "results/logs/totals/{scene}.log",
     params:
         scene=scene_of,
-        cases=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
+        name="{scene}",
+        wanted=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the guaranteed total errors"
@@ -102,11 +117,14 @@ rule totals:
 rule floors:
     input:
         code("fit_floors"),
-        case_files,
+        cases_of,
         errors="results/{scene}/errors.nc",
     output:
-        "results/{scene}/floors.nc",
+        floors="results/{scene}/floors.nc",
+    log:
+        "results/logs/floors/{scene}.log",
     params:
+        name="{scene}",
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the floors that h and H leave in H1"

@@ -1,14 +1,17 @@
-# The family lambda ~ s_+^alpha, gap ~ s_-^gamma: a level per job -> the table -> rates over the exponents.
+# The family lambda ~ s_+^alpha, gap ~ s_-^gamma: a level per job -> the tables of errors and of rates.
 
 
 rule sharpness_level:
     input:
         code("measure_sharpness"),
     output:
-        "results/sharpness/levels/{level}.nc",
+        errors="results/sharpness/levels/{level}.nc",
+    log:
+        "results/logs/sharpness_level/{level}.log",
     params:
-        study=SHARPNESS,
+        study={key: value for key, value in SHARPNESS.items() if key != "H"},
         stop=config["stop"],
+        H=lambda wildcards: SHARPNESS["H"][int(wildcards.level)],
     message:
         "sharpness: all exponents and positions on level {wildcards.level}"
     script:
@@ -20,20 +23,11 @@ rule sharpness:
         code("collect_sharpness"),
         levels=expand("results/sharpness/levels/{level}.nc", level=range(len(SHARPNESS["H"]))),
     output:
-        "results/sharpness/errors.nc",
+        errors="results/sharpness/errors.nc",
+        rates="results/sharpness/rates.nc",
+    log:
+        "results/logs/sharpness.log",
     message:
-        "sharpness: the table of errors"
+        "sharpness: errors, and rates over the exponents"
     script:
         "../scripts/collect_sharpness.py"
-
-
-rule sharpness_rates:
-    input:
-        code("rate_sharpness"),
-        errors="results/sharpness/errors.nc",
-    output:
-        "results/sharpness/rates.nc",
-    message:
-        "sharpness: rates over the exponents"
-    script:
-        "../scripts/rate_sharpness.py"

@@ -5,10 +5,13 @@ rule survey:
     input:
         code("survey_infsup"),
     output:
-        "results/{survey}/infsup.nc",
+        infsup="results/{survey}/infsup.nc",
+    log:
+        "results/logs/survey/{survey}.log",
     params:
-        survey=lambda wildcards: SURVEYS[wildcards.survey],
+        study=lambda wildcards: SURVEYS[wildcards.survey],
         finds=lambda wildcards: config["finds"] if SURVEYS[wildcards.survey]["kind"] == "worst" else [],
+        name="{survey}",
     message:
         "{wildcards.survey}: beta"
     script:

@@ -1,15 +1,14 @@
 """All axes of extreme problems in one table."""
 
-from sentences import speak_plainly
+from job import run
 
 from unilateral.study import tables
-from unilateral.study.runs import extremes
+from unilateral.study.runs.extremes import joined
 
 
-def main(parts, path):
-    tables.save(extremes.joined([tables.load(part) for part in parts]), path, "extremes")
+def main(parts, extremes):
+    tables.save(joined([tables.load(part) for part in parts]), extremes, "extremes")
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(snakemake.input.parts, snakemake.output[0])
+    run(main, snakemake)

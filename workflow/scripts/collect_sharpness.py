@@ -1,15 +1,16 @@
-"""The table of the sharpness study from those of its levels."""
+"""The sharpness study's table of errors from those of its levels, and its rates, measured and predicted."""
 
-from sentences import speak_plainly
+from job import run
 
 from unilateral.study import tables
-from unilateral.study.judge import surfaces
+from unilateral.study.judge.surfaces import along_levels, rates_over
 
 
-def main(levels, path):
-    tables.save(surfaces.along_levels([tables.load(level) for level in levels]), path, "sharpness")
+def main(levels, errors, rates):
+    found = along_levels([tables.load(level) for level in levels])
+    tables.save(found, errors, "sharpness")
+    tables.save(rates_over(found), rates, "sharpness")
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(snakemake.input.levels, snakemake.output[0])
+    run(main, snakemake)

@@ -2,13 +2,12 @@
 
 from importlib import import_module
 
-from sentences import speak_plainly
+from job import run
 
 
-def main(module, tables, look, path):
-    import_module(f"unilateral.study.figures.{module}").draw(*tables, path, **look)
+def main(tables, module, look, figure):
+    import_module(f"unilateral.study.figures.{module}").draw(*tables, figure, **look)
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(snakemake.params.module, snakemake.input.tables, snakemake.params.look, snakemake.output[0])
+    run(main, snakemake)

@@ -1,20 +1,20 @@
-"""The ledger judged by the study's tables."""
+"""The ledger judged by the study's tables, which lie in folders beside it."""
 
 import json
+from pathlib import Path
 
-from sentences import speak_plainly
+from job import run
 
 from unilateral.files import replacing
-from unilateral.study.judge import claims
+from unilateral.study.judge.claims import Results, judge, summary
 
 
-def main(results, path):
-    found = claims.judge(claims.Results(results))
-    with replacing(path) as temporary:
+def main(tables, claims):
+    found = judge(Results(Path(claims).parent))
+    with replacing(claims) as temporary:
         temporary.write_text(json.dumps([each.record() for each in found], indent=1) + "\n", encoding="utf-8")
-    print(claims.summary(found))
+    print(summary(found))
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(snakemake.params.results, snakemake.output[0])
+    run(main, snakemake)

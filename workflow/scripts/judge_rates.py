@@ -1,30 +1,22 @@
 """The rates of a scene, judged as the table of expected rates says."""
 
-from sentences import speak_plainly
+from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import tables
-from unilateral.study.judge import rates, rates_table
+from unilateral.study.judge import rates_table
+from unilateral.study.judge.rates import judge_all
 
 
-def main(errors, study, judged, name, path):
+def main(errors, name, study, judged, rates):
     table = tables.load(errors)
-    judgements = rates.judge_all(
-        table, study, {c: case.declared(c)[0]["asymptotic"] for c in table["case"].values}
-    )
+    asymptotic = {c: case.declared(c)[0]["asymptotic"] for c in table["case"].values}
     ratio = real(study["judged_ratio"], "judged_ratio")
-    found = rates_table.collect(judgements, ratio if judged else None)
-    tables.save(found, path, name)
+    found = rates_table.collect(judge_all(table, study, asymptotic), ratio if judged else None)
+    tables.save(found, rates, name)
     print(rates_table.summary(found, ratio))
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(
-        snakemake.input.errors,
-        snakemake.params.rates,
-        snakemake.params.judged,
-        snakemake.wildcards.scene,
-        snakemake.output[0],
-    )
+    run(main, snakemake)

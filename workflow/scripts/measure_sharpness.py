@@ -1,6 +1,6 @@
 """Errors over the exponents and the positions of a transition, on one level."""
 
-from sentences import speak_plainly
+from job import run
 
 from unilateral.formulas.formula import number
 from unilateral.geometry import partition, polygon
@@ -10,25 +10,19 @@ from unilateral.study import tables
 from unilateral.study.runs import sharpness
 
 
-def main(study, stop, level, path):
-    domain, H = polygon.named(study["polygon"]), number(study["H"][level], "sharpness.H")
-    h = H * number(study["h_over_H"], "sharpness.h_over_H")
+def main(study, stop, H, errors):
+    domain, size = polygon.named(study["polygon"]), number(H, "sharpness.H")
+    h = size * number(study["h_over_H"], "sharpness.h_over_H")
     exponents = [[number(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")]
     found = sharpness.measure(
         structured(domain, float(h)),
-        partition.uniform(domain, float(H)),
-        sharpness.places(H, study["positions"]),
+        partition.uniform(domain, float(size)),
+        sharpness.places(size, study["positions"]),
         exponents,
         Stop(**stop, algorithm=study["algorithm"]),
     )
-    tables.save(found, path, "sharpness")
+    tables.save(found, errors, "sharpness")
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(
-        snakemake.params.study,
-        snakemake.params.stop,
-        int(snakemake.wildcards.level),
-        snakemake.output[0],
-    )
+    run(main, snakemake)

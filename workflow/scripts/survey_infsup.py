@@ -1,25 +1,24 @@
 """beta on a family of meshes and partitions."""
 
-from sentences import speak_plainly
+from job import run
 
-from unilateral.geometry import polygon
+from unilateral.geometry.polygon import Polygon, named
 from unilateral.study import tables
-from unilateral.study.runs import families
+from unilateral.study.runs.families import partition_of
 from unilateral.study.runs.stability import survey
 
 
-def main(study, finds, name, path):
+def main(study, finds, name, infsup):
     where = study["polygon"]
-    domain = polygon.named(where) if isinstance(where, str) else polygon.Polygon(where, name)
+    domain = named(where) if isinstance(where, str) else Polygon(where, name)
     if finds:
-        cells = [families.partition_of(domain, {"points": find["points"]}) for find in finds]
+        cells = [partition_of(domain, {"points": find["points"]}) for find in finds]
         table = survey(cells, [{"nodes": find["nodes"]} for find in finds], [1])
     else:
-        cells = [families.partition_of(domain, spec) for spec in study["partitions"]]
+        cells = [partition_of(domain, spec) for spec in study["partitions"]]
         table = survey(cells, [study["mesh"]] * len(cells), study["edges_per_cell"])
-    tables.save(table, path, name)
+    tables.save(table, infsup, name)
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(snakemake.params.survey, snakemake.params.finds, snakemake.wildcards.survey, snakemake.output[0])
+    run(main, snakemake)

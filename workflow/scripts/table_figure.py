@@ -2,22 +2,15 @@
 
 from importlib import import_module
 
-from sentences import speak_plainly
+from job import run
 
-from unilateral.study import tables
+from unilateral.study.tables import save_csv
 
 
-def main(module, reads, arguments, part, path):
+def main(module, part, arguments, csv, **reads):
     made = import_module(f"unilateral.study.figures.{module}").table(**reads, **arguments)
-    tables.save_csv(made[part] if part else made, path)
+    save_csv(made[part] if part else made, csv)
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(
-        snakemake.params.module,
-        dict(snakemake.input.items()),
-        snakemake.params.arguments,
-        snakemake.params.part,
-        snakemake.output[0],
-    )
+    run(main, snakemake)

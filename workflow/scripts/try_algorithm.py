@@ -1,6 +1,6 @@
 """Uzawa's algorithm on one mesh, and what its steps cost on several."""
 
-from sentences import speak_plainly
+from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.geometry import partition
@@ -33,14 +33,4 @@ def main(study, steps, certificates, singular, uniqueness, unique, elimination, 
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(
-        snakemake.params.study,
-        snakemake.output.steps,
-        snakemake.output.certificates,
-        snakemake.output.singular,
-        snakemake.output.uniqueness,
-        snakemake.output.unique,
-        snakemake.output.elimination,
-        snakemake.output.split,
-    )
+    run(main, snakemake)

@@ -1,16 +1,17 @@
 """The named numbers and the tables of all documents."""
 
-from sentences import speak_plainly
+from job import run
 
-from unilateral.study.text import blocks, numbers, sources
+from unilateral.study.text import blocks as shown
+from unilateral.study.text import numbers as named
+from unilateral.study.text import sources
 
 
-def main(given, study, to):
-    told = sources.read(given, study)
-    sources.write(numbers.collect(told), to["numbers"])
-    sources.write(blocks.collect(told), to["blocks"])
+def main(study, numbers, blocks, **paths):
+    told = sources.read(paths, study)
+    sources.write(named.collect(told), numbers)
+    sources.write(shown.collect(told), blocks)
 
 
 if __name__ == "__main__":
-    speak_plainly()
-    main(dict(snakemake.input.items()), dict(snakemake.params.items()), dict(snakemake.output.items()))
+    run(main, snakemake)

@@ -6,15 +6,10 @@ Messages name the file and the field; the first fault is told.
 from __future__ import annotations
 
 import itertools
-import math
-import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
-
-import jsonschema
-import yaml
 
 from unilateral import declarations
 from unilateral.errors import InputError
@@ -22,27 +17,10 @@ from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case
-from unilateral.study import drawings
+from unilateral.study import drawings, schema
 
 Fields = dict[str, Any]
 Place = tuple[str | int, ...]
-KINDS = {
-    "array": "a list",
-    "boolean": "true or false",
-    "integer": "a whole number",
-    "number": "a number",
-    "object": "a mapping",
-    "string": "a text",
-}
-LIMITS = {
-    "minimum": "at least {}",
-    "exclusiveMinimum": "above {}",
-    "maximum": "at most {}",
-    "minItems": "at least {} long",
-    "minProperties": "at least {} long",
-    "minLength": "at least {} long",
-    "uniqueItems": "without an entry twice",
-}
 
 
 def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
@@ -61,15 +39,14 @@ def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     return study, sources
 
 
-def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
-    """Fill in the schema's defaults.
+def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
+    """Fill in the defaults of the schema in the file `rules`.
 
     Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
     that cannot be put on its polygon or that has no expected rates.
     """
-    faults = ((tuple(fault.absolute_path), _said(fault)) for fault in _validator(schema).iter_errors(study))
-    checks = (_unknown, _disordered, drawings.faults, _beside_their_polygon, _unjudged)
-    for place, said in itertools.chain(faults, *(faulty(study) for faulty in checks)):
+    checks = (_unknown, _repeated, _disordered, drawings.faults, _beside_their_polygon, _unjudged)
+    for place, said in itertools.chain(schema.faults(study, rules), *(faults(study) for faults in checks)):
         raise InputError(f"{_where(place, sources)}: {said}")
 
 
@@ -79,33 +56,6 @@ def _where(place: Place, sources: Mapping[str, str]) -> str:
     name, *inside = place
     path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in inside)
     return f"{sources.get(str(name), 'the configuration')}, field {name}{path}"
-
-
-def _said(fault: Any) -> str:
-    """What is wrong, and what would be right."""
-    if fault.validator is None:
-        return "it has no place here"
-    if fault.validator == "required":
-        missing = next(name for name in fault.validator_value if name not in fault.instance)
-        return f"the field '{missing}' is missing"
-    if fault.validator == "additionalProperties":
-        known = fault.schema["properties"]
-        unknown = next(name for name in fault.instance if name not in known)
-        return f"there is no field {reprlib.repr(unknown)} here; the fields are {', '.join(known)}"
-    subject = "a name in it" if "propertyNames" in fault.relative_schema_path else "it"
-    return f"{subject} is {reprlib.repr(fault.instance)}; it has to be {_wanted(fault.schema)}"
-
-
-def _wanted(schema: Mapping[str, Any]) -> str:
-    """What a schema allows, in words; where these do not say it the schema has a description that does."""
-    if {"pattern", "anyOf", "oneOf"} & set(schema):
-        return str(schema["description"])
-    if "enum" in schema:
-        return "one of " + ", ".join(schema["enum"])
-    if "const" in schema:
-        return str(schema["const"])
-    limits = [said.format(schema[name]) for name, said in LIMITS.items() if name in schema]
-    return ", ".join([KINDS[schema["type"]], *limits])
 
 
 def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
@@ -135,8 +85,16 @@ def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     yield from listed(vary.get("case", []), scenes[base["scene"]]["cases"], "cost", "vary", "case")
     for i, names in enumerate(cost["cross"]):
         yield from listed(names, vary, "cost", "cross", i)
-    for job, names in study["extremes"]["jobs"].items():
-        yield from listed(names, study["extremes"]["axes"], "extremes", "jobs", job)
+
+
+def _repeated(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Axes of several jobs that have one name in their table."""
+    jobs: dict[str, str] = {}
+    for job, axes in study["extremes"]["axes"].items():
+        for name in axes:
+            if name in jobs:
+                yield ("extremes", "axes", job, name), f"the job '{jobs[name]}' has an axis of that name, too"
+            jobs[name] = job
 
 
 def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
@@ -222,38 +180,3 @@ def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
         for wanted in scene["cases"]:
             if wanted not in study["rates"]["cases"]:
                 yield ("rates", "cases"), f"there is no '{wanted}'; add it, for scene '{name}' has that case"
-
-
-def _set_defaults(validator: Any, properties: Any, instance: Any, schema: Any) -> Iterator[Any]:
-    """jsonschema's `properties`, which first fills in what is left out."""
-    usual = jsonschema.Draft202012Validator.VALIDATORS["properties"]
-    if isinstance(instance, dict):
-        for name, rules in properties.items():
-            if isinstance(rules, dict) and "default" in rules:
-                instance.setdefault(name, rules["default"])
-    yield from usual(validator, properties, instance, schema)
-
-
-def _finite(_: object, value: object) -> bool:
-    """JSON has no other numbers; true and false are none."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _whole(_: object, value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-_Validator = jsonschema.validators.extend(
-    jsonschema.Draft202012Validator,
-    {"properties": _set_defaults},
-    type_checker=jsonschema.Draft202012Validator.TYPE_CHECKER.redefine_many(
-        {"number": _finite, "integer": _whole}
-    ),
-)
-
-
-@cache
-def _validator(schema: str) -> Any:
-    rules = yaml.safe_load(Path(schema).read_text(encoding="utf-8"))
-    rules["$defs"]["polygon"]["enum"] = polygon.names()
-    return _Validator(rules)

@@ -6,17 +6,16 @@ with `{surveys}` stands for the files of all surveys.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterator, Mapping
-from functools import cache, reduce
-from importlib import resources
+from functools import reduce
 from typing import Any, NamedTuple
+
+from unilateral.study import functions
 
 Fields = Mapping[str, Any]
 Place = tuple[str | int, ...]
-FIGURES = resources.files("unilateral.study.figures")
-SHARED = ("__init__", "style")
-"""Modules that are no figures."""
+SHARED = "style"
+"""The module in figures that is no figure."""
 STUDIES = ("algorithm", "cost", "extremes", "sharpness")
 """Folders of results that belong to no scene and no survey."""
 
@@ -39,6 +38,15 @@ class Drawing(NamedTuple):
 def drawings(study: Fields) -> dict[str, Drawing]:
     """All figures, by their path without its ending."""
     return {path: drawing for name in study["figures"] for path, drawing in _of_entry(name, study)}
+
+
+def in_git(study: Fields) -> list[tuple[list[str], str]]:
+    """Of each entry whose figures are in git, their names, and what they show."""
+    entries = {name: entry for name, entry in study["figures"].items() if entry["folder"] == "figures"}
+    return [
+        ([path.removeprefix("figures/") for path, _ in _of_entry(name, study)], entry["shows"])
+        for name, entry in entries.items()
+    ]
 
 
 def _of_entry(name: str, study: Fields) -> Iterator[tuple[str, Drawing]]:
@@ -122,30 +130,22 @@ def _folders(files: str | list[str]) -> list[str]:
 
 def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     module, given = entry["module"], [*entry["reads"], *entry["study"], *entry["parameters"]]
-    needed, optional = _signature(module, "table")
-    if not set(needed) <= set(given) <= {*needed, *optional} or len(given) > len(set(given)):
-        yield (), f"`table` of {module} is given {', '.join(given)}; it takes {', '.join(needed + optional)}"
-    (*paths, _), optional = _signature(module, "draw")
-    tables = [path.removesuffix("_csv") for path in paths]
+    of_module = functions.functions("figures", module)
+    if not {"table", "draw"} <= set(of_module):
+        yield ("module",), f"{module} has to have the functions `table` and `draw`"
+        return
+    table, draw = of_module["table"], of_module["draw"]
+    taken = [*table.needed, *table.optional]
+    if not set(table.needed) <= set(given) <= set(taken) or len(given) > len(set(given)):
+        yield (), f"`table` of {module} is given {', '.join(given)}; it takes {', '.join(taken)}"
+    tables = [path.removesuffix("_csv") for path in draw.needed[:-1]]
     if entry["tables"] != (tables if len(tables) > 1 else []):
         yield ("tables",), f"`draw` of {module} takes {' and '.join(tables)}"
     for name in entry["look"]:
-        if name not in optional:
+        if name not in draw.optional:
             yield ("look",), f"`draw` of {module} has no option '{name}'"
 
 
-@cache
 def modules() -> list[str]:
     """The modules of figures."""
-    names = [file.name.removesuffix(".py") for file in FIGURES.iterdir() if file.name.endswith(".py")]
-    return sorted(set(names) - set(SHARED))
-
-
-@cache
-def _signature(module: str, function: str) -> tuple[list[str], list[str]]:
-    """The arguments that a function needs, and those with defaults; read, since an import takes a second."""
-    body = ast.parse((FIGURES / f"{module}.py").read_text(encoding="utf-8")).body
-    (found,) = (each.args for each in body if isinstance(each, ast.FunctionDef) and each.name == function)
-    names = [argument.arg for argument in found.args]
-    count = len(names) - len(found.defaults)
-    return names[:count], names[count:]
+    return [name for name in functions.modules("figures") if name != SHARED]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import pandas as pd
 
 from unilateral.formulas.formula import real
@@ -21,6 +23,15 @@ def markdown(table: pd.DataFrame) -> str:
     lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
     lines.insert(1, "|" + "|".join("-" * max(3, width + 2) for width in widths) + "|")
     return "\n".join(lines)
+
+
+def figures(listed: Iterable[tuple[Sequence[str], str]]) -> pd.DataFrame:
+    """Names of figures and what they show, for a page in a folder beside theirs."""
+    rows = []
+    for names, what in listed:
+        links = ", ".join(f"[{name}](../figures/{name}.svg)" for name in names)
+        rows.append([links, what, f"`snakemake -j2 figures/{names[0]}.svg`"])
+    return pd.DataFrame(rows, columns=["figure", "shows", "command"])
 
 
 def collect(told: Sources) -> dict[str, str]:
@@ -43,5 +54,6 @@ def collect(told: Sources) -> dict[str, str]:
         "targets": cost_tables.targets(of["algorithm"], study["cost"]["targets"]),
         "extremes-limits": extremes_tables.limits(of["extremes"]),
         "extremes-unlimited": extremes_tables.unlimited(of["extremes"]),
+        "figures": figures(study["figures"]),
     }
     return {name: markdown(frame) for name, frame in frames.items()}

@@ -9,34 +9,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from unilateral.errors import InputError
 from unilateral.formulas.formula import real
+from unilateral.study import functions
 from unilateral.study.runs.extremes import cells, contact, precision, shapes, steps
 from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget
-from unilateral.study.runs.extremes.problem import full, waves
 
 __all__ = ["Budget", "joined", "survey"]
-KINDS: dict[str, Callable[..., Axis]] = {
-    "scaled": partial(shapes.thin, shape=shapes.scaled, contact=full),
-    "angle": partial(shapes.thin, shape=shapes.needle, contact=full),
-    "slit": partial(shapes.thin, shape=shapes.slit, contact=waves),
-    "side": partial(shapes.thin, shape=shapes.cut, contact=waves),
-    "step_full": partial(steps.as_meant, contact=full),
-    "step_partial": partial(steps.as_meant, contact=waves),
-    "printed_full": partial(steps.as_printed, contact=full),
-    "printed_partial": partial(steps.as_printed, contact=waves),
-    "single": partial(precision.floors, precision=np.float32),
-    "double": partial(precision.floors, precision=np.float64),
-} | {
-    kind.__name__: kind
-    for kind in (
-        *(shapes.aspect, shapes.moved),
-        *(cells.ratio, cells.odd, cells.shift, cells.short, cells.short_loaded, cells.near),
-        *(cells.kernel, cells.kernel_loaded),
-        *(contact.data, contact.start, contact.flat, contact.touching, contact.shrinking),
-        *(contact.vertex, contact.nothing),
-    )
-}
+MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
+KINDS = {name: getattr(MODULES[module], name) for name, module in functions.axes().items()}
+"""The function of each kind of axis."""
 
 
 def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:
@@ -44,7 +25,6 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
 
     Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
     the first one that is not.
-    Raises InputError for an unknown kind.
     """
     points, limits = [], []
     for name, axis in axes.items():
@@ -62,8 +42,6 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
 
 def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget) -> Axis:
     where = f"extremes.axes.{name}"
-    if axis["kind"] not in KINDS:
-        raise InputError(f"{where}: the kind '{axis['kind']}' is none of {', '.join(KINDS)}")
     values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)

@@ -18,7 +18,17 @@ from unilateral.study.runs.extremes.outcome import Axis, Budget, crossing, judge
 from unilateral.study.runs.extremes.problem import Array, Problem, full, on_square
 
 
-def floors(values: Array, h: float, H: float, budget: Budget, precision: DTypeLike) -> Axis:
+def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """In float32, see `_floors`."""
+    return _floors(values, h, H, budget, np.float32)
+
+
+def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """In float64, see `_floors`."""
+    return _floors(values, h, H, budget, np.float64)
+
+
+def _floors(values: Array, h: float, H: float, budget: Budget, precision: DTypeLike) -> Axis:
     """Over H with h in proportion, in full contact: the floor of the error of lambda in L2, relative.
 
     Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there.

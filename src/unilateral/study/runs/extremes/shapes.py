@@ -15,37 +15,37 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import tensor
 from unilateral.study.runs.extremes.outcome import Axis, Budget, crossing, predicted, within
-from unilateral.study.runs.extremes.problem import Array, Contact, Problem, posed, waves
+from unilateral.study.runs.extremes.problem import Array, Contact, Problem, full, posed, waves
 from unilateral.study.runs.extremes.trial import attempts, condition
 
 SLACK = 1e-12
 """Relative changes below it are rounding."""
 
 
-def scaled(L: float) -> Polygon:
+def _scaled(L: float) -> Polygon:
     """The square with sides of that length: cond(S) ~ L^-2."""
     return Polygon(L * square().vertices, "square")
 
 
-def needle(angle: float) -> Polygon:
+def _needle(angle: float) -> Polygon:
     """A right triangle with that angle."""
     return Polygon(np.array([[0, 0], [1, 0], [1, np.tan(angle)]]), "needle")
 
 
-def slit(width: float) -> Polygon:
+def _slit(width: float) -> Polygon:
     """A square with a slit of that width, half as long as a side."""
     a, b = 0.5 - width / 2, 0.5 + width / 2
     corners = [[0, 0], [a, 0], [a, 0.5], [b, 0.5], [b, 0], [1, 0], [1, 1], [0, 1]]
     return Polygon(np.array(corners), "slit")
 
 
-def cut(length: float) -> Polygon:
+def _cut(length: float) -> Polygon:
     """A square with a corner cut off so that a side of that length is left."""
     d = length / np.sqrt(2)
     return Polygon(np.array([[0, 0], [1 - d, 0], [1, d], [1, 1], [0, 1]]), "cut square")
 
 
-def thin(
+def _thin(
     values: Array,
     h: float,
     H: float,
@@ -80,6 +80,26 @@ def thin(
     limit = crossing(values, numbers, budget.condition)
     tool = crossing(values, np.maximum(numbers / budget.accelerated, refused), 1.0)
     return Axis(predicted(rows, numbers), limit, tool)
+
+
+def scaled(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Squares with sides of those lengths, in full contact."""
+    return _thin(values, h, H, budget, _scaled, full)
+
+
+def angle(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Needles with those angles, in full contact."""
+    return _thin(values, h, H, budget, _needle, full)
+
+
+def slit(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Slits of those widths, in partial contact."""
+    return _thin(values, h, H, budget, _slit, waves)
+
+
+def side(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Sides of those lengths, in partial contact."""
+    return _thin(values, h, H, budget, _cut, waves)
 
 
 def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:

@@ -14,11 +14,31 @@ import numpy as np
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.runs.algorithm import VARIANTS, iterate
 from unilateral.study.runs.extremes.outcome import Axis, Budget, Row, judge, untooled
-from unilateral.study.runs.extremes.problem import Array, Contact, Problem, on_square
+from unilateral.study.runs.extremes.problem import Array, Contact, Problem, full, on_square, waves
 from unilateral.study.runs.extremes.trial import attempt
 
 
-def as_meant(values: Array, h: float, H: float, budget: Budget, contact: Contact) -> Axis:
+def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """rho over its limit, in full contact."""
+    return _as_meant(values, h, H, budget, full)
+
+
+def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """rho over its limit, in partial contact."""
+    return _as_meant(values, h, H, budget, waves)
+
+
+def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The same for the index as printed, in full contact."""
+    return _as_printed(values, h, H, budget, full)
+
+
+def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The same for the index as printed, in partial contact."""
+    return _as_printed(values, h, H, budget, waves)
+
+
+def _as_meant(values: Array, h: float, H: float, budget: Budget, contact: Contact) -> Axis:
     """By every algorithm that the library offers."""
     problem = on_square(h, H, contact)
 
@@ -33,7 +53,7 @@ def as_meant(values: Array, h: float, H: float, budget: Budget, contact: Contact
     return Axis(rows, 1.0, local_limit=local_limit(problem))
 
 
-def as_printed(values: Array, h: float, H: float, budget: Budget, contact: Contact) -> Axis:
+def _as_printed(values: Array, h: float, H: float, budget: Budget, contact: Contact) -> Axis:
     """By the iteration itself, with the bound of its last iterate."""
     problem = on_square(h, H, contact)
     operator, offset, tolerance = problem.spaces.operator, problem.discrete.offset, budget.tolerance(problem)
