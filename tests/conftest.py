@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from functools import cache
@@ -96,6 +97,18 @@ def check_page(page: Figure, box: Bbox) -> None:
     assert box.y1 <= height
     page.text(0.99, 0.5, "beyond the page")
     assert page.get_tightbbox().x1 > width
+
+
+def copy_project(folder: Path) -> Path:
+    """The project without results, in a folder of that folder."""
+    copied = folder / "project"
+    copied.mkdir()
+    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
+        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
+        shutil.copy(ROOT / name, copied / name)
+    (copied / "figures").mkdir()
+    return copied
 
 
 def run_elsewhere(program: str, folder: Path) -> None:

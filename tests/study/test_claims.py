@@ -66,6 +66,27 @@ def test_the_ledger_has_every_statement_once():
     assert set(STATEMENTS) <= set(ids)
 
 
+ENTRY = {
+    **dict.fromkeys(("section", "statement", "where", "verdict", "source"), "x"),
+    **{"id": "4.x", "check": "rates.slow", "reads": [], "control": {"what": "x"}},
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"check": "rates.slowly"}, r"there is no check 'rates\.slowly'"),
+        ({"check": "rate.slow"}, r"there is no check 'rate\.slow'"),
+        ({"contol": {}}, ".* unexpected keyword argument 'contol'"),
+    ],
+)
+def test_an_entry_that_is_no_claim_is_told_by_its_id(changed, said):
+    """Control: as it was it is one."""
+    assert claims.declared(ENTRY).id == "4.x"
+    with pytest.raises(InputError, match=rf"^ledger\.yaml, claim '4\.x': {said}"):
+        claims.declared({**ENTRY, **changed})
+
+
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_claim_has_its_verdict(name):
     judgement = claims.judge(results(), [LEDGER[name]])[0]

@@ -15,7 +15,7 @@ from pathlib import Path
 import grimp
 import pytest
 import yaml
-from conftest import ROOT
+from conftest import ROOT, copy_project
 
 from unilateral.errors import StorageError
 from unilateral.study import drawings, tables
@@ -37,15 +37,7 @@ STARTS += [(WORKFLOW / f"scripts/{name}.py", module) for name in GENERIC for mod
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory):
-    """The project without results."""
-    copied = tmp_path_factory.mktemp("study") / "project"
-    copied.mkdir()
-    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
-        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
-        shutil.copy(ROOT / name, copied / name)
-    (copied / "figures").mkdir()
-    return copied
+    return copy_project(tmp_path_factory.mktemp("study"))
 
 
 def plan(tree, *target):
@@ -54,7 +46,7 @@ def plan(tree, *target):
     found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
     text = found.stdout + found.stderr
     assert found.returncode == 0, text
-    table = text.partition("Job stats:")[2].partition("total")[0]
+    table = text.partition("Job stats:")[2].partition("\ntotal ")[0]
     return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
 
 

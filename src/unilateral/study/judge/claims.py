@@ -129,16 +129,25 @@ def _numbers(evidence: Evidence) -> dict[str, Any]:
 
 @cache
 def ledger() -> tuple[Claim, ...]:
-    """All claims, in the order of the paper."""
+    """All claims, in the order of the paper. Raises InputError for an entry that is none."""
     text = (resources.files("unilateral.study.judge") / "ledger.yaml").read_text(encoding="utf-8")
-    found = []
-    for entry in yaml.safe_load(text)["claims"]:
-        parameters = entry.get("parameters", {})
-        scenes = parameters.get("scenes", [""])
-        reads = [name.format(scene=scene) for name in entry["reads"] for scene in scenes]
-        fields = entry | {"parameters": parameters, "reads": tuple(dict.fromkeys(reads))}
-        found.append(Claim(**fields))
-    return tuple(found)
+    return tuple(declared(entry) for entry in yaml.safe_load(text)["claims"])
+
+
+def declared(entry: Mapping[str, Any]) -> Claim:
+    """The claim of an entry. Raises InputError for fields too few or too many, and for an unknown check."""
+    parameters = entry.get("parameters", {})
+    scenes = parameters.get("scenes", [""])
+    reads = [name.format(scene=scene) for name in entry["reads"] for scene in scenes]
+    fields = {**entry, "parameters": parameters, "reads": tuple(dict.fromkeys(reads))}
+    try:
+        claim = Claim(**fields)
+    except TypeError as error:
+        raise InputError(f"ledger.yaml, claim '{entry['id']}': {error}") from None
+    module, _, function = claim.check.partition(".")
+    if not hasattr(CHECKS.get(module), function):
+        raise InputError(f"ledger.yaml, claim '{claim.id}': there is no check '{claim.check}'")
+    return claim
 
 
 def judge(results: Tables, claims: Iterable[Claim] | None = None) -> list[Judgement]:

@@ -1,0 +1,62 @@
+"""A scene's coarsest mesh as a file: what is damaged is noticed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from unilateral.errors import StorageError
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.study import scenes
+
+SCENE = {"polygon": "square", "mesh": {"kind": "unstructured", "h": "1/4"}}
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> Path:
+    meshes.write(scenes.coarsest_mesh(SCENE), tmp_path / "mesh.vtu")
+    return tmp_path / "mesh.vtu"
+
+
+def same(one: Mesh, other: Mesh) -> bool:
+    return all(np.array_equal(getattr(one, of), getattr(other, of)) for of in ("points", "triangles", "s"))
+
+
+def read_with(path: Path, content: bytes) -> Mesh | None:
+    """The mesh of a file with this content, or None if it is refused."""
+    path.write_bytes(content)
+    try:
+        return scenes.stored_mesh(str(path), SCENE)
+    except StorageError:
+        return None
+
+
+def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:
+    """300 bits and 50 lengths: zlib has a checksum of what it compresses, Adler-32; the rest is XML."""
+    whole, rng, refused = stored.read_bytes(), np.random.default_rng(1), 0
+    for bit in rng.integers(8 * len(whole), size=300):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        found = read_with(stored, bytes(damaged))
+        refused += found is None
+        assert found is None or same(found, scenes.coarsest_mesh(SCENE))
+    assert refused > 200
+    for length in rng.integers(len(whole) - len("</VTKFile>"), size=50):
+        assert read_with(stored, whole[:length]) is None
+
+
+def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(stored: Path) -> None:
+    """Control: one of the digits of a node inside."""
+    meshio.read(stored).write(stored, binary=False)
+    right, content = scenes.stored_mesh(str(stored), SCENE), stored.read_text(encoding="utf-8")
+    inside = next(x for x in right.points[:, 0] if 0.1 < x < 0.9 and x not in (0.25, 0.5, 0.75))
+    place = content.index(f"{inside:.15e}"[:8]) + 7
+    damaged = bytearray(content.encode())
+    damaged[place] ^= 1
+    found = read_with(stored, bytes(damaged))
+    assert found is not None
+    assert not same(found, right)
