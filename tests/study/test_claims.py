@@ -1,7 +1,5 @@
 """The ledger: every claim judged on the stored results, every control seen to fail, and the arithmetic."""
 
-from __future__ import annotations
-
 import re
 from contextlib import nullcontext
 from functools import cache
@@ -44,18 +42,18 @@ STATEMENTS = [  # of the paper, that the ledger must not leave out
 
 
 @cache
-def results() -> Results:
+def results():
     return Results(ROOT / "results")
 
 
 class Recording(Results):
     """Results that remember which tables were asked for."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__(ROOT / "results")
-        self.asked: set[str] = set()
+        self.asked = set()
 
-    def __getitem__(self, name: str):
+    def __getitem__(self, name):
         self.asked.add(name)
         return results()[name]
 
@@ -250,11 +248,11 @@ def test_it_reads_the_tables_that_it_names_and_no_others(name):
     assert recording.asked == set(LEDGER[name].reads)
 
 
-def failing(changed: Results) -> set[str]:
+def failing(changed):
     return {each.claim.id for each in claims.judge(changed) if not each.holds}
 
 
-def with_variant(variant: str) -> Results:
+def with_variant(variant):
     """The results of an algorithm that is that variant."""
     table = results()["algorithm/steps"].copy(deep=True)
     table["distance"].loc[{"variant": "as meant"}] = table["distance"].sel(variant=variant).values
@@ -288,7 +286,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
     assert failing(changed) == {"3.1a", "3.5", "S.local"}
 
 
-def made_up(observed: float, required: float, at_least: bool) -> Judgement:
+def made_up(observed, required, at_least):
     fields = dict.fromkeys(("section", "statement", "where", "check", "source"), "x")
     claim = Claim(
         "x",

@@ -1,14 +1,10 @@
 """The stored extremes: complete, never wrong, and where theory says. Nothing is solved here."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 import yaml
 from conftest import ROOT
 
@@ -33,15 +29,15 @@ LAWS = {"shift": -2, "short": -1, "short_loaded": -1, "odd": 3, "slit": -1, "sid
 
 
 @cache
-def stored() -> xr.Dataset:
+def stored():
     return tables.load(ROOT / "results/extremes/extremes.nc")
 
 
-def of(axis: str) -> xr.Dataset:
+def of(axis):
     return stored().isel(point=stored()["axis_of"].values == axis).sel(axis=axis)
 
 
-def test_the_table_is_complete() -> None:
+def test_the_table_is_complete():
     assert set(stored()["axis"].values) == set(AXES)
     for name, axis in AXES.items():
         np.testing.assert_allclose(
@@ -51,7 +47,7 @@ def test_the_table_is_complete() -> None:
     assert [name for name in stored().variables if not stored()[name].attrs.get("units")] in ([], ["axis"])
 
 
-def test_nothing_is_wrong_and_what_is_refused_says_why() -> None:
+def test_nothing_is_wrong_and_what_is_refused_says_why():
     table = stored()
     assert set(table["outcome"].values) == {"right", "not converged", "refused"}
     assert set(table["tool"].values) == {"right", "not converged", "refused", ""}
@@ -62,13 +58,13 @@ def test_nothing_is_wrong_and_what_is_refused_says_why() -> None:
 
 
 @pytest.mark.parametrize("axis", sorted(set(AXES) - set(VARIANTS)))
-def test_a_tool_is_never_worse_than_plain_uzawa(axis: str) -> None:
+def test_a_tool_is_never_worse_than_plain_uzawa(axis):
     plain, tool = of(axis)["outcome"].values, of(axis)["tool"].values
     assert np.all((plain != "right") | (tool == "right"))
     assert "" not in tool
 
 
-def test_no_tool_is_told_of_where_rho_is_given() -> None:
+def test_no_tool_is_told_of_where_rho_is_given():
     for axis in VARIANTS:
         assert set(of(axis)["tool"].values) == {""}
         assert math.isnan(of(axis)["measured_tool_limit"].item())
@@ -76,11 +72,11 @@ def test_no_tool_is_told_of_where_rho_is_given() -> None:
     assert (tool == "no tool").sum() == len(VARIANTS) - 1
 
 
-def values(*names: str) -> list[np.ndarray]:
+def values(*names):
     return [stored()[name].values for name in names]
 
 
-def test_what_bounds_are_allowed_is_small() -> None:
+def test_what_bounds_are_allowed_is_small():
     """At most a tenth of the bound or of the tolerance, whichever is larger, may be rounding."""
     error, bound, allowance, tolerance = values("true_error", "guaranteed", "allowance", "tolerance")
     tried = np.isfinite(error)
@@ -88,7 +84,7 @@ def test_what_bounds_are_allowed_is_small() -> None:
     assert np.all(of("moved")["allowance"].values[:6] < 1e-10)
 
 
-def test_the_tolerance_is_that_of_the_axis() -> None:
+def test_the_tolerance_is_that_of_the_axis():
     """Relative to what 0 is off: half to three halves of ||1||_{-1/2} / 4 where lambda_H is in [1/8, 3/8]."""
     of_one = math.sqrt(8 + 4 / math.tanh(0.5)) / 4
     for name in ("step_full", "single"):
@@ -97,7 +93,7 @@ def test_the_tolerance_is_that_of_the_axis() -> None:
         assert np.all((share > 0.5) & (share < 1.5))
 
 
-def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond() -> None:
+def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond():
     """Values on both sides of the limit, less than a factor of 10 from it."""
     for name, factor in (("data_up", 10), ("start", 1.1)):
         outcome, value, limit = of(name)["outcome"].values, of(name)["value"], of(name)["predicted_limit"]
@@ -108,7 +104,7 @@ def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond() -> No
     assert of("data_down")["measured_limit"] < np.finfo(float).tiny < of("data_down")["predicted_limit"]
 
 
-def test_short_cells_hardly_matter_from_0_and_do_from_a_start_that_loads_them() -> None:
+def test_short_cells_hardly_matter_from_0_and_do_from_a_start_that_loads_them():
     """Then plain Uzawa fails wherever it does from 0, and the tool does where S is just regular."""
     ours, loaded = of("short"), of("short_loaded")
     plain, harder = (table["outcome"].values == "right" for table in (ours, loaded))
@@ -121,24 +117,24 @@ def test_short_cells_hardly_matter_from_0_and_do_from_a_start_that_loads_them() 
     assert np.all(loaded["guaranteed"].values[failed] > 1e3 * loaded["tolerance"].values[failed])
 
 
-def test_no_condition_number_below_1_is_predicted() -> None:
+def test_no_condition_number_below_1_is_predicted():
     assert not np.any(of("scale_up")["predicted"].values < 1)
     assert np.isnan(of("scale_up")["predicted"].values[1:]).all()
 
 
 @pytest.mark.parametrize("axis", EVERYWHERE)
-def test_the_tool_is_right_everywhere(axis: str) -> None:
+def test_the_tool_is_right_everywhere(axis):
     """Where S is singular an active set finds u_h; elsewhere Nesterov has steps enough."""
     assert set(of(axis)["tool"].values) == {"right"}
 
 
-def test_beta_is_0_from_h_equal_to_H_on() -> None:
+def test_beta_is_0_from_h_equal_to_H_on():
     table = of("ratio")
     np.testing.assert_array_equal(np.isinf(table["measured"]), table["value"] >= 1)
 
 
 @pytest.mark.parametrize(("axis", "exponent"), LAWS.items())
-def test_condition_numbers_follow_their_laws(axis: str, exponent: float) -> None:
+def test_condition_numbers_follow_their_laws(axis, exponent):
     """Over the last finite values; a tenth either way for what is not yet asymptotic.
 
     At an angle a area and shortest side are both like a.
@@ -150,14 +146,14 @@ def test_condition_numbers_follow_their_laws(axis: str, exponent: float) -> None
 
 
 @pytest.mark.parametrize("axis", numbers.LAWS)
-def test_condition_numbers_are_hardly_above_what_is_predicted_of_them(axis: str) -> None:
+def test_condition_numbers_are_hardly_above_what_is_predicted_of_them(axis):
     """2.5 times at most, for the law is that of lower bounds of lambda_max and of the shortest cell."""
     share = (of(axis)["measured"] / of(axis)["predicted"]).values
     assert np.count_nonzero(np.isfinite(share)) > (axis != "scale_up")
     assert np.nanmax(share[np.isfinite(share)]) <= 2.5
 
 
-def test_flat_triangles_leave_the_condition_number_alone() -> None:
+def test_flat_triangles_leave_the_condition_number_alone():
     """The regular family of the paper is not needed for it: no angle is near 180 degrees."""
     number = of("aspect")["measured"].values
     finite = number[np.isfinite(number)]
@@ -165,17 +161,17 @@ def test_flat_triangles_leave_the_condition_number_alone() -> None:
     assert finite.max() < 1.1 * finite.min()
 
 
-def test_cells_off_mesh_vertices_change_the_operator_by_their_distance() -> None:
+def test_cells_off_mesh_vertices_change_the_operator_by_their_distance():
     table = of("near")
     share = table["measured"].values / table["predicted"].values
     assert np.all((share > 0.1) & (share < 1.1))
 
 
-def test_contact_is_lost_where_its_mean_is() -> None:
+def test_contact_is_lost_where_its_mean_is():
     np.testing.assert_array_equal(of("shrinking")["measured"], of("shrinking")["predicted"])
 
 
-def test_one_multiplier_may_be_far_from_smooth_and_two_may_differ() -> None:
+def test_one_multiplier_may_be_far_from_smooth_and_two_may_differ():
     """O(1), relative, for a gap that goes to 0; and with g orthogonal to the kernel another one is found."""
     table = of("kernel_loaded")
     np.testing.assert_allclose(table["measured"], table["predicted"], rtol=1e-9)
@@ -184,7 +180,7 @@ def test_one_multiplier_may_be_far_from_smooth_and_two_may_differ() -> None:
     assert np.all(of("kernel")["measured"] > 0.1)
 
 
-def test_contact_in_a_point_is_seen_by_no_mean() -> None:
+def test_contact_in_a_point_is_seen_by_no_mean():
     """pi^2 H^2/72 to leading order: the next term is of the relative order H^2."""
     table = of("touching")
     share = table["measured"].values / table["predicted"].values
@@ -192,7 +188,7 @@ def test_contact_in_a_point_is_seen_by_no_mean() -> None:
     assert all(int(said.split()[0]) > 1 for said in table["message"].values)
 
 
-def test_larger_steps_may_do_in_partial_contact_but_not_up_to_the_local_limit() -> None:
+def test_larger_steps_may_do_in_partial_contact_but_not_up_to_the_local_limit():
     table = of("step_partial")
     right = table["outcome"].values == "right"
     assert right[table["value"].values <= 1.8].all()
@@ -202,14 +198,14 @@ def test_larger_steps_may_do_in_partial_contact_but_not_up_to_the_local_limit() 
 
 
 @pytest.mark.parametrize("axis", ["printed_full", "printed_partial"])
-def test_the_printed_index_converges_below_half_the_limit(axis: str) -> None:
+def test_the_printed_index_converges_below_half_the_limit(axis):
     """Above it a bounded cycle is left: the clip keeps every iterate within a few times the solution."""
     table = of(axis)
     assert np.all(table["outcome"].values[table["value"].values < 0.5] == "right")
     assert np.all(table["measured"] < 10)
 
 
-def test_the_step_in_full_contact_leaves_a_bounded_cycle() -> None:
+def test_the_step_in_full_contact_leaves_a_bounded_cycle():
     table = of("step_full")
     above = table["value"].values > 1
     assert np.all(table["measured"].values[above] > 0.1)
@@ -217,14 +213,14 @@ def test_the_step_in_full_contact_leaves_a_bounded_cycle() -> None:
     assert np.all(table["measured"].values[~above] < 1e-12)
 
 
-def test_single_precision_stops_where_double_goes_on() -> None:
+def test_single_precision_stops_where_double_goes_on():
     assert np.all(of("single")["measured"].values > 1e6 * of("double")["measured"].values)
     assert set(of("double")["outcome"].values) == {"right"}
     share = of("double")["measured"].values / of("double")["predicted"].values
     assert np.all((share > 0.1) & (share < 10))
 
 
-def test_the_figure_s_rows_are_the_points() -> None:
+def test_the_figure_s_rows_are_the_points():
     frame = figure.table(ROOT / "results/extremes/extremes.nc")
     assert len(frame) == stored().sizes["point"]
     np.testing.assert_allclose(10 ** frame["log10_value"], stored()["value"], rtol=1e-12)
@@ -235,13 +231,13 @@ def test_the_figure_s_rows_are_the_points() -> None:
     )
 
 
-def test_every_axis_is_in_one_of_the_two_tables() -> None:
+def test_every_axis_is_in_one_of_the_two_tables():
     limited, others = extremes_tables.limits(stored()), extremes_tables.unlimited(stored())
     assert {*limited["axis"], *others["axis"]} == {axis["label"] for axis in AXES.values()}
     assert len(limited) + len(others) == len(AXES)
 
 
-def test_the_paper_names_every_axis_that_has_settings_of_its_own() -> None:
+def test_the_paper_names_every_axis_that_has_settings_of_its_own():
     paper = marks.without_marks((ROOT / "paper.md").read_text(encoding="utf-8"))
     own = [name for name, axis in AXES.items() if {"h", "H", "accuracy"} & set(axis)]
     assert len(own) == 3
@@ -251,11 +247,11 @@ def test_the_paper_names_every_axis_that_has_settings_of_its_own() -> None:
     assert f"but at least {problem.LEAST:g}, times" in paper
 
 
-def outcomes() -> dict[str, Any]:
+def outcomes():
     return numbers.flat(numbers.outcomes(stored()))
 
 
-def test_what_is_allowed_is_below_the_power_of_ten_that_is_printed() -> None:
+def test_what_is_allowed_is_below_the_power_of_ten_that_is_printed():
     """With a factor 2 to spare, and needed somewhere; a smaller one, by 100, would be too small."""
     error, bound, allowance, u_norm = values("true_error", "guaranteed", "allowance", "u_norm")
     printed = outcomes()["allowed"]
@@ -267,7 +263,7 @@ def test_what_is_allowed_is_below_the_power_of_ten_that_is_printed() -> None:
     assert np.all(error[tried] <= (bound + printed * u_norm)[tried])
 
 
-def test_no_bound_that_is_rounding_is_near_its_tolerance() -> None:
+def test_no_bound_that_is_rounding_is_near_its_tolerance():
     """Else the CPU decides: at 1e-4 outcomes in single precision were those of one kind of CPU."""
     for name in ("single", "double"):
         share = of(name)["guaranteed"].values / of(name)["tolerance"].values
@@ -276,7 +272,7 @@ def test_no_bound_that_is_rounding_is_near_its_tolerance() -> None:
     assert of("single")["measured_limit"].item() == 1 / 32
 
 
-def test_axes_without_limits_are_in_a_table_of_their_own() -> None:
+def test_axes_without_limits_are_in_a_table_of_their_own():
     limited, others = (list(f(stored())["axis"]) for f in (extremes_tables.limits, extremes_tables.unlimited))
     for name in AXES:
         label, right = of(name)["label"].item(), set(of(name)["outcome"].values) == {"right"}
@@ -286,13 +282,13 @@ def test_axes_without_limits_are_in_a_table_of_their_own() -> None:
     assert outcomes()["axes.unlimited"] == len(others)
 
 
-def test_every_point_is_counted_once() -> None:
+def test_every_point_is_counted_once():
     found = outcomes()
     kinds = ("right", "by_tool", "not_converged", "refused", "wrong")
     assert sum(found[kind] for kind in kinds) == found["points"] == stored().sizes["point"]
 
 
-def test_the_condition_numbers_excess() -> None:
+def test_the_condition_numbers_excess():
     """By hand: 2.05 on `angle`, the largest."""
     assert outcomes()["cond_over_law"] == pytest.approx(2.05, abs=0.005)
     share = (stored()["measured"] / stored()["predicted"]).values

@@ -22,11 +22,7 @@ JUDGED = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rate
 RATIO = real(JUDGED["judged_ratio"], "judged_ratio")
 STUDY = CONFIG["sharpness"]
 ALPHA, GAMMA, H = (np.array([float(Fraction(x)) for x in STUDY[name]]) for name in ("alphas", "gammas", "H"))
-BEST = {
-    "h1": np.minimum(1, 1 + ALPHA),
-    "hm12": np.minimum(1.5, 1 + ALPHA),
-    "l2": np.minimum(1, 0.5 + ALPHA),
-}
+BEST = {"h1": np.minimum(1, 1 + ALPHA), "hm12": np.minimum(1.5, 1 + ALPHA), "l2": np.minimum(1, 0.5 + ALPHA)}
 TOLERANCE = {"h1": 0.03, "hm12": 0.1, "l2": 0.1}
 """As rates of the cases are judged, see workflow/config/rates.yaml; set beforehand."""
 CLEAR = 0.25

@@ -1,10 +1,7 @@
 """YAML files: what plain scalars mean, and limits that are looked at before anything is built."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -15,10 +12,10 @@ from unilateral.problems import case, problem_file
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Any:
+def read(tmp_path):
     """What a file with this text holds."""
 
-    def reading(text: str) -> Any:
+    def reading(text):
         file = tmp_path / "own.yaml"
         file.write_text(text)
         return declarations.read(file, "own.yaml")
@@ -50,7 +47,7 @@ def read(tmp_path: Path) -> Any:
         ],
     ],
 )
-def test_plain_scalars_are_what_they_look_like(read: Any, text: str, value: object) -> None:
+def test_plain_scalars_are_what_they_look_like(read, text, value):
     """As a value, in a list and as the name of a field, which always is a text."""
     found = read(f"a: {text}\nb: [{text}]\n")
     assert found == {"a": value, "b": [value] if text else []}
@@ -98,7 +95,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED)
-def test_refusals(read: Any, text: str, message: str) -> None:
+def test_refusals(read, text, message):
     with pytest.raises(InputError) as refusal:
         read(text)
     assert str(refusal.value).startswith("own.yaml")
@@ -107,9 +104,7 @@ def test_refusals(read: Any, text: str, message: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["alias bomb", "depth", "nodes", "fields", "bytes"])
-def test_limits_are_looked_at_before_anything_is_built(
-    read: Any, kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_limits_are_looked_at_before_anything_is_built(read, kind, monkeypatch):
     """Control: what is within the limits is built."""
     built = []
     constructors = dict(yaml.SafeLoader.yaml_constructors)
@@ -127,21 +122,21 @@ def test_limits_are_looked_at_before_anything_is_built(
     assert len(built) == 2
 
 
-def test_what_is_at_the_limits_is_read(read: Any) -> None:
+def test_what_is_at_the_limits_is_read(read):
     """11 levels, 10 001 values or 200 001 bytes are refused above."""
     assert read("[" * 10 + "]" * 10) == [[[[[[[[[[]]]]]]]]]]
     assert len(read("[" + "1," * 9_999 + "]")) == 9_999
     assert read("1" + "#".rjust(200_000 - 1)) == 1
 
 
-def test_a_field_s_names_are_compared_in_linear_time(read: Any) -> None:
+def test_a_field_s_names_are_compared_in_linear_time(read):
     """By counting comparisons of 4 000 equal-length names: a set needs next to none, all pairs 8 million."""
     count = 0
 
     class Name(str):
         __hash__ = str.__hash__
 
-        def __eq__(self, other: object) -> bool:
+        def __eq__(self, other):
             nonlocal count
             count += 1
             return str.__eq__(self, other)
@@ -169,9 +164,7 @@ def test_a_field_s_names_are_compared_in_linear_time(read: Any) -> None:
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_what_is_no_yaml_file_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, load: Any, name: str, message: str
-) -> None:
+def test_what_is_no_yaml_file_is_said(tmp_path, monkeypatch, load, name, message):
     monkeypatch.chdir(tmp_path)
     for file in ("fine.json", "fine.YAML"):
         Path(file).write_text("{}")
@@ -182,9 +175,7 @@ def test_what_is_no_yaml_file_is_said(
     assert message in str(refusal.value)
 
 
-def test_a_case_has_precedence_over_a_folder_and_no_path_leads_out_of_the_catalogue(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_case_has_precedence_over_a_folder_and_no_path_leads_out_of_the_catalogue(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("natural").mkdir()
     assert case.declared("natural")[1] == "natural"

@@ -1,17 +1,13 @@
 """Made-up tables to draw figures from, mostly of no law, so that no number follows from others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from itertools import product
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.axes import Axes
 
 from unilateral.study.figures.extremes import KINDS as OUTCOMES
 from unilateral.study.figures.verdict import KINDS as VERDICTS
@@ -21,7 +17,7 @@ LEVELS = np.array([0.5, 0.25, 0.125])
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
 
 
-def rates_table() -> pd.DataFrame:
+def rates_table():
     """Two cases on three levels at two ratios; no_contact's multiplier is exact. The rates fit no error."""
     rows = [
         {
@@ -44,7 +40,7 @@ def rates_table() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def grid_table() -> pd.DataFrame:
+def grid_table():
     """beta = 0 from h = H on, where only u_h has an error; h = 1/8 with H = 1/32 is not computed."""
     rows = []
     for case, norm, h, H in product(
@@ -57,7 +53,7 @@ def grid_table() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["case", "norm", "h", "H", "h_over_H", "error", "beta_zero"])
 
 
-def mesh_table() -> pd.DataFrame:
+def mesh_table():
     """The unit square in two triangles."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], dtype=float)
     return pd.DataFrame(
@@ -72,11 +68,11 @@ def mesh_table() -> pd.DataFrame:
     )
 
 
-def boundary_table() -> pd.DataFrame:
+def boundary_table():
     """Contact on the second half of side 0 and on side 1, one cell per half side."""
     columns = ["kind", "side", "s", "end", "computed", "exact", "contact", "x", "y"]
     vertices = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
-    rows: list[list[Any]] = []
+    rows = []
     for side, t in product(range(4), (0.0, 0.5, 1.0)):
         s, (x, y) = side + t, vertices[side] + t * (vertices[side + 1] - vertices[side])
         touching = 0.5 <= s <= 2
@@ -87,9 +83,9 @@ def boundary_table() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def infsup_table() -> pd.DataFrame:
+def infsup_table():
     """Two uniform lines, at two H each, of beta = 1 - h/H; markers of no such law; bounds 2 % apart."""
-    rows: list[list[Any]] = []
+    rows = []
     for label, H, ratio in product(("square", "L-shape"), (1 / 8, 1 / 16), (2.0, 1.0, 0.5, 0.25)):
         beta = max(1 - ratio, 0) * (1 if label == "square" else 0.9)
         rows.append(["a scene", label, "uniform", H, ratio, 1 / ratio, beta, 1.02 * beta])
@@ -100,14 +96,14 @@ def infsup_table() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def multiplier_table() -> pd.DataFrame:
+def multiplier_table():
     """Two cells a side; the values do not alternate."""
     cells = [(ratio, beta, i) for ratio, beta in ((1.0, 0.0), (0.8, 0.5494)) for i in range(8)]
     rows = [[ratio, beta, i // 2, i / 2, (i + 1) / 2, np.cos(i) * ratio] for ratio, beta, i in cells]
     return pd.DataFrame(rows, columns=["h_over_H", "beta", "side", "s", "end", "mu"])
 
 
-def dual_norm_table() -> pd.DataFrame:
+def dual_norm_table():
     """Mean, gap and shortcut that do not follow from the bounds: nothing is computed in the figure."""
     names = (("error", "natural"), ("error", "thirds"), ("error", "smooth"), ("one", ""), ("alternating", ""))
     rows = [
@@ -122,10 +118,10 @@ TERMS = {"lambda_mean": [0, 0.3, 0.7, 0.2], "gap_mean": [0.4, 0.1, 0, 0.5], "ter
 """Of four cells."""
 
 
-def consistency_table() -> pd.DataFrame:
+def consistency_table():
     """Terms of no law, so that none follows from others; theta alternates."""
     cells = pd.DataFrame({"s": np.arange(4) / 4, "end": np.arange(1, 5) / 4} | TERMS)
-    rows: list[dict[str, Any]] = []
+    rows = []
     for i, case in enumerate(("steep", "flat")):
         for k, H in enumerate((0.25, 0.125, 0.0625)):
             same = {"case": case, "H": H, "theta": (k % 2 + 1) / 3, "rate": 3 - i}
@@ -134,9 +130,9 @@ def consistency_table() -> pd.DataFrame:
     return pd.concat([cells.assign(kind="cell", case="steep", H=0.25), pd.DataFrame(rows)])
 
 
-def sharpness_table() -> pd.DataFrame:
+def sharpness_table():
     """Two gammas, of which (jj) holds for one; rates of no law, so that none follows from others."""
-    rows: list[list[Any]] = []
+    rows = []
     for i, norm in enumerate((*NORMS, "consistency")):
         for alpha, gamma in product((-0.25, 0.5, 1.75), (0.5, 1.5)):
             rate = 0.7 + 0.1 * i + 0.2 * alpha + 0.01 * gamma
@@ -148,7 +144,7 @@ def sharpness_table() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["kind", "norm", "alpha", "gamma", "rate", "before", "jj"])
 
 
-def extremes_table() -> pd.DataFrame:
+def extremes_table():
     """An axis downwards with two limits, one upwards without; all kinds, and two points near each other."""
     down = [
         ["size", kind, -1.5 * k, -2.0, -4.0] for k, kind in enumerate(["right", "right", *list(OUTCOMES)[1:]])
@@ -159,16 +155,16 @@ def extremes_table() -> pd.DataFrame:
     )
 
 
-def verdict_table() -> pd.DataFrame:
+def verdict_table():
     """A claim of each kind."""
     return pd.DataFrame(
         {"label": f"4.{k}", "kind": kind, "margin": 0.1 * (k + 1)} for k, kind in enumerate(VERDICTS)
     )
 
 
-def work_precision_table() -> pd.DataFrame:
+def work_precision_table():
     """A row of each kind per norm, ratio and work, and of each algorithm and H."""
-    rows: list[dict[str, Any]] = []
+    rows = []
     for kind, norm in product(("front", "line", "stop", "step"), ("h1", "hm12", "l2")):
         for ratio, work in product((1.0, 2.0), (1e3, 1e5)):
             place = {"kind": kind, "norm": norm, "label": "S", "H_over_h": ratio, "stop": 10**-ratio}
@@ -179,7 +175,7 @@ def work_precision_table() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def study_errors() -> xr.Dataset:
+def study_errors():
     """Error 10 h + H in all norms, in H^{-1/2} the r.m.s. mean of its bounds, along H = 2 h and H = h.
 
     beta = 0 at H = h, where only u has an error.
@@ -207,7 +203,7 @@ def study_errors() -> xr.Dataset:
     )
 
 
-def study_rates() -> xr.Dataset:
+def study_rates():
     """Rates along H = 2 h, of which the finest pair is asymptotic."""
     index, pairs = ("case", "norm", "h_over_H"), ("case", "norm", "h_over_H", "pair")
     shape = (1, 3, 1)
@@ -225,13 +221,13 @@ def study_rates() -> xr.Dataset:
     )
 
 
-def points(axes: Axes) -> set[tuple[float, float]]:
+def points(axes):
     """Of the lines and markers, without those in the axes' own coordinates."""
     lines = [line for line in axes.lines if line.get_transform() == axes.transData]
     return {tuple(point) for line in lines for point in np.asarray(line.get_xydata()).round(9).tolist()}
 
 
-def pairs(table: pd.DataFrame, x: str, y: str) -> set[tuple[float, float]]:
+def pairs(table, x, y):
     return {tuple(pair) for pair in table[[x, y]].round(9).to_numpy().tolist()}
 
 
@@ -257,20 +253,20 @@ EXAMPLES = {
 }
 
 
-def write(figure: str, folder: Path, **changed: pd.DataFrame) -> None:
+def write(figure, folder, **changed):
     """The figure's tables, or others in the place of those of these names."""
     for name, table in EXAMPLES[figure].tables.items():
         stem = name.removesuffix(".csv")
         (changed[stem] if stem in changed else table()).to_csv(folder / name, index=False)
 
 
-def draw(figure: str, folder: Path, target: str = "figure.svg") -> bytes:
+def draw(figure, folder, target="figure.svg"):
     """The figure from the tables in the folder."""
     module = import_module(f"unilateral.study.figures.{figure}")
     module.draw(*(folder / name for name in EXAMPLES[figure].tables), folder / target)
     return (folder / target).read_bytes()
 
 
-def drawn_from(figure: str, folder: Path, **changed: pd.DataFrame) -> bytes:
+def drawn_from(figure, folder, **changed):
     write(figure, folder, **changed)
     return draw(figure, folder)

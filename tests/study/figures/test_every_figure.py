@@ -1,19 +1,15 @@
 """What holds for all figures: the same bytes from the same table, bad tables refused, never half a file."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 from conftest import ROOT, check_page, run_elsewhere
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import EXAMPLES, draw, write
 from unilateral.errors import InputError, StorageError
@@ -21,7 +17,7 @@ from unilateral.study import config, drawings
 
 
 @cache
-def committed() -> dict[str, drawings.Drawing]:
+def committed():
     """The figures in git."""
     files = [str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))]
     study, sources = config.read(files)
@@ -31,26 +27,24 @@ def committed() -> dict[str, drawings.Drawing]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     for figure in EXAMPLES:
         write(figure, tmp_path)
     return tmp_path
 
 
-def test_every_figure_has_an_example() -> None:
+def test_every_figure_has_an_example():
     assert sorted(EXAMPLES) == drawings.modules()
 
 
-def test_every_committed_figure_is_drawn_and_nothing_else_is_there() -> None:
+def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
     files = {f"{path}.svg" for path in committed()}
     files |= {f"{table}.csv" for drawing in committed().values() for table in drawing.parts}
     assert files == {f"figures/{file.name}" for file in (ROOT / "figures").iterdir()}
 
 
 @pytest.mark.parametrize("path", committed())
-def test_a_committed_figure_is_what_its_tables_give_and_on_the_page(
-    path: str, tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_a_committed_figure_is_what_its_tables_give_and_on_the_page(path, tmp_path, drawn):
     drawing = committed()[path]
     module = import_module(f"unilateral.study.figures.{drawing.module}")
     module.draw(*(ROOT / f"{table}.csv" for table in drawing.parts), tmp_path / "figure.svg", **drawing.look)
@@ -59,7 +53,7 @@ def test_a_committed_figure_is_what_its_tables_give_and_on_the_page(
 
 
 @pytest.mark.parametrize("figure", EXAMPLES)
-def test_the_same_table_gives_the_same_bytes(figure: str, folder: Path) -> None:
+def test_the_same_table_gives_the_same_bytes(figure, folder):
     first = draw(figure, folder)
     assert draw(figure, folder, "again.svg") == first
     name = next(iter(EXAMPLES[figure].tables))
@@ -69,7 +63,7 @@ def test_the_same_table_gives_the_same_bytes(figure: str, folder: Path) -> None:
     assert draw(figure, folder) != first
 
 
-def test_another_process_gives_the_same_bytes(folder: Path) -> None:
+def test_another_process_gives_the_same_bytes(folder):
     first = {figure: draw(figure, folder, f"{figure}.svg") for figure in EXAMPLES}
     program = "import sys\nfrom importlib import import_module\n"
     for figure, example in EXAMPLES.items():
@@ -81,7 +75,7 @@ def test_another_process_gives_the_same_bytes(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("figure", EXAMPLES)
-def test_a_figure_depends_on_no_setting_of_the_user(figure: str, folder: Path) -> None:
+def test_a_figure_depends_on_no_setting_of_the_user(figure, folder):
     first = draw(figure, folder)
     with rc_context(
         {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
@@ -90,9 +84,7 @@ def test_a_figure_depends_on_no_setting_of_the_user(figure: str, folder: Path) -
 
 
 @pytest.mark.parametrize("figure", EXAMPLES)
-def test_text_is_as_large_as_in_a_paper_and_on_the_page(
-    figure: str, folder: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_text_is_as_large_as_in_a_paper_and_on_the_page(figure, folder, drawn):
     """Text is drawn as paths, and there is no date."""
     svg = draw(figure, folder).decode()
     assert svg.startswith("<?xml")
@@ -100,7 +92,7 @@ def test_text_is_as_large_as_in_a_paper_and_on_the_page(
     check_page(*drawn[0])
 
 
-def refused(figure: str, name: str, said: str, folder: Path) -> str:
+def refused(figure, name, said, folder):
     """What is said of a table that is refused; nothing is written."""
     before = sorted(folder.iterdir())
     with pytest.raises(InputError, match=said) as raised:
@@ -111,20 +103,18 @@ def refused(figure: str, name: str, said: str, folder: Path) -> str:
 
 
 @pytest.mark.parametrize("figure", EXAMPLES)
-def test_a_table_that_is_missing_is_named(figure: str, folder: Path) -> None:
+def test_a_table_that_is_missing_is_named(figure, folder):
     name = next(iter(EXAMPLES[figure].tables))
     (folder / name).unlink()
     refused(figure, name, "there is no table", folder)
 
 
 @pytest.mark.parametrize("figure", EXAMPLES)
-def test_a_failure_while_writing_leaves_the_old_figure(
-    figure: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_while_writing_leaves_the_old_figure(figure, folder, monkeypatch):
     (folder / "figure.svg").write_text("old")
     before = sorted(folder.iterdir())
 
-    def breaking(_: Figure, path: Path, **options: Any) -> None:
+    def breaking(_, path, **options):
         Path(path).write_text("<svg half")
         raise OSError("no space left on device")
 

@@ -1,20 +1,14 @@
 """The figure of the consistency term: its table, and its numbers, and only those."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 from conftest import load, texts
-from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-from matplotlib.transforms import Bbox
 
 from examples import TERMS, consistency_table, drawn_from
 from unilateral.geometry.partition import uniform
@@ -25,14 +19,14 @@ from unilateral.study.figures import consistency
 from unilateral.study.runs.consistency import first_transition, leading
 
 
-def of_data(axes: Axes, markers: bool) -> list[list[tuple[float, float]]]:
+def of_data(axes, markers):
     """The lines of the axes' data, point by point, with or without markers."""
     drawn = [line for line in axes.lines if line.get_transform() == axes.transData]
     with_them = [line for line in drawn if (line.get_marker() not in ("None", "")) == markers]
     return [list(map(tuple, np.asarray(line.get_xydata()).tolist())) for line in with_them]
 
 
-def test_both_means_stand_on_their_cells(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_both_means_stand_on_their_cells(tmp_path, drawn):
     drawn_from("consistency", tmp_path)
     steps = [patch.get_data() for patch in drawn[0][0].axes[0].patches if isinstance(patch, StepPatch)]
     assert all(step.edges.tolist() == [0, 0.25, 0.5, 0.75, 1] for step in steps)
@@ -41,9 +35,7 @@ def test_both_means_stand_on_their_cells(tmp_path: Path, drawn: list[tuple[Figur
     }
 
 
-def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot(tmp_path, drawn):
     drawn_from("consistency", tmp_path)
     axes = drawn[0][0].axes[1]
     positive, zero = of_data(axes, markers=True)
@@ -56,9 +48,7 @@ def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot(
     assert grey == [0.25, 0.75]
 
 
-def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta(tmp_path, drawn):
     drawn_from("consistency", tmp_path)
     axes = drawn[0][0].axes[2]
     for kind, markers in (("total", True), ("predicted", False)):
@@ -77,22 +67,20 @@ def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta(
 
 
 @pytest.mark.parametrize(("elsewhere", "said"), [(0.0, "the term is 0,"), (3e-7, "the term is 3e-07,")])
-def test_what_other_cells_add_is_said(
-    elsewhere: float, said: str, tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_what_other_cells_add_is_said(elsewhere, said, tmp_path, drawn):
     changed = consistency_table().reset_index(drop=True)
     changed.loc[changed.index[changed["kind"] == "elsewhere"][2], "term"] = elsewhere
     drawn_from("consistency", tmp_path, consistency=changed)
     assert any(said in text.get_text() for text in texts(drawn[0][0]))
 
 
-def test_cases_are_named_with_their_powers(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_cases_are_named_with_their_powers(tmp_path, drawn):
     drawn_from("consistency", tmp_path)
     names = [text.get_text() for text in drawn[0][0].legends[0].get_texts()]
     assert names == ["flat: $H^{2}$", "steep: $H^{3}$"]
 
 
-def errors() -> xr.Dataset:
+def errors():
     """Totals and parts of no law."""
     return xr.Dataset(
         {
@@ -103,7 +91,7 @@ def errors() -> xr.Dataset:
     )
 
 
-def test_the_table(tmp_path: Path) -> None:
+def test_the_table(tmp_path):
     scene = {"polygon": "square", "side": 0, "cases": ["natural", "thirds"]}
     tables.save(errors(), tmp_path / "errors.nc", "scene")
     frame = consistency.table([tmp_path / "errors.nc"], [scene], "thirds", "1/16", ["thirds"])

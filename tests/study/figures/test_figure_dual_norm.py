@@ -1,18 +1,9 @@
 """The figure of the dual norm: the numbers of its table, and only those."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
-
 from examples import drawn_from, dual_norm_table, pairs, points
 
 
-def test_norms_gaps_and_shortcuts_are_those_of_the_table(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_norms_gaps_and_shortcuts_are_those_of_the_table(tmp_path, drawn):
     """The shortcut stands beside the norm of both functions and of the first two cases."""
     drawn_from("dual_norm", tmp_path)
     errors, gaps, norms = drawn[0][0].axes

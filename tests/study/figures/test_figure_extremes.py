@@ -1,21 +1,13 @@
 """The figure of where it breaks: its points, their marks, and only those."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from, extremes_table
 from unilateral.study.figures.extremes import KINDS
 
 
-def test_every_point_stands_at_its_value_with_its_mark(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_every_point_stands_at_its_value_with_its_mark(tmp_path, drawn):
     drawn_from("extremes", tmp_path)
     strips = drawn[0][0].axes
     assert [strip.get_title(loc="left") for strip in strips] == ["size", "rho"]
@@ -31,9 +23,7 @@ def test_every_point_stands_at_its_value_with_its_mark(
         }
 
 
-def test_mild_is_left_and_limits_are_where_they_are_predicted(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_mild_is_left_and_limits_are_where_they_are_predicted(tmp_path, drawn):
     drawn_from("extremes", tmp_path)
     size, rho = drawn[0][0].axes
     assert size.xaxis_inverted()
@@ -44,7 +34,7 @@ def test_mild_is_left_and_limits_are_where_they_are_predicted(
     assert len([line for line in rho.lines if line.get_marker() == "None"]) == 1
 
 
-def test_near_points_are_drawn_apart(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_near_points_are_drawn_apart(tmp_path, drawn):
     drawn_from("extremes", tmp_path)
     rho = drawn[0][0].axes[1]
     points = next(
@@ -55,7 +45,7 @@ def test_near_points_are_drawn_apart(tmp_path: Path, drawn: list[tuple[Figure, B
     assert heights[-0.3] == heights[0.3] == 0
 
 
-def test_what_broke_is_below_what_is_right_near_it(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_what_broke_is_below_what_is_right_near_it(tmp_path, drawn):
     """Three points near a limit, the first of which is right; and ticks are round powers of 10."""
     start = ["start", "right", 0.0, 299.7, np.nan]
     near = [["start", kind, x, 299.7, np.nan] for kind, x in (("right", 299.6), *2 * [("refused", 299.8)])]

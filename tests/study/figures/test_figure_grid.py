@@ -1,22 +1,17 @@
 """The maps over (h, H): their table from a made-up study, and their numbers."""
 
-from __future__ import annotations
-
 import re
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from conftest import texts
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from, grid_table, study_errors
 from unilateral.study import tables
 from unilateral.study.figures import grid
 
 
-def test_the_table(tmp_path: Path) -> None:
+def test_the_table(tmp_path):
     tables.save(study_errors(), tmp_path / "errors.nc", "scene")
     frame = grid.table(tmp_path / "errors.nc", ["made_up"])
     assert len(frame) == 3 * 3 * 4
@@ -29,7 +24,7 @@ def test_the_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(kept["error"], 10 * kept["h"] + kept["H"], rtol=1e-15)
 
 
-def test_every_error_stands_in_its_cell(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_every_error_stands_in_its_cell(tmp_path, drawn):
     drawn_from("grid", tmp_path)
     said = [text.get_text() for text in texts(drawn[0][0])]
     errors = grid_table()["error"].dropna()

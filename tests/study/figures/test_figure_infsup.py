@@ -1,18 +1,12 @@
 """The figure of the inf-sup constant: the numbers of its table, and only those."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from conftest import texts
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from, infsup_table, pairs, points
 
 
-def test_beta_stands_over_both_ratios(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_beta_stands_over_both_ratios(tmp_path, drawn):
     """Lower bounds: on the left of the uniform scenes only, elsewhere of all; and none but the table's."""
     drawn_from("infsup", tmp_path)
     uniform, ratio, local = drawn[0][0].axes
@@ -26,9 +20,7 @@ def test_beta_stands_over_both_ratios(tmp_path: Path, drawn: list[tuple[Figure, 
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.2])
-def test_an_axis_is_cut_only_where_beta_is_zero_beyond(
-    beta: float, tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_an_axis_is_cut_only_where_beta_is_zero_beyond(beta, tmp_path, drawn):
     table = infsup_table()
     table.loc[(table["kind"] == "uniform") & (table["h_over_H"] == 2), ["beta_lower", "beta_upper"]] = beta
     drawn_from("infsup", tmp_path, infsup=table)
@@ -39,9 +31,7 @@ def test_an_axis_is_cut_only_where_beta_is_zero_beyond(
     assert said.count("$0$ up\nto $2$") == (2 if beta == 0 else 0)
 
 
-def test_the_note_gives_the_width_of_the_bounds_if_it_is_known(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_the_note_gives_the_width_of_the_bounds_if_it_is_known(tmp_path, drawn):
     drawn_from("infsup", tmp_path)
     drawn_from("infsup", tmp_path, infsup=infsup_table().assign(widest=0.0123))
     without, with_width = ([text.get_text() for text in texts(page)] for page, _ in drawn)

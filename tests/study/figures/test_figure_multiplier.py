@@ -1,16 +1,10 @@
 """The figure of the worst multipliers: their table from a made-up survey, and its numbers."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
 from conftest import texts
-from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from, multiplier_table
 from unilateral.errors import InputError
@@ -19,7 +13,7 @@ from unilateral.study.figures import multiplier
 
 
 @pytest.fixture
-def survey(tmp_path: Path) -> Path:
+def survey(tmp_path):
     """Two meshes; of the first partition, which is drawn, three cells, and four of the second."""
     of_both = ("mesh", "partition")
     points = np.array([[0, 1, 2, 4, np.nan], [0, 1, 2, 3, 4]])
@@ -35,7 +29,7 @@ def survey(tmp_path: Path) -> Path:
     return tmp_path / "infsup.nc"
 
 
-def test_the_table(survey: Path) -> None:
+def test_the_table(survey):
     found = multiplier.table(survey, ["4/5", "1/2"])
     assert found["h_over_H"].tolist() == [0.8] * 3 + [0.5] * 3
     assert found["beta"].tolist() == pytest.approx([0.25] * 3 + [0.65] * 3)
@@ -43,21 +37,16 @@ def test_the_table(survey: Path) -> None:
     assert found[["side", "s", "end"]].to_numpy().tolist() == 2 * [[0, 0, 1], [1, 1, 2], [2, 2, 4]]
 
 
-def test_a_ratio_that_the_survey_does_not_have_is_refused(survey: Path) -> None:
+def test_a_ratio_that_the_survey_does_not_have_is_refused(survey):
     with pytest.raises(InputError, match=r"survey 'survey' has no mesh with h/H = 0\.25 to draw"):
         multiplier.table(survey, ["1/4"])
 
 
-def test_multipliers_and_their_beta_are_those_of_the_table(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_multipliers_and_their_beta_are_those_of_the_table(tmp_path, drawn):
     drawn_from("multiplier", tmp_path)
     page, table = drawn[0][0], multiplier_table()
     said = [text.get_text() for text in texts(page)]
-    assert [text for text in said if "beta" in text] == [
-        "$h/H=4/5$\n$\\beta=0.549$",
-        "$h/H=1$\n$\\beta=0$",
-    ]
+    assert [text for text in said if "beta" in text] == ["$h/H=4/5$\n$\\beta=0.549$", "$h/H=1$\n$\\beta=0$"]
     assert [text for text in said if text in ("bottom", "right", "top", "left")] == [
         "bottom",
         "right",

@@ -1,14 +1,8 @@
 """The figure of rates: its table from a made-up study, and its numbers."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from conftest import texts
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from, study_errors, study_rates
 from unilateral.errors import InputError
@@ -17,14 +11,14 @@ from unilateral.study.figures import rates
 
 
 @pytest.fixture
-def stored(tmp_path: Path) -> tuple[Path, Path]:
+def stored(tmp_path):
     """The tables of a made-up study: errors 12 h."""
     tables.save(study_errors(), tmp_path / "errors.nc", "scene")
     tables.save(study_rates(), tmp_path / "rates.nc", "scene")
     return tmp_path / "errors.nc", tmp_path / "rates.nc"
 
 
-def test_the_table(stored: tuple[Path, Path]) -> None:
+def test_the_table(stored):
     found = rates.table(*stored)
     levels = study_errors()["h"].values
     assert len(found) == 3 * 3
@@ -38,13 +32,13 @@ def test_the_table(stored: tuple[Path, Path]) -> None:
         assert set(found[column]) == {value}
 
 
-def test_a_study_without_levels_to_draw_is_refused(stored: tuple[Path, Path]) -> None:
+def test_a_study_without_levels_to_draw_is_refused(stored):
     tables.save(study_rates().assign_coords(h_over_H=[0.3]), stored[1], "scene")
     with pytest.raises(InputError, match=r"scene 'scene' has no level with h/H = 0\.3 to draw rates along"):
         rates.table(*stored)
 
 
-def test_rates_are_those_of_the_table(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_rates_are_those_of_the_table(tmp_path, drawn):
     """The table's rate, 7.77, is not the slope of its errors, 1.2: nothing is fitted here."""
     drawn_from("rates", tmp_path)
     said = [text.get_text() for text in texts(drawn[0][0])]

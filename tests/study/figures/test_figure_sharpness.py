@@ -1,18 +1,10 @@
 """The figure of sharpness: its table, and its numbers, and only those."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from, sharpness_table
 from unilateral.study import tables
@@ -22,7 +14,7 @@ from unilateral.study.judge.surfaces import rates_over
 NORMS = ("h1", "hm12", "l2", "consistency")
 
 
-def markers(axes: Axes) -> dict[tuple[float, float], bool]:
+def markers(axes):
     """Where the measured markers stand, each with whether it is filled."""
     found = {}
     for line in axes.lines:
@@ -32,15 +24,13 @@ def markers(axes: Axes) -> dict[tuple[float, float], bool]:
     return found
 
 
-def lines(axes: Axes) -> set[tuple[tuple[float, float], ...]]:
+def lines(axes):
     """The lines in the axes' data, point by point."""
     of_data = [line for line in axes.lines if line.get_transform() == axes.transData]
     return {tuple(map(tuple, np.round(np.asarray(line.get_xydata()), 9).tolist())) for line in of_data}
 
 
-def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
+def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(tmp_path, drawn):
     drawn_from("sharpness", tmp_path)
     for axes, norm in zip(drawn[0][0].axes, NORMS, strict=True):
         rows = sharpness_table().query(f"norm == '{norm}' and kind == 'measured'")
@@ -49,7 +39,7 @@ def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(
         assert markers(axes) != dict(zip(places, rows["jj"] == 0, strict=True))
 
 
-def test_bars_reach_to_the_pair_before(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_bars_reach_to_the_pair_before(tmp_path, drawn):
     drawn_from("sharpness", tmp_path)
     for axes, norm in zip(drawn[0][0].axes, NORMS, strict=True):
         rows = sharpness_table().query(f"norm == '{norm}' and kind == 'measured'")
@@ -59,7 +49,7 @@ def test_bars_reach_to_the_pair_before(tmp_path: Path, drawn: list[tuple[Figure,
         assert found == {tuple(x) for x in rows[["alpha", "rate", "before"]].round(9).to_numpy().tolist()}
 
 
-def test_lines_are_those_of_the_table(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_lines_are_those_of_the_table(tmp_path, drawn):
     drawn_from("sharpness", tmp_path)
     for axes, norm in zip(drawn[0][0].axes, NORMS, strict=True):
         rows = sharpness_table().query(f"norm == '{norm}' and kind != 'measured'")
@@ -70,7 +60,7 @@ def test_lines_are_those_of_the_table(tmp_path: Path, drawn: list[tuple[Figure, 
         assert lines(axes) == expected
 
 
-def rates() -> xr.Dataset:
+def rates():
     """Rates alpha + 1 of everything on the last pair, and gamma before; (jj) fails for gamma = 1/2."""
     H, alpha, gamma = np.array([1 / 4, 1 / 8, 1 / 16]), [-0.25, 0.75], [0.5, 1.0]
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
@@ -83,12 +73,12 @@ def rates() -> xr.Dataset:
 
 
 @pytest.fixture
-def table(tmp_path: Path) -> pd.DataFrame:
+def table(tmp_path):
     tables.save(rates(), tmp_path / "rates.nc", "sharpness")
     return sharpness.table(tmp_path / "rates.nc")
 
 
-def test_the_table(table: pd.DataFrame) -> None:
+def test_the_table(table):
     assert set(table["norm"]) == set(NORMS)
     measured = table[table["kind"] == "measured"]
     assert len(measured) == 4 * 2 * 2
@@ -113,7 +103,7 @@ BENDS = {
 
 
 @pytest.mark.parametrize("line", BENDS, ids=str)
-def test_lines_with_their_bends(line: tuple, table: pd.DataFrame) -> None:
+def test_lines_with_their_bends(line, table):
     """By hand, from min(1, 1 + alpha), min(3/2, 1 + alpha), min(1, alpha + 1/2) and alpha + gamma + 1."""
     rows = table[(table["norm"] == line[0]) & (table["kind"] == line[1])]
     if len(line) == 3:

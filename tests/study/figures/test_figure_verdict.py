@@ -1,25 +1,19 @@
 """The figure of all verdicts: its table, and every claim at its margin."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
-import pandas as pd
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from examples import drawn_from
 from unilateral.study.figures import verdict as figure_of_verdicts
 from unilateral.study.judge import claims
 
 
-def record(**changed: object) -> dict[str, object]:
+def record(**changed):
     return {"id": "4.1", "verdict": "holds", "margin": 0.37, **changed}
 
 
-def made(folder: Path, records: list[dict[str, object]]) -> pd.DataFrame:
+def made(folder, records):
     """The table of these claims."""
     (folder / "claims.json").write_text(json.dumps(records))
     return figure_of_verdicts.table(folder / "claims.json")
@@ -38,21 +32,21 @@ def made(folder: Path, records: list[dict[str, object]]) -> pd.DataFrame:
         ("fails", "fails"),
     ],
 )
-def test_the_kinds_of_verdicts(verdict: str, kind: str, tmp_path: Path) -> None:
+def test_the_kinds_of_verdicts(verdict, kind, tmp_path):
     assert made(tmp_path, [record(verdict=verdict)])["kind"].tolist() == [kind]
 
 
-def test_margins_end_where_the_axis_does(tmp_path: Path) -> None:
+def test_margins_end_where_the_axis_does(tmp_path):
     found = made(tmp_path, [record(margin=m) for m in (1e-9, 0.5, 1e9)])
     assert found["margin"].tolist() == [1e-4, 0.5, 10.0]
 
 
-def test_no_verdict_of_the_ledger_is_taken_for_a_failure(tmp_path: Path) -> None:
+def test_no_verdict_of_the_ledger_is_taken_for_a_failure(tmp_path):
     records = [record(verdict=claim.verdict) for claim in claims.ledger()]
     assert "fails" not in set(made(tmp_path, records)["kind"])
 
 
-def test_the_figure_shows_every_claim(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
+def test_the_figure_shows_every_claim(tmp_path, drawn):
     table = made(tmp_path, [record(id=f"4.{k}", margin=0.1 * k) for k in range(1, 6)])
     drawn_from("verdict", tmp_path, verdict=table)
     figure = drawn[0][0]

@@ -1,7 +1,5 @@
 """The guaranteed total error: its identity, a feasible v, never below the true error, and how sharp."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 
@@ -18,7 +16,6 @@ from unilateral.bounds import feasible, source
 from unilateral.bounds import total as bounds
 from unilateral.bounds.feasible import constraint
 from unilateral.bounds.hypercircle import hypercircle
-from unilateral.bounds.total import TotalBound
 from unilateral.discrete import solve
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -29,7 +26,7 @@ from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.norms.dual import DualNorm, dual_norm
+from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
 from unilateral.problems import obstacle
@@ -45,7 +42,7 @@ class Manufactured:
 
     flux_in_L2 = True
 
-    def __init__(self, polygon: Polygon, u: str, gap: str = "0") -> None:
+    def __init__(self, polygon, u, gap="0"):
         self.polygon = polygon
         u, gap = (sympy.sympify(formula, {"x": X, "y": Y}) for formula in (u, gap))
         f = u - sympy.diff(u, X, 2) - sympy.diff(u, Y, 2)
@@ -188,7 +185,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
 
 
 @cache
-def norm_for(name: str, m: int, polygon: str) -> DualNorm:
+def norm_for(name, m, polygon):
     case = discrete(name, 2 * m, m, polygon).exact.ritz.case
     return dual_norm(partitions.uniform(case.polygon, 1 / m), [case])
 
@@ -196,11 +193,11 @@ def norm_for(name: str, m: int, polygon: str) -> DualNorm:
 class Judged:
     """A bound beside the true errors: ||u - u_h||_1, and bounds of ||lambda - lambda_H||_{-1/2}."""
 
-    def __init__(self, bound: TotalBound, h1_error: float, lower: float, upper: float) -> None:
+    def __init__(self, bound, h1_error, lower, upper):
         self.bound, self.h1_error, self.lower, self.upper = bound, h1_error, lower, upper
 
     @property
-    def holds(self) -> bool:
+    def holds(self):
         return bool(self.h1_error <= self.bound.u and self.lower <= self.bound.lambda_ + ROUNDING)
 
 
@@ -208,7 +205,7 @@ ROUNDING = 1e-13
 """Where lambda = lambda_H = 0 the true dual norm is rounding, and so may the bound be."""
 
 
-def judged(name: str, n: int, polygon: str = "square", crude: str | None = None) -> Judged:
+def judged(name, n, polygon="square", crude=None):
     """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
     d = discrete(name, n, n // 2, polygon)
     mesh, solution = d.mesh, solve(d)

@@ -543,10 +543,7 @@ def test_bad_arguments(capsys, arguments, message):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            DECLARATION.replace("title", "titel").encode(),
-            "there is no field 'titel' here",
-        ),
+        (DECLARATION.replace("title", "titel").encode(), "there is no field 'titel' here"),
         (DECLARATION.replace("2 }]", "}]").encode(), "u[0]"),
         (DECLARATION.replace("formula: ", "formula: -").encode(), "lambda = du/dn < 0"),
         (b"\x00\xff\xfe\x80", "is not a YAML file"),

@@ -1,7 +1,5 @@
 """The coupling against Gauss quadrature cell by cell, and its row and column sums."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -17,14 +15,14 @@ from unilateral.geometry.polygon import Polygon, named, square
 TRIANGLE = Polygon(np.array([[0.0, 0.0], [3.0, 0.1], [0.4, 2.0]]), "triangle")
 
 
-def nearly_coinciding(distance: float) -> partitions.Partition:
+def nearly_coinciding(distance):
     """Points of the square's uniform partition of size 1/4, those inside the sides moved by `distance`."""
     points = np.arange(17) / 4
     inside = np.arange(17) % 4 != 0
     return partitions.from_points(square(), np.where(inside, points + distance, points))
 
 
-def uneven() -> partitions.Partition:
+def uneven():
     """Cells from a millionth of a side to a whole side."""
     return partitions.from_points(square(), [0, 1e-6, 0.1, 0.100001, 1, 2, 2.5, 3, 4])
 
@@ -48,13 +46,13 @@ CASES = {
 
 
 @pytest.fixture(params=CASES)
-def pair(request: pytest.FixtureRequest) -> tuple[meshes.Mesh, partitions.Partition]:
+def pair(request):
     polygon, h, partition = CASES[request.param]
     make = meshes.unstructured if polygon is TRIANGLE else meshes.structured
     return make(polygon, h), partition
 
 
-def sums_are_right(B: np.ndarray, mesh: meshes.Mesh, partition: partitions.Partition) -> bool:
+def sums_are_right(B, mesh, partition):
     """Hats sum to one: rows to H_i; a hat's integral: columns to the mean of its two edges."""
     edges = np.diff(mesh.s)
     rounding = 1e-14 * mesh.polygon.perimeter
@@ -63,21 +61,19 @@ def sums_are_right(B: np.ndarray, mesh: meshes.Mesh, partition: partitions.Parti
     return bool(max(rows, columns) <= rounding)
 
 
-def test_row_and_column_sums(pair: tuple[meshes.Mesh, partitions.Partition]) -> None:
+def test_row_and_column_sums(pair):
     B = coupling(*pair).toarray()
     assert sums_are_right(B, *pair)
     assert B.min() >= -1e-15
 
 
-def test_check_of_the_sums_notices_a_sign_error_and_a_shift(
-    pair: tuple[meshes.Mesh, partitions.Partition],
-) -> None:
+def test_check_of_the_sums_notices_a_sign_error_and_a_shift(pair):
     B = coupling(*pair).toarray()
     assert not sums_are_right(-B, *pair)
     assert not sums_are_right(B + 1e-9, *pair)
 
 
-def test_entries_equal_adaptive_quadrature(pair: tuple[meshes.Mesh, partitions.Partition]) -> None:
+def test_entries_equal_adaptive_quadrature(pair):
     """<1_cell, v> for random nodal values, by scipy's quad split at the nodes; tolerance: quad's own."""
     mesh, partition = pair
     values = np.random.default_rng(2).standard_normal(len(mesh.boundary))
@@ -90,7 +86,7 @@ def test_entries_equal_adaptive_quadrature(pair: tuple[meshes.Mesh, partitions.P
         assert found[i] == pytest.approx(expected, abs=1e-13)
 
 
-def test_first_moments_are_exact(pair: tuple[meshes.Mesh, partitions.Partition]) -> None:
+def test_first_moments_are_exact(pair):
     """v = x - y is linear on every side: its cell integral is the length times the midpoint's value."""
     mesh, partition = pair
     polygon = mesh.polygon
@@ -101,7 +97,7 @@ def test_first_moments_are_exact(pair: tuple[meshes.Mesh, partitions.Partition])
     np.testing.assert_allclose(coupling(mesh, partition) @ v, expected, atol=1e-13)
 
 
-def test_nearly_coinciding_points_change_the_coupling_by_their_distance() -> None:
+def test_nearly_coinciding_points_change_the_coupling_by_their_distance():
     mesh = meshes.structured(square(), 1 / 4)
     exact = coupling(mesh, partitions.uniform(square(), 1 / 4)).toarray()
     for distance in (1e-15, -1e-15, 1e-12, -1e-12, 1e-8, -1e-8):
@@ -110,12 +106,12 @@ def test_nearly_coinciding_points_change_the_coupling_by_their_distance() -> Non
 
 
 @pytest.mark.parametrize("other", [named("lshape"), Polygon(2 * square().vertices)])
-def test_another_polygon_is_refused(other: Polygon) -> None:
+def test_another_polygon_is_refused(other):
     with pytest.raises(InputError, match="another polygon"):
         coupling(meshes.structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))
 
 
-def test_boundary_mass_integrates_squares_of_linear_functions() -> None:
+def test_boundary_mass_integrates_squares_of_linear_functions():
     """On the square's boundary the integrals of 1, x, x^2 are 4, 2, 1/3 + 1 + 1/3 (by hand)."""
     mesh = meshes.structured(square(), 1 / 8)
     M = boundary_mass(mesh)

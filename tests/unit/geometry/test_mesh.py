@@ -1,7 +1,5 @@
 """Triangulations: what theory says of any of them, files, and a negative control for every check."""
 
-from __future__ import annotations
-
 import threading
 
 import gmsh

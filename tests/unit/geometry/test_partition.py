@@ -1,7 +1,5 @@
 """Partitions T_H of the boundary: cells by hand, properties for any polygon, every refusal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """beta and beta_0: their zeros, kernels and symmetries by theory, their values by dense computations."""
 
-from __future__ import annotations
-
 from functools import cache
 from math import sqrt
 

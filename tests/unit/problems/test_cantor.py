@@ -1,7 +1,5 @@
 """The Cantor set of transitions: its intervals, its atom against single ones, its gap."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -18,7 +16,6 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.cantor import DUST, Cantor, divided, gap
-from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.polar import harmonic
 
@@ -87,7 +84,7 @@ def test_the_gap_by_hand():
 
 
 @cache
-def load() -> Case:
+def load():
     return cases.load("violates_jjj", square())
 
 

@@ -1,11 +1,7 @@
 """Cases: what is derived against independent computations, the certificate, and what it refuses."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +15,6 @@ from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along, D, Smooth, T, Tensor, X, Y
-from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.polar import THETA, Polar, R
 
@@ -34,18 +29,18 @@ on_every_place = pytest.mark.parametrize(("name", "polygon", "side"), PLACES)
 
 
 @cache
-def load(name: str, polygon: str, side: int) -> Case:
+def load(name, polygon, side):
     return cases.load(name, POLYGONS[polygon], side)
 
 
-def inside(polygon: Polygon, n: int) -> np.ndarray:
+def inside(polygon, n):
     """(n, 2) pseudo-random points of the polygon, by rejection from the centroids of a fine mesh."""
     mesh = meshes.structured(polygon, 1 / 64)
     centroids = mesh.points[mesh.triangles].mean(axis=1)
     return np.random.default_rng(1).permutation(centroids)[:n]
 
 
-def differences(f: Callable[[np.ndarray], np.ndarray], points: np.ndarray, step: float) -> tuple[Any, Any]:
+def differences(f, points, step):
     """Central differences of fourth order: the gradient (k, 2) and the Laplacian (k,)."""
     gradient, laplacian = np.zeros_like(points), np.zeros(len(points))
     centre = f(points)
@@ -58,7 +53,7 @@ def differences(f: Callable[[np.ndarray], np.ndarray], points: np.ndarray, step:
     return gradient, laplacian
 
 
-def test_the_catalogue() -> None:
+def test_the_catalogue():
     assert set(cases.names()) >= {"full_contact", "natural", "no_contact", "smooth", "thirds"}
 
 
@@ -73,7 +68,7 @@ def test_the_catalogue() -> None:
         ("violates_j", "lshape"),
     ],
 )
-def test_the_obstacle_and_its_slope(name: str, polygon: str) -> None:
+def test_the_obstacle_and_its_slope(name, polygon):
     """g = u - gap, and central differences of it away from the points at which it is not smooth."""
     case, step = load(name, polygon, 0), 1e-6
     side, t = np.repeat(np.arange(case.polygon.n_sides), 40), np.tile((np.arange(40) + 0.4) / 40, 6)
@@ -88,7 +83,7 @@ def test_the_obstacle_and_its_slope(name: str, polygon: str) -> None:
 
 
 @on_every_place
-def test_derivatives_are_those_of_u(name: str, polygon: str, side: int) -> None:
+def test_derivatives_are_those_of_u(name, polygon, side):
     """Fourth-order differences, step 1e-3, 0.02 away from kinks and singular points: errors below 1e-4."""
     case, step = load(name, polygon, side), 1e-3
     points = inside(case.polygon, 400)
@@ -109,7 +104,7 @@ def test_derivatives_are_those_of_u(name: str, polygon: str, side: int) -> None:
     assert not np.allclose(case.source(points), u + laplacian, atol=1e-4 * scale)
 
 
-def test_the_polar_atoms_source_symbolically() -> None:
+def test_the_polar_atoms_source_symbolically():
     """Polar Laplacian of v by sympy; so the harmonic factor has none."""
     atom = load("thirds", "square", 0).atoms[0]
     assert isinstance(atom, Polar)
@@ -117,7 +112,7 @@ def test_the_polar_atoms_source_symbolically() -> None:
     eta = 1 - (R / sympy.Rational(1, 4)) ** 2
     at = {R: sympy.Rational(1, 7), THETA: sympy.Rational(9, 5)}
 
-    def polar_laplacian(w: sympy.Expr) -> sympy.Expr:
+    def polar_laplacian(w):
         return w.diff(R, 2) + w.diff(R) / R + w.diff(THETA, 2) / R**2
 
     phi = atom.factor * R**atom.beta * sympy.cos(atom.beta * (THETA - atom.theta_0))
@@ -132,7 +127,7 @@ def test_the_polar_atoms_source_symbolically() -> None:
     assert sympy.simplify(polar_laplacian(phi.subs(atom.theta_0, 0) * R)) != 0
 
 
-def test_the_tensor_and_smooth_sources_symbolically() -> None:
+def test_the_tensor_and_smooth_sources_symbolically():
     """-Delta u + u by sympy from the formula of u, inside the support, at a rational point."""
     tensor = load("smooth", "square", 0).atoms[0]
     assert isinstance(tensor, Tensor)
@@ -147,7 +142,7 @@ def test_the_tensor_and_smooth_sources_symbolically() -> None:
 
 
 @pytest.mark.parametrize(("polygon", "side"), [p[1:] for p in PLACES if p[0] == "thirds"])
-def test_the_harmonic_atoms_flux(polygon: str, side: int) -> None:
+def test_the_harmonic_atoms_flux(polygon, side):
     """lambda = s_+^(1/2) (1 - (4 s)^2)_+^4 on the own side, else 0; s = t - 1/3 in side lengths."""
     case = load("thirds", polygon, side)
     s = np.linspace(-1 / 3, 2 / 3, 1001)
@@ -158,7 +153,7 @@ def test_the_harmonic_atoms_flux(polygon: str, side: int) -> None:
 
 
 @on_every_place
-def test_traces_are_limits_from_inside(name: str, polygon: str, side: int) -> None:
+def test_traces_are_limits_from_inside(name, polygon, side):
     """At a distance of 1e-9 u and du/dn differ from their boundary values by O(1e-9) times derivatives."""
     case, n = load(name, polygon, side), 40
     rng = np.random.default_rng(3)
@@ -172,14 +167,14 @@ def test_traces_are_limits_from_inside(name: str, polygon: str, side: int) -> No
     np.testing.assert_allclose(np.sum(gradient * normals, axis=1), flux, atol=1e-6)
 
 
-def test_distances_along_a_side_do_not_round() -> None:
+def test_distances_along_a_side_do_not_round():
     """1/3 + 1e-20 is 1/3, its distance from there is not 0."""
     third, off = np.array([1 / 3]), np.array([1e-20])
     assert Along(third + off, third, off).minus(1 / 3).tolist() == [1e-20]
 
 
 @pytest.mark.parametrize("name", ["smooth", "thirds"])
-def test_kinks_grow_with_the_polygon(name: str) -> None:
+def test_kinks_grow_with_the_polygon(name):
     small, large = load(name, "square", 0), cases.load(name, Polygon(8 * square().vertices, "large"), 0)
     assert len(small.kinks()) == len(large.kinks())
     for one, other in zip(small.kinks(), large.kinks(), strict=True):
@@ -200,7 +195,7 @@ def test_kinks_grow_with_the_polygon(name: str) -> None:
     ],
 )
 @pytest.mark.parametrize("size", [1.0, 8.0])
-def test_where_curves_cross_the_sides(kink: Kink, crossings: list[tuple[int, float]], size: float) -> None:
+def test_where_curves_cross_the_sides(kink, crossings, size):
     """By hand, as fractions of the sides of the square; a curve along a side or through a vertex is on it."""
     centre = (size * kink.centre[0], size * kink.centre[1])
     large = Kink(centre, size * kink.radius, kink.tangent)
@@ -209,16 +204,10 @@ def test_where_curves_cross_the_sides(kink: Kink, crossings: list[tuple[int, flo
     assert {p.grading for p in found} <= {1}
 
 
-TEST_FUNCTIONS = {
-    "1": sympy.Integer(1),
-    "x": X,
-    "y": Y,
-    "xy": X * Y,
-    "cos(3x + y)": sympy.cos(3 * X + Y),
-}
+TEST_FUNCTIONS = {"1": sympy.Integer(1), "x": X, "y": Y, "xy": X * Y, "cos(3x + y)": sympy.cos(3 * X + Y)}
 
 
-def weak_defect(case: Case, v: sympy.Expr, h: float, source: float = 1.0) -> float:
+def weak_defect(case, v, h, source=1.0):
     """|int grad u . grad v + u v - source f v - int lambda v|, in units of the first integral's scale."""
     w = Smooth(v)
     defect, scale = 0.0, 0.0
@@ -243,18 +232,18 @@ def weak_defect(case: Case, v: sympy.Expr, h: float, source: float = 1.0) -> flo
         for polygon, side in (("square", 1), ("lshape", 2))
     ],
 )
-def test_u_f_and_lambda_belong_together(name: str, polygon: str, side: int, v: sympy.Expr) -> None:
+def test_u_f_and_lambda_belong_together(name, polygon, side, v):
     """Green's formula, (1.1)-(1.2) by smooth functions, on meshes with edges along straight kinks."""
     h = 1 / 12 if name == "smooth" else 1 / 8
     assert weak_defect(load(name, polygon, side), v, h) < 1e-9
 
 
-def test_greens_formula_sees_a_wrong_source() -> None:
+def test_greens_formula_sees_a_wrong_source():
     assert weak_defect(load("natural", "square", 0), X, 1 / 8, source=1.001) > 1e-4
 
 
 @pytest.mark.parametrize("name", ["smooth", "thirds"])
-def test_the_flux_does_not_depend_on_the_size(name: str) -> None:
+def test_the_flux_does_not_depend_on_the_size(name):
     """u = L v(x / L): equal flux, L-fold values."""
     large = cases.load(name, Polygon(10 * square().vertices, "large"), 0)
     s = np.linspace(0, 1, 101)
@@ -271,7 +260,7 @@ def test_the_flux_does_not_depend_on_the_size(name: str) -> None:
     np.testing.assert_allclose(large.source(10 * points), u_large - laplacian, rtol=1e-5)
 
 
-def test_natural_by_complex_arithmetic() -> None:
+def test_natural_by_complex_arithmetic():
     """u = -Im z^(3/2) + 4 |z|^2, z = x - 1/2 + iy; the principal branch is continuous on Im z >= 0."""
     points = np.vstack([inside(square(), 500), [[0.2, 0.0], [0.8, 0.0], [0.5, 0.0], [0.0, 0.0]]])
     z = points[:, 0] - 0.5 + 1j * points[:, 1]
@@ -283,7 +272,7 @@ def test_natural_by_complex_arithmetic() -> None:
     np.testing.assert_allclose(gap, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, atol=1e-14)
 
 
-def expected_contact(name: str, polygon: str, side: int) -> list[tuple[int, float, float]]:
+def expected_contact(name, polygon, side):
     """By the declarations: where the gap is 0."""
     n = POLYGONS[polygon].n_sides
     return {
@@ -296,7 +285,7 @@ def expected_contact(name: str, polygon: str, side: int) -> list[tuple[int, floa
 
 
 @on_every_place
-def test_every_case_is_certified(name: str, polygon: str, side: int) -> None:
+def test_every_case_is_certified(name, polygon, side):
     case = load(name, polygon, side)
     certificate = certify(case)
     assert certificate.hypotheses == case.declaration["hypotheses"] == {"j": True, "jj": True, "jjj": True}
@@ -313,15 +302,15 @@ HARMONIC = {"atom": "harmonic", "side": 0, "at": "1/3", "alpha": "1/2", "cutoff"
 GAP = "pos(1/3 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
 
 
-def on_own_side(formula: str) -> dict[str, Any]:
+def on_own_side(formula):
     return {"elsewhere": "sqrt(3)/9", "sides": [{"side": 0, "formula": formula}]}
 
 
 @pytest.fixture
-def declared(tmp_path: Path) -> Callable[..., Path]:
+def declared(tmp_path):
     """A file like `thirds` with other fields in place of some; a field None is left out."""
 
-    def write(**changed: Any) -> Path:
+    def write(**changed):
         source = Path(str(cases.resources.files("unilateral.manufactured") / "thirds.yaml"))
         fields = yaml.safe_load(source.read_text()) | changed
         file = tmp_path / "mine.yaml"
@@ -331,20 +320,20 @@ def declared(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-def refusal(file: str | Path, polygon: str = "square", side: int = 0) -> str:
+def refusal(file, polygon="square", side=0):
     with pytest.raises(InputError) as error:
         certify(cases.load(file, named(polygon), side))
     return str(error.value)
 
 
-def test_an_own_file_is_a_case(declared: Callable[..., Path]) -> None:
+def test_an_own_file_is_a_case(declared):
     """The file that the refusals below change is itself certified."""
     case = cases.load(declared(), square(), 2)
     assert case.name == "mine"
     assert certify(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
 
 
-NOT_CERTIFIED: dict[str, tuple[dict[str, Any], list[str]]] = {
+NOT_CERTIFIED = {
     "lambda negative": (
         {"u": [HARMONIC | {"times": -1}]},
         ["at (0.333333, 0), side 0", "lambda = du/dn < 0"],
@@ -377,10 +366,7 @@ NOT_CERTIFIED: dict[str, tuple[dict[str, Any], list[str]]] = {
         {"u": [HARMONIC | {"cutoff": "1/2"}], "gap": on_own_side("pos(1/3 - t, 3/2) + pos(t - 5/6, 3/2)")},
         ["at (0, ", "side 3", "lambda"],
     ),
-    "not finite": (
-        {"gap": on_own_side(GAP + " + 1/(t - 1/2)**2")},
-        ["at (0.5, 0), side 0", "is not finite"],
-    ),
+    "not finite": ({"gap": on_own_side(GAP + " + 1/(t - 1/2)**2")}, ["at (0.5, 0), side 0", "is not finite"]),
     "cutoff too small for its derivatives": (
         {"u": [HARMONIC | {"cutoff": "1e-160"}]},
         ["case 'mine' on 'square' at (0."],
@@ -398,9 +384,7 @@ NOT_CERTIFIED: dict[str, tuple[dict[str, Any], list[str]]] = {
 
 
 @pytest.mark.parametrize(("changed", "parts"), NOT_CERTIFIED.values(), ids=NOT_CERTIFIED)
-def test_refused_with_the_point(
-    declared: Callable[..., Path], changed: dict[str, Any], parts: list[str]
-) -> None:
+def test_refused_with_the_point(declared, changed, parts):
     message = refusal(declared(**changed))
     assert message.startswith("case 'mine'")
     for part in parts:
@@ -408,12 +392,12 @@ def test_refused_with_the_point(
 
 
 @pytest.mark.parametrize("side", [1, 2, 3])
-def test_natural_is_refused_on_other_sides(side: int) -> None:
+def test_natural_is_refused_on_other_sides(side):
     """There is contact on its first side only where lambda > 0 on the bottom."""
     assert "on 'square' at (" in refusal("natural", side=side)
 
 
-def test_wrong_places() -> None:
+def test_wrong_places():
     assert "is for square, not for 'lshape'" in refusal("natural", "lshape")
     assert "'square' has the sides 0 to 3, not 4" in refusal("thirds", "square", 4)
     assert "case 'unnatural' is unknown; the catalogue has borderline_0.05," in refusal("unnatural")
@@ -422,18 +406,15 @@ def test_wrong_places() -> None:
         named("circle")
 
 
-def test_a_constant_without_a_value(declared: Callable[..., Path]) -> None:
+def test_a_constant_without_a_value(declared):
     triangle = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     file = declared(polygons="any", constants={"c1": {"square": "1/2"}})
     with pytest.raises(InputError, match="case 'mine': the constant 'c1' has no value for 'triangle'"):
         cases.load(file, triangle)
 
 
-BAD_FIELDS: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown field": (
-        {"gaps": 0},
-        "mine.yaml: there is no field 'gaps' here; the fields are ",
-    ),
+BAD_FIELDS = {
+    "unknown field": ({"gaps": 0}, "mine.yaml: there is no field 'gaps' here; the fields are "),
     "a number as a name": (
         {"constants": {1: 2}},
         "case 'mine', field constants: '1' cannot be a constant's name; take one such as c1",
@@ -476,18 +457,18 @@ BAD_FIELDS: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize(("changed", "message"), BAD_FIELDS.values(), ids=BAD_FIELDS)
-def test_bad_fields_are_named(declared: Callable[..., Path], changed: dict[str, Any], message: str) -> None:
+def test_bad_fields_are_named(declared, changed, message):
     assert message in refusal(declared(**changed))
 
 
 @pytest.mark.parametrize("content", [b"title: [", b"\xff\xfe"])
-def test_a_file_that_is_not_yaml(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_yaml(tmp_path, content):
     file = tmp_path / "mine.yaml"
     file.write_bytes(content)
     assert "mine.yaml is not a YAML file" in refusal(file)
 
 
-def test_a_harmonic_atom_without_a_cutoff_needs_a_half_plane(declared: Callable[..., Path]) -> None:
+def test_a_harmonic_atom_without_a_cutoff_needs_a_half_plane(declared):
     endless = {key: value for key, value in HARMONIC.items() if key != "cutoff"}
     message = refusal(declared(u=[endless]), "lshape", 1)
     assert "a harmonic atom on side 1 of 'lshape' needs a cutoff" in message

@@ -172,10 +172,7 @@ ONE_LINE = {
         {"f": "1e150*x"},
         ", field f: it is as large as 1e+150 in the polygon, and squares of err",
     ),
-    "f too small beside g": (
-        {"f": "1e-165*cos(pi*x)"},
-        ", field f: it is as large as 1e-165 in",
-    ),
+    "f too small beside g": ({"f": "1e-165*cos(pi*x)"}, ", field f: it is as large as 1e-165 in"),
     "f too large for the polygon": (
         {"polygon": "[[0, 0], [1e75, 0], [1e75, 1e75], [0, 1e75]]", "f": "1e100*(1 + x/1e75)"},
         ", field f: it is as large as 2e+100 in the polygon, and squares of errors, times 1e+75, the root of",
