@@ -4,6 +4,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yaml
 
 from unilateral.discrete import with_solution
 from unilateral.fem.condense import condense
@@ -13,6 +14,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact import Exact, cell_means, ritz_projection
 from unilateral.problems import case as cases
+from unilateral.study import tables
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
@@ -28,6 +30,17 @@ def pytest_collection_modifyitems(items):
 
 def _needs_results(name):
     return name.startswith("test_results") or name in NEED_RESULTS
+
+
+def config(name):
+    """A file of the study's configuration."""
+    return yaml.safe_load((ROOT / f"workflow/config/{name}.yaml").read_text())
+
+
+@cache
+def stored(name):
+    """A table of the study's results."""
+    return tables.load(RESULTS / f"{name}.nc")
 
 
 @cache
