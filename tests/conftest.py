@@ -14,6 +14,8 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact import Exact, cell_means, ritz_projection
 from unilateral.problems import case as cases
+from unilateral.problems import problem_file
+from unilateral.problems.certificate import certify
 from unilateral.study import tables
 
 ROOT = Path(__file__).parents[1]
@@ -49,6 +51,11 @@ def load(name, polygon="square", side=0):
 
 
 @cache
+def certified(name, polygon="square", side=0):
+    return certify(load(name, polygon, side))
+
+
+@cache
 def condensed(polygon, n):
     """A structured mesh with h = 1/n, factorised."""
     return condense(meshes.structured(named(polygon), 1 / n))
@@ -65,3 +72,42 @@ def discrete(name, n, m, polygon="square", degree=None):
     case, spaces = load(name, polygon), coupled(polygon, n, m)
     ritz = ritz_projection(case, spaces.condensed, degree)
     return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
+
+
+@pytest.fixture
+def case_like(tmp_path):
+    """A case in a file of one's own: as one of the catalogue, with other fields; a field None is left out."""
+
+    def made(name, polygon=None, side=0, **changed):
+        return cases.load(case_file(tmp_path, name, **changed), polygon or named("square"), side)
+
+    return made
+
+
+def case_file(folder, name, **changed):
+    fields = cases.declared(name)[0] | changed
+    file = folder / "mine.yaml"
+    file.write_text(yaml.safe_dump({key: value for key, value in fields.items() if value is not None}))
+    return file
+
+
+SQUARE = "[[0, 0], [1, 0], [1, 1], [0, 1]]"
+
+
+@pytest.fixture
+def problem_file_of(tmp_path):
+    """The name of a problem's file with these fields, on the unit square unless they say otherwise."""
+
+    def written(**fields):
+        file = tmp_path / "own.yaml"
+        given = {"polygon": SQUARE, **fields}
+        file.write_text("".join(f"{name}: {text}\n" for name, text in given.items() if text is not None))
+        return str(file)
+
+    return written
+
+
+@pytest.fixture
+def problem_of(problem_file_of):
+    """The problem in such a file."""
+    return lambda **fields: problem_file.load(problem_file_of(**fields))

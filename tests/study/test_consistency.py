@@ -2,21 +2,18 @@
 
 import numpy as np
 import pytest
-import yaml
-from conftest import ROOT, load
+from conftest import certified, config, load
 
 from unilateral.errors import InputError
-from unilateral.geometry.partition import Partition, from_points, shifted, uniform
+from unilateral.geometry.partition import from_points, shifted, uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact import cell_means
 from unilateral.problems import case as cases
-from unilateral.problems.certificate import certify
 from unilateral.study.runs.consistency import Transition, first_transition, leading
 
 SQUARE, LSHAPE = named("square"), named("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")
-FIGURES = yaml.safe_load((ROOT / "workflow/config/figures.yaml").read_text())["figures"]
-DRAWN = FIGURES["consistency"]["parameters"]["cases"]
+DRAWN = config("figures")["figures"]["consistency"]["parameters"]["cases"]
 ZERO = 1e-15
 
 
@@ -28,15 +25,10 @@ def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, po
         polygon = {"square": "lshape", "lshape": "square"}[polygon]
     case = load(name, polygon)
     starts, lengths = case.polygon.starts, case.polygon.lengths
-    ends = [starts[i] + t * lengths[i] for i, *both in certify(case).contact for t in both if 0 < t < 1]
+    ends = [
+        starts[i] + t * lengths[i] for i, *both in certified(name, polygon).contact for t in both if 0 < t < 1
+    ]
     np.testing.assert_allclose(np.sort(case.transitions()), np.unique(ends), rtol=1e-14)
-
-
-def test_ends_of_contact_at_a_cantor_set_are_among_its_transitions():
-    """Others are points in which two gaps meet; on cells that have only those, lambda is 0."""
-    case = load("violates_jjj")
-    ends = [t for _, *both in certify(case).contact for t in both if 0 < t < 1]
-    assert np.isin(np.round(ends, 12), np.round(case.transitions(), 12)).all()
 
 
 PARTITIONS = {
@@ -59,36 +51,17 @@ def test_off_the_transitions_cells_the_term_is_0(name, cells):
     assert (found.consistency > 1e-13) == inside, (found.consistency, inside)
 
 
-@pytest.fixture
-def overlapping(tmp_path):
-    """As thirds, with a gap that closes at 5/12 only, where lambda is positive already."""
-    declaration, _ = cases.declared("thirds")
-    declaration["gap"]["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
-    (tmp_path / "overlapping.yaml").write_text(yaml.safe_dump(declaration))
-    return cases.load(tmp_path / "overlapping.yaml", SQUARE)
+def test_a_term_off_the_declared_transitions_is_seen(case_like):
+    """Control: thirds, with a gap that closes at 5/12 only, where lambda is positive already.
 
-
-def test_a_term_off_the_declared_transitions_is_seen(overlapping):
-    """Control: lambda (u - g) > 0 on (1/3, 5/12), whose first cell holds no kink of the gap."""
-    found = cell_means(overlapping, uniform(SQUARE, 1 / 16))
+    The first cell of (1/3, 5/12) holds no kink of the gap.
+    """
+    gap = cases.declared("thirds")[0]["gap"]
+    gap["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
+    found = cell_means(case_like("thirds", gap=gap), uniform(SQUARE, 1 / 16))
     assert np.flatnonzero(found.has_transition).tolist() == [6, 9]
     assert found.consistency_terms[5] > 1e-5
     assert found.consistency_elsewhere == pytest.approx(found.consistency_terms[5], rel=1e-9)
-
-
-@pytest.mark.parametrize("off", [-1.5e-12, -1e-15, 0.0, 1e-15, 1.5e-12])
-def test_an_end_that_is_a_transition_up_to_round_off_is_none_inside(off):
-    points = uniform(SQUARE, 1 / 4).points.copy()
-    points[2] += off
-    assert not Partition(SQUARE, points).has_inside(np.array([0.5])).any()
-
-
-@pytest.mark.parametrize(("off", "cell"), [(-1e-11, 2), (1e-11, 1)])
-def test_an_end_beside_a_transition_leaves_it_inside(off, cell):
-    """Control: 1e-11 is more than round-off."""
-    points = uniform(SQUARE, 1 / 4).points.copy()
-    points[2] += off
-    assert np.flatnonzero(Partition(SQUARE, points).has_inside(np.array([0.5]))).tolist() == [cell]
 
 
 def test_cells_with_something_inside():

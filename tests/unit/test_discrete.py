@@ -6,14 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-import yaml
 from conftest import DATA, condensed, coupled, discrete
 from scipy.sparse.linalg import spsolve
 
 from unilateral.discrete import solve, with_load, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.geometry.polygon import square
 from unilateral.norms.exact import exact, h1_distance
 from unilateral.problems import case as cases
 from unilateral.solvers.iterate import Stop
@@ -155,14 +153,11 @@ def test_natural_as_getfem_has_it(stop):
     np.testing.assert_allclose(solution.lambda_H, getfem(), rtol=0, atol=1e-8)
 
 
-def test_a_wrong_power_is_not_what_getfem_has(tmp_path):
-    declaration, _ = cases.declared("natural")
+def test_a_wrong_power_is_not_what_getfem_has(case_like):
     atom = {"atom": "harmonic", "side": 0, "at": "1/2", "alpha": "0.6", "times": "3/2"}
-    file = tmp_path / "wrong.yaml"
-    file.write_text(yaml.safe_dump(declaration | {"u": [atom, declaration["u"][1]]}))
-    case, right = cases.load(file, square()), discrete("natural", 32, 16)
-    wrong = with_solution(right.spaces, exact(case, right.spaces))
-    assert np.abs(solve(wrong).lambda_H - getfem()).max() > 1e-3
+    case = case_like("natural", u=[atom, cases.declared("natural")[0]["u"][1]])
+    spaces = coupled("square", 32, 16)
+    assert np.abs(solve(with_solution(spaces, exact(case, spaces))).lambda_H - getfem()).max() > 1e-3
 
 
 @on_every_case

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import yaml
 from conftest import discrete, load
 from scipy.integrate import quad
 
@@ -18,7 +17,6 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.exact import ritz_projection
-from unilateral.problems import case as cases
 
 NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]
 MESHES = {
@@ -35,7 +33,7 @@ def mesh_of(name):
 
 
 def integral(f, mesh, case, degree=8):
-    return sum(float(rule.weight.ravel() @ f(rule.points)) for rule in triangle_rules(mesh, case, degree))
+    return sum(rule.weight.ravel() @ f(rule.points) for rule in triangle_rules(mesh, case, degree))
 
 
 @pytest.mark.parametrize(("name", "mesh"), PLACES)
@@ -64,10 +62,10 @@ def moment(polygon, a, b):
 @pytest.mark.parametrize(("name", "mesh"), PLACES)
 def test_polynomials_are_exact(name, mesh):
     on, case = mesh_of(mesh), load(name, mesh_of(mesh).polygon.name)
-    for a in range(9):
-        for b in range(9 - a):
-            found = integral(lambda p, a=a, b=b: p[:, 0] ** a * p[:, 1] ** b, on, case)
-            assert found == pytest.approx(moment(on.polygon.name, a, b), rel=1e-12, abs=1e-13)
+    a, b = np.array([(a, b) for a in range(9) for b in range(9 - a)]).T
+    found = integral(lambda p: p[:, :1] ** a * p[:, 1:] ** b, on, case)
+    expected = [moment(on.polygon.name, *each) for each in zip(a, b, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
 
 
 def test_a_rule_of_too_low_degree_is_seen():
@@ -84,17 +82,10 @@ POINTS = {
 
 
 @pytest.fixture
-def harmonic_at(tmp_path):
+def harmonic_at(case_like):
     """`natural` with its harmonic atom alone, at another point of the bottom."""
-
-    def build(at):
-        declaration, _ = cases.declared("natural")
-        atom = {"atom": "harmonic", "side": 0, "at": at, "alpha": "1/2", "times": "3/2"}
-        file = tmp_path / "moved.yaml"
-        file.write_text(yaml.safe_dump(declaration | {"u": [atom], "gap": {"elsewhere": 1}}))
-        return cases.load(file, square())
-
-    return build
+    atom = {"atom": "harmonic", "side": 0, "alpha": "1/2", "times": "3/2"}
+    return lambda at: case_like("natural", u=[atom | {"at": at}], gap={"elsewhere": 1})
 
 
 def power_over_square(x0, beta):
@@ -227,28 +218,28 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch):
     assert abs(solve(poor).errors.h1 / solve(good).errors.h1 - 1) > 1e-3
 
 
-def declared_case(tmp_path, **fields):
-    declaration = cases.declared("full_contact")[0] | {"constants": {}} | fields
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(declaration))
-    return cases.load(tmp_path / "mine.yaml", square())
+POWER = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
 
 
-def test_boundary_means_see_a_power_at_a_vertex(tmp_path):
+@pytest.fixture
+def declared(case_like):
+    return lambda **fields: case_like("full_contact", constants={}, **fields)
+
+
+def test_boundary_means_see_a_power_at_a_vertex(declared):
     """t^(3/2) and t^(8/5) from the vertex on, in closed form; graded to nothing they were off by 1e-8."""
     cells = partitions.uniform(square(), 1 / 4)
     gap = {"sides": [{"side": 0, "formula": "1 + pos(t, 3/2)"}], "elsewhere": 1}
-    case = declared_case(tmp_path, u=[{"atom": "smooth", "formula": "0"}], gap=gap)
+    case = declared(u=[{"atom": "smooth", "formula": "0"}], gap=gap)
     assert bottom_means(case, cells, 2)[0] == pytest.approx(1 + 0.25**1.5 / 2.5, abs=1e-12)
-    atom = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
-    case = declared_case(tmp_path, u=[atom], gap={"elsewhere": 0})
+    case = declared(u=[POWER], gap={"elsewhere": 0})
     assert bottom_means(case, cells, 1)[0] == pytest.approx(1 + 0.25**1.6 / 2.6, abs=1e-12)
 
 
-def test_boundary_means_see_where_a_cutoff_crosses_another_side(tmp_path):
+def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
     """On side 1 the flux is -(8/5) y (1 - 9 y^2)_+^4, its cutoff's end inside the second cell."""
     cells = partitions.uniform(square(), 1 / 4)
-    atom = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
-    case = declared_case(tmp_path, u=[atom], gap={"elsewhere": 0})
+    case = declared(u=[POWER], gap={"elsewhere": 0})
     rule = boundary_rule(case.polygon, cells.points, case.singular())
     means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90

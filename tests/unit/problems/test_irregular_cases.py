@@ -1,24 +1,20 @@
 """The cases at the limits of the hypotheses: fluxes, means and energies, and what their certificates say."""
 
 import math
-from functools import cache
 
 import numpy as np
 import pytest
 import sympy
-import yaml
+from conftest import load as load_on
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
-from unilateral.problems.certificate import certify
 from unilateral.problems.polar import corner, harmonic
 
-POLYGONS = {"square": square(), "lshape": named("lshape")}
 ALPHA = {
     "borderline_0.25": 0.25,
     "borderline_0.1": 0.1,
@@ -27,52 +23,11 @@ ALPHA = {
     "singular": -0.25,
     "rough": -0.95,
 }
-HYPOTHESES = {
-    "borderline_0.25": (True, True, True),
-    "borderline_0.1": (True, True, True),
-    "borderline_0.05": (True, True, True),
-    "vertex": (True, True, True),
-    "violates_j": (False, True, True),
-    "violates_jj": (True, False, True),
-    "singular": (False, False, True),
-    "reentrant": (False, False, True),
-    "rough": (False, False, True),
-}
-CONTACT = {
-    "vertex": [(0, 0, 5 / 12)],
-    "violates_j": [(side, 0, 1) for side in range(6)],
-    "reentrant": [(0, 1 / 3, 2 / 3)],
-} | {name: [(0, 1 / 3, 7 / 12)] for name in ALPHA}
-ON = {name: "lshape" if name in ("violates_j", "reentrant") else "square" for name in HYPOTHESES}
+ON = {"vertex": "square", "violates_j": "lshape", "reentrant": "lshape"} | dict.fromkeys(ALPHA, "square")
 
 
-@cache
 def load(name, polygon=None, side=0):
-    return cases.load(name, POLYGONS[polygon or ON[name]], side)
-
-
-@pytest.mark.parametrize("name", HYPOTHESES)
-def test_the_certificates(name):
-    """The hypotheses as the catalogue of the design states them; contact by the declarations.
-
-    lambda is unbounded where it is like r^(-1/3), at a held corner, or like s^alpha with alpha < 0.
-    """
-    found = certify(load(name))
-    assert tuple(found.hypotheses.values()) == HYPOTHESES[name]
-    np.testing.assert_allclose(found.contact, CONTACT[name], atol=1e-14)
-    assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
-
-
-@pytest.mark.parametrize("name", HYPOTHESES)
-@pytest.mark.parametrize("hypothesis", ["j", "jj", "jjj"])
-def test_a_wrong_claim_is_noticed(name, hypothesis, tmp_path):
-    """Control: each hypothesis declared as its opposite."""
-    declaration = cases.declared(name)[0]
-    declaration["hypotheses"][hypothesis] = not declaration["hypotheses"][hypothesis]
-    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(declaration))
-    wrong = cases.load(tmp_path / "wrong.yaml", POLYGONS[ON[name]])
-    with pytest.raises(InputError, match=rf"field hypotheses\.{hypothesis}: .* declared otherwise"):
-        certify(wrong)
+    return load_on(name, polygon or ON[name], side)
 
 
 def polar(kind, alpha=None, vertex=2):
@@ -224,20 +179,6 @@ def test_the_corners_of_the_l_shape():
         np.testing.assert_allclose(flux, smooth + 2 / 3 * r ** (-1 / 3) * chi, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", HYPOTHESES)
-def test_energies_by_green_s_formula(name):
-    """||u||_1^2 = (f, u) + <lambda, u>: for `rough` |grad u|^2 is like r^(-1.9), lambda u like r^(-0.9)."""
-    case = load(name)
-    energy = load_of_u = 0.0
-    for rule in triangle_rules(meshes.structured(case.polygon, 1 / 12), case, 14):
-        u, du = case.value_and_gradient(rule.origin, rule.offset)
-        energy += float(rule.weight.ravel() @ (np.sum(du**2, axis=1) + u**2))
-        load_of_u += float(rule.weight.ravel() @ (case.source(rule.origin, rule.offset) * u))
-    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
-    u, flux, _ = case.boundary(rule.side, rule.s, rule.near)
-    assert energy == pytest.approx(load_of_u + float(rule.weight @ (flux * u)), rel=1e-8)
-
-
 def squared_gradient(case, *where):
     return np.sum(case.value_and_gradient(*where)[1] ** 2, axis=1)
 
@@ -273,10 +214,7 @@ def test_the_points_of_the_rule_are_those_of_its_parts():
         ({"kind": "held"}, r"field u\[0\]"),
     ],
 )
-def test_bad_corners_are_refused(atom, message, tmp_path):
+def test_bad_corners_are_refused(atom, message, case_like):
     odd = Polygon(np.array([[0, 0], [1, 0], [1.1, 1], [0, 1]]), "odd")
-    declaration = cases.declared("full_contact")[0] | {"polygons": "any", "constants": {}}
-    declaration["u"] = [{"atom": "corner", **atom}]
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(declaration))
     with pytest.raises(InputError, match=message):
-        cases.load(tmp_path / "mine.yaml", odd)
+        case_like("full_contact", odd, polygons="any", constants={}, u=[{"atom": "corner", **atom}])
