@@ -651,15 +651,6 @@ def test_help_lists_the_exit_codes(run, command):
     assert f"exit codes: {codes}" in " ".join(out.split())
 
 
-def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it():
-    """At H = h lambda is not judged, so that a structured mesh is all there is."""
-    solve = "main(['solve', 'natural', '--h', '1/8', '--H', '{}']); print('gmsh' in sys.modules); "
-    found = in_a_process(
-        f"import sys; from unilateral.cli import main; {solve.format('1/8')}{solve.format('1/4')}"
-    )
-    assert [line for line in found.splitlines() if line in ("True", "False")] == ["False", "True"]
-
-
 def test_warnings_are_as_before_afterwards(run):
     before = warnings.showwarning
     run("solve", "unknown", *SIZES)
