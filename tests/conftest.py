@@ -3,7 +3,10 @@
 from functools import cache
 from pathlib import Path
 
+import clarabel
+import numpy as np
 import pytest
+import scipy.sparse as sp
 import yaml
 
 from unilateral.discrete import with_solution
@@ -72,6 +75,22 @@ def discrete(name, n, m, polygon="square", degree=None):
     case, spaces = load(name, polygon), coupled(polygon, n, m)
     ritz = ritz_projection(case, spaces.condensed, degree)
     return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
+
+
+def interior_point(operator, offset):
+    """half lambda_H by clarabel, which is u_h - A^{-1} f on the boundary in the norm of A_3.
+
+    From the primal problem, min |y|^2 / 2 subject to half^T y + H_i F(0) >= 0, strictly convex whatever the
+    rank of D.
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
+    nb, m = operator.half.shape
+    rows, data = sp.csc_matrix(-operator.half.T), operator.H_i * offset
+    quadratic, cone = sp.identity(nb, format="csc"), [clarabel.NonnegativeConeT(m)]
+    solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
+    return np.asarray(solver.solve().x)
 
 
 @pytest.fixture

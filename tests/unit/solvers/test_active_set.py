@@ -1,20 +1,12 @@
 """The active-set solver against an interior-point code (clarabel), Uzawa, and the KKT conditions."""
 
 import math
-from functools import cache
 
-import clarabel
 import numpy as np
 import pytest
-import scipy.sparse as sp
+from conftest import coupled, interior_point
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import condense
-from unilateral.fem.p1 import coupling
-from unilateral.fem.spaces import dual_operator
-from unilateral.geometry import mesh as meshes
-from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named
 from unilateral.solvers import active_set as module
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import uzawa
@@ -32,17 +24,9 @@ OFFSETS = {
 }
 
 
-@cache
-def condensed(name):
-    return condense(meshes.structured(named(name), 1 / 8))
-
-
-@cache
 def operator(name, ratio):
     """The dual operator for h = 1/8 and H = ratio h."""
-    mesh = condensed(name).mesh
-    partition = partitions.uniform(mesh.polygon, ratio / 8)
-    return dual_operator(condensed(name), coupling(mesh, partition), partition.lengths)
+    return coupled(name, 8, 8 / ratio).operator
 
 
 @pytest.fixture(params=[("square", 2), ("square", 1), ("square", 0.5), ("lshape", 2), ("lshape", 0.5)])
@@ -53,23 +37,6 @@ def of(request):
 @pytest.fixture(params=OFFSETS)
 def offset(request, of):
     return OFFSETS[request.param](of)
-
-
-def interior_point(of, offset):
-    """half lambda_H, which is u_h - A^{-1} f on the boundary in the norm of A_3, from the primal problem.
-
-    min |y|^2 / 2 subject to half^T y + H_i F(0) >= 0, strictly convex whatever the rank of D.
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
-    nb, m = of.half.shape
-    cone = [clarabel.NonnegativeConeT(m)]
-    matrix = sp.csc_matrix(-of.half.T)
-    solver = clarabel.DefaultSolver(
-        sp.identity(nb, format="csc"), np.zeros(nb), matrix, of.H_i * offset, cone, settings
-    )
-    return np.asarray(solver.solve().x)
 
 
 def test_u_equals_that_of_an_interior_point_code(of, offset):
