@@ -41,10 +41,8 @@ def read(tmp_path):
         ("'12'", "12"),
         *[(text, text) for text in ("010", "0o10", "0x10", "0b1", "1_000", "1:30", "1:30.5", "-010", "00")],
         *[(text, text) for text in ("yes", "no", "on", "off", "y", "n", "Yes", "True", "NULL", "=", "<<")],
-        *[
-            (text, text)
-            for text in ("2001-01-01", "2001-12-14t21:59:43.10-05:00", ".inf", ".nan", "9" * 5000)
-        ],
+        *[(text, text) for text in ("2001-01-01", "2001-12-14t21:59:43.10-05:00", ".inf", ".nan")],
+        ("9" * 5000, "9" * 5000),
     ],
 )
 def test_plain_scalars_are_what_they_look_like(read, text, value):
@@ -56,28 +54,12 @@ def test_plain_scalars_are_what_they_look_like(read, text, value):
         assert read(f"{text}: 1") == {text: 1}
 
 
+TAGS = ("int", "float", "bool", "timestamp", "map", "seq", "set", "omap", "binary", "python/name:os")
 BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
 REFUSED = {
     "alias bomb": (BOMB, "'a0' in line 1 is an anchor or alias; write the value itself"),
     "alias": ("a: *b", "'b' in line 1 is an anchor or alias"),
-    **{
-        f"tag {tag}": (
-            f"a: 1\nb: !!{tag} wrong",
-            f"'tag:yaml.org,2002:{tag}' in line 2 is a tag; write the value",
-        )
-        for tag in (
-            "int",
-            "float",
-            "bool",
-            "timestamp",
-            "map",
-            "seq",
-            "set",
-            "omap",
-            "binary",
-            "python/name:os",
-        )
-    },
+    **{tag: (f"a: 1\nb: !!{tag} wrong", f"'tag:yaml.org,2002:{tag}' in line 2 is a tag;") for tag in TAGS},
     "own tag": ("a: !x 1", "'!x' in line 1 is a tag"),
     "map as a list's tag": ("a: !!map [1]", "is a tag"),
     "depth": ("a: " + "[" * 11, "it has more than 10 lists or fields in each other"),
@@ -86,10 +68,7 @@ REFUSED = {
     "bytes": ("#" * 200_001, "own.yaml has more than 200000 bytes"),
     "a list as a name": ("? [1]\n: 2", "the name of the field in line 1 is not a text"),
     "a field twice": ("b: 1\nb: 2", "the field 'b' is given twice"),
-    "a long field twice": (
-        f"? {'b' * 1000}\n: 1\n? {'b' * 1000}\n: 2",
-        f"the field '{'b' * 57}...' is given twice",
-    ),
+    "a long field twice": (f"? {'b' * 1000}\n: 1\n" * 2, f"the field '{'b' * 57}...' is given twice"),
     "a number twice": ("1: 1\n'1': 2", "the field '1' is given twice"),
 }
 

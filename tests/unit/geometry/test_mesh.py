@@ -402,10 +402,9 @@ def test_unreadable_files_are_named(name, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("name", ["mesh.nothing", "missing/mesh.vtu"])
-def test_unwritable_files_are_named(name, tmp_path):
-    with pytest.raises(InputError, match=f"{name}.* cannot be written"):
-        write(structured(square(), 1), tmp_path / name)
+def test_an_unknown_format_is_not_written(tmp_path):
+    with pytest.raises(InputError, match=r"mesh\.nothing.* cannot be written"):
+        write(structured(square(), 1), tmp_path / "mesh.nothing")
     assert not list(tmp_path.iterdir())
 
 
