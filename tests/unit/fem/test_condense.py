@@ -173,15 +173,6 @@ def test_singular_is_told_by_the_ratio_of_the_eigenvalues(ratio, singular):
     assert operator.singular == singular
 
 
-def test_constant_load_gives_the_constant():
-    """(1, v)_1 = (1, v)_0: the load M 1 has the solution 1, on all nodes and on the boundary."""
-    mesh = MESHES["refined"]()
-    condensed = condense(mesh)
-    load = stiffness_and_mass(mesh)[1] @ np.ones(len(mesh.points))
-    np.testing.assert_allclose(condensed.solve(load), 1, rtol=1e-12)
-    np.testing.assert_allclose(condensed.solve_boundary(condensed.condensed_load(load)), 1, rtol=1e-12)
-
-
 def scaled_square(L):
     polygon = Polygon(L * square().vertices, "scaled")
     return meshes.refine(meshes.unstructured(polygon, L / 4))

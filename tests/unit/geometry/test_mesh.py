@@ -126,18 +126,6 @@ def test_structured_rounds_the_number_of_squares_up():
     assert structured(square(), 0.3).h == 0.25
 
 
-def test_structured_is_for_two_polygons():
-    with pytest.raises(InputError, match=r"'wedge' has no structured mesh.*unstructured"):
-        structured(WEDGE, 0.5)
-
-
-@pytest.mark.parametrize("make", [structured, unstructured])
-@pytest.mark.parametrize("h", [0.0, -1.0, np.nan])
-def test_sizes_have_to_be_positive(make, h):
-    with pytest.raises(InputError, match="positive"):
-        make(square(), h)
-
-
 @pytest.mark.parametrize("polygon", [square(), named("lshape")], ids=["square", "lshape"])
 def test_refined_structured_is_structured(polygon):
     """Dyadic coordinates: equality is exact."""
@@ -333,15 +321,6 @@ def test_tolerances_follow_the_polygon():
             from_arrays(polygon, points, mesh.triangles)
 
 
-@pytest.mark.parametrize(
-    "polygon", [named("lshape"), Polygon(2 * square().vertices)], ids=["other", "scaled"]
-)
-def test_the_boundary_of_another_polygon_is_refused(polygon):
-    mesh = structured(square(), 1 / 2)
-    with pytest.raises(InputError, match="no node lies at vertex"):
-        from_arrays(polygon, mesh.points, mesh.triangles)
-
-
 def stored(tmp_path, change):
     """A VTU file of the square with two triangles, its meshio mesh changed before it is written."""
     write(structured(square(), 1), tmp_path / "mesh.vtu")
@@ -416,7 +395,7 @@ def test_any_polygon_of_unit_squares_has_structured_meshes():
     assert mesh.areas.sum() == pytest.approx(5)
     half = Polygon(0.5 * u.vertices, "half")
     assert (natural_kind(u), natural_kind(half)) == ("structured", "unstructured")
-    with pytest.raises(InputError, match="'half' has no structured mesh"):
+    with pytest.raises(InputError, match=r"'half' has no structured mesh.*unstructured"):
         structured(half, 1 / 2)
 
 

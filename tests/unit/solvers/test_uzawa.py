@@ -7,12 +7,10 @@ import pytest
 from conftest import condensed, coupled
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import DualOperator, dual_operator
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named, square
+from unilateral.geometry.polygon import square
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, predicted_steps, residual_bound, uzawa
 
@@ -346,15 +344,6 @@ def test_a_tiny_rho_gives_no_false_guarantee(rho):
     with pytest.warns(RuntimeWarning, match="above the tolerance"):
         result = uzawa(of, offset, 1e-8, rho=rho, max_steps=5)
     assert result.bound >= distance(of, result.lambda_H, uzawa(of, offset, 1e-10).lambda_H) - 1e-10
-
-
-def test_lshape_converges_below_its_own_limit():
-    mesh = meshes.unstructured(named("lshape"), 1 / 8)
-    partition = partitions.shifted(named("lshape"), 1 / 3, 0.4)
-    of = dual_operator(condense(mesh), coupling(mesh, partition), partition.lengths)
-    lambda_H, offset = full_contact(of)
-    result = uzawa(of, offset, 1e-9)
-    assert distance(of, result.lambda_H, lambda_H) <= result.bound <= 1e-9
 
 
 @pytest.mark.parametrize(
