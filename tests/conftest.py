@@ -1,30 +1,26 @@
 """What several test files share: discrete problems, built once."""
 
-from __future__ import annotations
-
-import os
-import shutil
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
-from typing import Any
 
+import clarabel
+import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.transforms import Bbox
+import scipy.sparse as sp
+import yaml
 
-from unilateral.discrete import Discrete, with_solution
-from unilateral.fem.condense import Condensed, condense
-from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.discrete import with_solution
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
-from unilateral.problems.case import Case
+from unilateral.problems import problem_file
+from unilateral.problems.certificate import certify
+from unilateral.study import tables
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
@@ -32,86 +28,106 @@ RESULTS = ROOT / "results"
 NEED_RESULTS = ("test_claims.py", "test_documents.py", "test_surveys.py")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Without the study's results a run that would judge them ends at once, and says what to run."""
     if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
 
-def _needs_results(name: str) -> bool:
+def _needs_results(name):
     return name.startswith("test_results") or name in NEED_RESULTS
 
 
+def config(name):
+    """A file of the study's configuration."""
+    return yaml.safe_load((ROOT / f"workflow/config/{name}.yaml").read_text())
+
+
 @cache
-def load(name: str, polygon: str = "square", side: int = 0) -> Case:
+def stored(name):
+    """A table of the study's results."""
+    return tables.load(RESULTS / f"{name}.nc")
+
+
+@cache
+def load(name, polygon="square", side=0):
     return cases.load(name, named(polygon), side)
 
 
 @cache
-def condensed(polygon: str, n: int) -> Condensed:
+def certified(name, polygon="square", side=0):
+    return certify(load(name, polygon, side))
+
+
+@cache
+def condensed(polygon, n):
     """A structured mesh with h = 1/n, factorised."""
     return condense(structured(named(polygon), 1 / n))
 
 
 @cache
-def coupled(polygon: str, n: int, m: int) -> MixedSpaces:
+def coupled(polygon, n, m):
     return mixed_spaces(condensed(polygon, n), partitions.uniform(named(polygon), 1 / m))
 
 
 @cache
-def discrete(name: str, n: int, m: int, polygon: str = "square", degree: int | None = None) -> Discrete:
+def discrete(name, n, m, polygon="square", degree=None):
     """The case on its first side, h = 1/n, H = 1/m, and its exact solution."""
     case, spaces = load(name, polygon), coupled(polygon, n, m)
     ritz = ritz_projection(case, spaces.condensed, degree)
     return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
 
 
+def interior_point(operator, offset):
+    """half lambda_H by clarabel, which is u_h - A^{-1} f on the boundary in the norm of A_3.
+
+    From the primal problem, min |y|^2 / 2 subject to half^T y + H_i F(0) >= 0, strictly convex whatever the
+    rank of D.
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
+    nb, m = operator.half.shape
+    rows, data = sp.csc_matrix(-operator.half.T), operator.H_i * offset
+    quadratic, cone = sp.identity(nb, format="csc"), [clarabel.NonnegativeConeT(m)]
+    solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
+    return np.asarray(solver.solve().x)
+
+
 @pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Figure, Bbox]]:
-    """The figures as they are written, each with the box, in inches, of all that is seen of it."""
-    found: list[tuple[Figure, Bbox]] = []
-    savefig = Figure.savefig
+def case_like(tmp_path):
+    """A case in a file of one's own: as one of the catalogue, with other fields; a field None is left out."""
 
-    def recording(figure: Figure, *arguments: Any, **options: Any) -> None:
-        savefig(figure, *arguments, **options)
-        figure.draw_without_rendering()
-        found.append((figure, figure.get_tightbbox()))
+    def made(name, polygon=None, side=0, **changed):
+        return cases.load(case_file(tmp_path, name, **changed), polygon or named("square"), side)
 
-    monkeypatch.setattr(Figure, "savefig", recording)
-    return found
+    return made
 
 
-def texts(figure: Figure) -> list[Text]:
-    """What is written in a figure."""
-    found = [artist for artist in figure.findobj(Text) if isinstance(artist, Text)]
-    return [text for text in found if text.get_visible() and text.get_text()]
+def case_file(folder, name, **changed):
+    fields = cases.declared(name)[0] | changed
+    file = folder / "mine.yaml"
+    file.write_text(yaml.safe_dump({key: value for key, value in fields.items() if value is not None}))
+    return file
 
 
-def check_page(page: Figure, box: Bbox) -> None:
-    """Text as large as in a paper, nothing beyond the page, 17 cm wide; what were beyond it would be seen."""
-    width, height = page.get_size_inches()
-    assert width == pytest.approx(17 / 2.54)
-    assert [text.get_text() for text in texts(page) if float(text.get_fontsize()) < 8] == []
-    assert min(box.x0, box.y0) >= 0
-    assert box.x1 <= width
-    assert box.y1 <= height
-    page.text(0.99, 0.5, "beyond the page")
-    assert page.get_tightbbox().x1 > width
+SQUARE = "[[0, 0], [1, 0], [1, 1], [0, 1]]"
 
 
-def copy_project(folder: Path) -> Path:
-    """The project without results, in a folder of that folder."""
-    copied = folder / "project"
-    copied.mkdir()
-    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
-        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
-        shutil.copy(ROOT / name, copied / name)
-    (copied / "figures").mkdir()
-    return copied
+@pytest.fixture
+def problem_file_of(tmp_path):
+    """The name of a problem's file with these fields, on the unit square unless they say otherwise."""
+
+    def written(**fields):
+        file = tmp_path / "own.yaml"
+        given = {"polygon": SQUARE, **fields}
+        file.write_text("".join(f"{name}: {text}\n" for name, text in given.items() if text is not None))
+        return str(file)
+
+    return written
 
 
-def run_elsewhere(program: str, folder: Path) -> None:
-    """A program run in another process, with other seeds of its hashes and another time zone."""
-    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
-    subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+@pytest.fixture
+def problem_of(problem_file_of):
+    """The problem in such a file."""
+    return lambda **fields: problem_file.load(problem_file_of(**fields))

@@ -1,15 +1,13 @@
 """The ledger: every claim judged on the stored results, every control seen to fail, and the arithmetic."""
 
-from __future__ import annotations
-
 import re
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-import yaml
-from conftest import ROOT
+from conftest import RESULTS, config
 
 from unilateral import cli
 from unilateral.errors import InputError
@@ -17,53 +15,46 @@ from unilateral.formulas.formula import real
 from unilateral.norms.dual import Bounds, Gram
 from unilateral.study.judge import claims, controls, records
 from unilateral.study.judge.checks.evidence import Evidence
-from unilateral.study.judge.claims import Claim, Judgement, Results
+from unilateral.study.judge.claims import Judgement, Results
 from unilateral.study.text import marks, verdicts
 
 LEDGER = {claim.id: claim for claim in claims.ledger()}
-STATEMENTS = [  # of the paper, that the ledger must not leave out
-    *("1.2", "R1.1", "1.8", "3.1a", "3.1b", "3.1c", "3.5", "3.6", "3.th", "4.1", "4.5"),
-    *("4.6", "4.7", "4.9", "4.10"),
-    *(
-        "4.11",
-        "4.12",
-        "4.13",
-        "4.14",
-        "4.15",
-        "4.16a",
-        "4.16b",
-        "R4.1a",
-        "R4.1b",
-        "5.1",
-        "5.2a",
-        "5.2b",
-        "5.2c",
-    ),
-    *("5.3", "5.A"),
-]
+STATEMENTS = re.findall(  # of the paper, that the ledger must not leave out
+    r"\S+",
+    "1.2 R1.1 1.8 3.1a 3.1b 3.1c 3.5 3.6 3.th 4.1 4.5 4.6 4.7 4.9 4.10 4.11 4.12 4.13 4.14 4.15 4.16a 4.16b "
+    "R4.1a R4.1b 5.1 5.2a 5.2b 5.2c 5.3 5.A",
+)
 
 
 @cache
-def results() -> Results:
-    return Results(ROOT / "results")
+def results():
+    return Results(RESULTS)
 
 
 class Recording(Results):
     """Results that remember which tables were asked for."""
 
-    def __init__(self) -> None:
-        super().__init__(ROOT / "results")
-        self.asked: set[str] = set()
+    def __init__(self):
+        super().__init__(RESULTS)
+        self.asked = set()
 
-    def __getitem__(self, name: str):
+    def __getitem__(self, name):
         self.asked.add(name)
         return results()[name]
 
 
+def judged(name, **spoil):
+    """A claim by the stored results, spoilt or not."""
+    tables = controls.spoilt(results(), spoil) if spoil else results()
+    return claims.judge(tables, [LEDGER[name]])[0]
+
+
 def test_the_ledger_has_every_statement_once():
+    """And no claim that holds says that it does not."""
     ids = [claim.id for claim in claims.ledger()]
     assert len(ids) == len(set(ids))
     assert set(STATEMENTS) <= set(ids)
+    assert all(records.holds(claim.verdict) for claim in claims.ledger())
 
 
 ENTRY = {
@@ -88,35 +79,30 @@ def test_an_entry_that_is_no_claim_is_told_by_its_id(changed, said):
 
 
 @pytest.mark.parametrize("name", LEDGER)
-def test_the_claim_has_its_verdict(name):
-    judgement = claims.judge(results(), [LEDGER[name]])[0]
+def test_the_claim_has_its_verdict_by_the_tables_that_it_names_and_no_others(name):
+    """The pipeline feeds the ledger by these names."""
+    recording = Recording()
+    judgement = claims.judge(recording, [LEDGER[name]])[0]
     assert judgement.holds, "\n" + claims.explanation(judgement)
+    assert recording.asked == set(LEDGER[name].reads)
 
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_control_turns_it_to_fails(name):
-    spoilt = controls.spoilt(results(), LEDGER[name].control)
-    judgement = claims.judge(spoilt, [LEDGER[name]])[0]
+    judgement = judged(name, **LEDGER[name].control)
     assert judgement.verdict == records.FAILS, "\n" + claims.explanation(judgement)
 
 
 LIMIT = float(np.sqrt(2) / np.tanh(8**-0.5))
 """Of lambda_max(S) on the unit square, 1/sigma_1."""
+PRINTED = [{"variant": "as printed", "rho_share": share} for share in (0.51, 0.49)]
 BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own control does not
     ("R1.1", "algorithm/steps", "saddle_in_v", {"value": -1e-9, "at": {"case": 1}}),
     ("3.5", "square/dual_norm", "norm_lower", {"factor": 1.02}),
     ("3.5", "square/dual_norm", "norm_upper", {"factor": 0.98}),
     ("3.th", "algorithm/uniqueness", "multiplier_distance", {"value": 0.01}),
     ("R4.1b", "irregular/errors", "hm12_error_lower", {"factor": 9, "at": {"mesh": -1}}),
-    (
-        "5.1",
-        "algorithm/steps",
-        "distance",
-        {
-            "labels": {"variant": "as printed", "rho_share": 0.51},
-            "to": {"variant": "as printed", "rho_share": 0.49},
-        },
-    ),
+    ("5.1", "algorithm/steps", "distance", {"labels": PRINTED[0], "to": PRINTED[1]}),
     ("5.2b", "algorithm/steps", "distance", {"labels": {"rho_share": 0.99}, "to": {"rho_share": 1.01}}),
     ("5.2c", "square/errors", "lambda_max", {"value": 1.0001 * LIMIT}),
     ("5.A", "algorithm/elimination", "difference", {"value": 1e-9}),
@@ -130,75 +116,27 @@ BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own cont
 @pytest.mark.parametrize(("name", "table", "variable", "spoil"), BRANCHES)
 def test_every_branch_of_a_check_can_turn_its_claim_to_fails(name, table, variable, spoil):
     """One number is spoilt so that only that branch is taken; all else is as it was found."""
-    spoilt = controls.spoilt(results(), {"tables": [table], "variable": variable, **spoil})
-    judgement = claims.judge(spoilt, [LEDGER[name]])[0]
+    judgement = judged(name, tables=[table], variable=variable, **spoil)
     assert judgement.verdict == records.FAILS, "\n" + claims.explanation(judgement)
 
 
+FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
+LOST, OTHER = {"value": np.nan, "at": {"case": 0, "H": -2}}, {"factor": 2, "at": {"algebra": 1}}
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
-    (
-        "1.2",
-        "square/errors",
-        "hm12_error_upper",
-        {"value": np.nan, "at": {"mesh": -1}},
-        r"the finest error over the coarsest is not known of square, ",
-    ),
-    (
-        "3.1c",
-        "square/errors",
-        "h_over_H",
-        {"value": 0.5},
-        r"the largest lambda_min\(S\)/lambda_max\(S\) at H <= h is not known of square",
-    ),
-    (
-        "4.11",
-        "square/rates",
-        "verdict",
-        {"value": "fails", "at": {"case": 1}},
-        r"square, natural, h1: fails$",
-    ),
-    (
-        "S.12",
-        "lshape/rates",
-        "verdict",
-        {"value": "fails", "at": {"case": 0}},
-        r"lshape, full_contact, hm12: fa",
-    ),
-    (
-        "5.H",
-        "cost/case",
-        "h1_error",
-        {"value": np.nan, "at": {"case": 0, "H": -2}},
-        r"a run of thirds does not reach the level 0\.1",
-    ),
-    (
-        "5.J",
-        "cost/algebra",
-        "steps",
-        {"factor": 2, "at": {"algebra": 1}},
-        r"steps with A are not known to be as many as those with S",
-    ),
-    (
-        "S.edges",
-        "betaworst/infsup",
-        "edges_per_cell",
-        {"value": 1.0},
-        r"the smallest beta with 2 edges in every cell is not known of betaworst",
-    ),
-    (
-        "X.rho",
-        "extremes/extremes",
-        "predicted_limit",
-        {"factor": 1.0001},
-        r"0\.999 of the limit was not tried on the axis step_full",
-    ),
+    ("1.2", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
+    ("3.1c", "square/errors", "h_over_H", {"value": 0.5}, "the largest .* at H <= h is not known of square"),
+    ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
+    ("S.12", "lshape/rates", "verdict", FAILING, "lshape, full_contact, hm12: fa"),
+    ("5.H", "cost/case", "h1_error", LOST, r"a run of thirds does not reach the level 0\.1"),
+    ("5.J", "cost/algebra", "steps", OTHER, "steps with A are not known to be as many as those with S"),
+    ("S.edges", "betaworst/infsup", "edges_per_cell", {"value": 1.0}, "the smallest beta .* of betaworst"),
+    ("X.rho", "extremes/extremes", "predicted_limit", {"factor": 1.0001}, r"0\.999 of the limit was not"),
 ]
 
 
 @pytest.mark.parametrize(("name", "table", "variable", "spoil", "reason"), UNFIT)
 def test_a_claim_whose_check_has_nothing_to_rest_on_is_not_judged(name, table, variable, spoil, reason):
-    spoilt = controls.spoilt(results(), {"tables": [table], "variable": variable, **spoil})
-    judgement = claims.judge(spoilt, [LEDGER[name]])[0]
+    judgement = judged(name, tables=[table], variable=variable, **spoil)
     assert re.match(f"not judged: {reason}", judgement.verdict)
     assert not judgement.holds
     record = judgement.record()
@@ -207,9 +145,11 @@ def test_a_claim_whose_check_has_nothing_to_rest_on_is_not_judged(name, table, v
     assert verdicts.holding([record]) == {name: False}
 
 
+EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
+
+
 def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch):
-    spoil = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
-    monkeypatch.setattr(claims, "Results", lambda _: controls.spoilt(results(), spoil))
+    monkeypatch.setattr(claims, "Results", lambda _: controls.spoilt(results(), EDGES))
     reason = "not judged: the smallest beta with 2 edges in every cell is not known of betaworst"
     assert cli.main(["claims", "S.edges"]) == 1
     text = capsys.readouterr().out
@@ -223,20 +163,13 @@ def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
     """Control: with the study's own records the same sentence is kept."""
     page = tmp_path / "page.md"
     page.write_text("It is <!--?S.edges-->not enough.<!--/-->\n")
-    spoil = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
-    for tables, kept in ((results(), True), (controls.spoilt(results(), spoil), False)):
-        found = [claims.judge(tables, [LEDGER["S.edges"]])[0].record()]
+    for spoil, kept in (({}, True), (EDGES, False)):
+        found = [judged("S.edges", **spoil).record()]
         with nullcontext() if kept else pytest.raises(InputError, match=r"claim S\.edges, on which"):
             marks.fill(page, {}, {}, verdicts.holding(found))
 
 
-def test_no_claim_that_holds_says_that_it_does_not():
-    for claim in LEDGER.values():
-        assert records.holds(claim.verdict)
-
-
-RATES = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]
-STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+RATES, STUDY = config("rates")["rates"], config("study")
 
 
 def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
@@ -263,23 +196,15 @@ def test_the_rule_for_beta_is_the_study_s_and_judged_on_every_survey():
     assert {name: given[name] for name in STUDY["infsup"]["rule"]} == STUDY["infsup"]["rule"]
 
 
-@pytest.mark.parametrize("name", LEDGER)
-def test_it_reads_the_tables_that_it_names_and_no_others(name):
-    """The pipeline feeds the ledger by these names."""
-    recording = Recording()
-    LEDGER[name].measure(recording)
-    assert recording.asked == set(LEDGER[name].reads)
-
-
-def failing(changed: Results) -> set[str]:
+def failing(changed):
     return {each.claim.id for each in claims.judge(changed) if not each.holds}
 
 
-def with_variant(variant: str) -> Results:
+def with_variant(variant):
     """The results of an algorithm that is that variant."""
     table = results()["algorithm/steps"].copy(deep=True)
     table["distance"].loc[{"variant": "as meant"}] = table["distance"].sel(variant=variant).values
-    return Results(ROOT / "results", {**results(), "algorithm/steps": table})
+    return Results(RESULTS, {**results(), "algorithm/steps": table})
 
 
 def test_without_the_clip_only_its_claims_fail():
@@ -301,7 +226,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
         lengths = np.diff(gram.points)
         return Bounds(*2 * [np.diag(lengths.max() * lengths)])
 
-    changed = Results(ROOT / "results", results())
+    changed = Results(RESULTS, results())
     for name in {name for claim in LEDGER.values() for name in claim.reads if name.endswith("/infsup")}:
         table = results()[name].copy(deep=True)
         changed[name] = table.assign(beta_lower=table["beta_0"], beta_upper=table["beta_0"])
@@ -309,16 +234,8 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
     assert failing(changed) == {"3.1a", "3.5", "S.local"}
 
 
-def made_up(observed: float, required: float, at_least: bool) -> Judgement:
-    fields = dict.fromkeys(("section", "statement", "where", "check", "source"), "x")
-    claim = Claim(
-        "x",
-        verdict="holds",
-        parameters={},
-        reads=(),
-        control={"what": "x"},
-        **{k: v for k, v in fields.items()},
-    )
+def made_up(observed, required, at_least):
+    claim = replace(LEDGER["4.1"], verdict="holds")
     return Judgement(claim, Evidence("number", observed, required, at_least, []))
 
 
@@ -336,6 +253,7 @@ def test_margins_by_hand(observed, required, at_least, margin):
     found = made_up(observed, required, at_least)
     assert found.evidence.margin == pytest.approx(margin)
     assert found.holds == (margin >= 0)
+    assert made_up(np.nan, required, at_least).verdict == records.FAILS
 
 
 @pytest.mark.parametrize(
@@ -347,16 +265,11 @@ def test_no_margin_is_relative_to_0(required, observed, shown):
     assert f" {shown}  {found.verdict}" in claims.summary([found])
 
 
-def test_what_is_not_a_number_does_not_hold():
-    assert made_up(np.nan, 1.0, True).verdict == records.FAILS
-    assert made_up(np.nan, 1.0, False).verdict == records.FAILS
-
-
 def test_the_table_and_one_claim_on_the_command_line(capsys):
-    assert cli.main(["claims", "--results", str(ROOT / "results")]) == 0
+    assert cli.main(["claims", "--results", str(RESULTS)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + len(LEDGER)
-    assert cli.main(["claims", "4.12", "--results", str(ROOT / "results")]) == 0
+    assert cli.main(["claims", "4.12", "--results", str(RESULTS)]) == 0
     text = capsys.readouterr().out
     assert "Theorem 4.1, (4.12)" in text
     assert "irregular, borderline_0.05, hm12: " in text

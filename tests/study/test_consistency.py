@@ -1,47 +1,34 @@
 """The consistency term of (4.16): off the transitions' cells, as predicted at one, and its table."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
-import yaml
-from conftest import ROOT, load
+from conftest import certified, config, load
 
 from unilateral.errors import InputError
-from unilateral.geometry.partition import Partition, from_points, shifted, uniform
+from unilateral.geometry.partition import from_points, shifted, uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact import cell_means
 from unilateral.problems import case as cases
-from unilateral.problems.case import Case
-from unilateral.problems.certificate import certify
 from unilateral.study.runs.consistency import Transition, first_transition, leading
 
 SQUARE, LSHAPE = named("square"), named("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")
-FIGURES = yaml.safe_load((ROOT / "workflow/config/figures.yaml").read_text())["figures"]
-DRAWN = FIGURES["consistency"]["parameters"]["cases"]
+DRAWN = config("figures")["figures"]["consistency"]["parameters"]["cases"]
 ZERO = 1e-15
 
 
 @pytest.mark.parametrize("polygon", ["square", "lshape"])
 @pytest.mark.parametrize("name", sorted(set(cases.names()) - {"violates_jjj"}))
-def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name: str, polygon: str) -> None:
+def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, polygon):
     """The certificate looks at the gap's values between singular points."""
     if polygon not in cases.declared(name)[0]["polygons"] and cases.declared(name)[0]["polygons"] != "any":
         polygon = {"square": "lshape", "lshape": "square"}[polygon]
     case = load(name, polygon)
     starts, lengths = case.polygon.starts, case.polygon.lengths
-    ends = [starts[i] + t * lengths[i] for i, *both in certify(case).contact for t in both if 0 < t < 1]
+    ends = [
+        starts[i] + t * lengths[i] for i, *both in certified(name, polygon).contact for t in both if 0 < t < 1
+    ]
     np.testing.assert_allclose(np.sort(case.transitions()), np.unique(ends), rtol=1e-14)
-
-
-def test_ends_of_contact_at_a_cantor_set_are_among_its_transitions() -> None:
-    """Others are points in which two gaps meet; on cells that have only those, lambda is 0."""
-    case = load("violates_jjj")
-    ends = [t for _, *both in certify(case).contact for t in both if 0 < t < 1]
-    assert np.isin(np.round(ends, 12), np.round(case.transitions(), 12)).all()
 
 
 PARTITIONS = {
@@ -55,7 +42,7 @@ PARTITIONS = {
 
 @pytest.mark.parametrize("name", REGULAR)
 @pytest.mark.parametrize("cells", PARTITIONS)
-def test_off_the_transitions_cells_the_term_is_0(name: str, cells: str) -> None:
+def test_off_the_transitions_cells_the_term_is_0(name, cells):
     """And on them it is not: 1e-13 lies below the smallest, that of smooth and vertex, like H^7."""
     found = cell_means(load(name), PARTITIONS[cells])
     assert abs(found.consistency_elsewhere) <= ZERO
@@ -64,39 +51,20 @@ def test_off_the_transitions_cells_the_term_is_0(name: str, cells: str) -> None:
     assert (found.consistency > 1e-13) == inside, (found.consistency, inside)
 
 
-@pytest.fixture
-def overlapping(tmp_path: Path) -> Case:
-    """As thirds, with a gap that closes at 5/12 only, where lambda is positive already."""
-    declaration, _ = cases.declared("thirds")
-    declaration["gap"]["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
-    (tmp_path / "overlapping.yaml").write_text(yaml.safe_dump(declaration))
-    return cases.load(tmp_path / "overlapping.yaml", SQUARE)
+def test_a_term_off_the_declared_transitions_is_seen(case_like):
+    """Control: thirds, with a gap that closes at 5/12 only, where lambda is positive already.
 
-
-def test_a_term_off_the_declared_transitions_is_seen(overlapping: Case) -> None:
-    """Control: lambda (u - g) > 0 on (1/3, 5/12), whose first cell holds no kink of the gap."""
-    found = cell_means(overlapping, uniform(SQUARE, 1 / 16))
+    The first cell of (1/3, 5/12) holds no kink of the gap.
+    """
+    gap = cases.declared("thirds")[0]["gap"]
+    gap["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
+    found = cell_means(case_like("thirds", gap=gap), uniform(SQUARE, 1 / 16))
     assert np.flatnonzero(found.has_transition).tolist() == [6, 9]
     assert found.consistency_terms[5] > 1e-5
     assert found.consistency_elsewhere == pytest.approx(found.consistency_terms[5], rel=1e-9)
 
 
-@pytest.mark.parametrize("off", [-1.5e-12, -1e-15, 0.0, 1e-15, 1.5e-12])
-def test_an_end_that_is_a_transition_up_to_round_off_is_none_inside(off: float) -> None:
-    points = uniform(SQUARE, 1 / 4).points.copy()
-    points[2] += off
-    assert not Partition(SQUARE, points).has_inside(np.array([0.5])).any()
-
-
-@pytest.mark.parametrize(("off", "cell"), [(-1e-11, 2), (1e-11, 1)])
-def test_an_end_beside_a_transition_leaves_it_inside(off: float, cell: int) -> None:
-    """Control: 1e-11 is more than round-off."""
-    points = uniform(SQUARE, 1 / 4).points.copy()
-    points[2] += off
-    assert np.flatnonzero(Partition(SQUARE, points).has_inside(np.array([0.5]))).tolist() == [cell]
-
-
-def test_cells_with_something_inside() -> None:
+def test_cells_with_something_inside():
     cells = uniform(SQUARE, 1 / 4)
     found = cells.has_inside(np.array([0.1, 0.2, 0.5, 1.0, 2.9, 3.99, 4.0, 0.0]))
     assert np.flatnonzero(found).tolist() == [0, 11, 15]
@@ -105,7 +73,7 @@ def test_cells_with_something_inside() -> None:
 
 @pytest.mark.parametrize("name", DRAWN)
 @pytest.mark.parametrize("m", [64, 128, 256])
-def test_totals_are_those_predicted_at_the_first_transition(name: str, m: int) -> None:
+def test_totals_are_those_predicted_at_the_first_transition(name, m):
     """lambda is s^alpha (1 - (s/R)^2)^4, R = 1/4, s <= H: relative 4 (H/R)^2. The other one adds less.
 
     At its end 1 - (s/R)^2 <= 2 H/R, to the fourth power, beside a gap with the same gamma and a factor
@@ -119,14 +87,14 @@ def test_totals_are_those_predicted_at_the_first_transition(name: str, m: int) -
     assert cell_means(case, cells).consistency == pytest.approx(predicted, rel=room)
 
 
-def test_other_exponents_would_be_seen() -> None:
+def test_other_exponents_would_be_seen():
     """Control."""
     cells, found = uniform(SQUARE, 1 / 256), cell_means(load("thirds"), uniform(SQUARE, 1 / 256)).consistency
     for alpha, gamma in ((1.5, 0.5), (0.45, 1.5), (0.5, 1.45)):
         assert leading(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(found, rel=0.05)
 
 
-def test_the_prediction_grows_with_the_side() -> None:
+def test_the_prediction_grows_with_the_side():
     """lambda and u - g are functions of s in side lengths: twice the side, twice the term at the same H/L."""
     transition = Transition(4, 1 / 3, 0.5, 1.5)  # a side of length 2
     large, theta = leading(transition, uniform(LSHAPE, 1 / 8))
@@ -136,12 +104,12 @@ def test_the_prediction_grows_with_the_side() -> None:
 
 
 @pytest.mark.parametrize(("name", "alpha", "gamma"), [("thirds", 0.5, 1.5), ("singular", -0.25, 1.0)])
-def test_the_first_transition(name: str, alpha: float, gamma: float) -> None:
+def test_the_first_transition(name, alpha, gamma):
     found = first_transition(load(name))
     assert found == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
     assert found.rate == pytest.approx(alpha + gamma + 1)
 
 
-def test_a_case_without_a_harmonic_atom_has_no_prediction() -> None:
+def test_a_case_without_a_harmonic_atom_has_no_prediction():
     with pytest.raises(InputError, match="case 'smooth' has no harmonic atom"):
         first_transition(load("smooth"))

@@ -1,12 +1,9 @@
 """The study of cost: counts against brute force, levels against runs of their own, fits against laws."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import warnings
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +13,11 @@ import yaml
 from conftest import ROOT, condensed, coupled, discrete, load
 from scipy.sparse.linalg import splu
 
-from unilateral.discrete import Discrete, solve
+from unilateral.discrete import solve
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import Gram, dual_norm
+from unilateral.norms.dual import dual_norm
 from unilateral.solvers import steps as acceleration
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import Stop
@@ -42,12 +39,12 @@ class Counted(float):
     done = 0
 
     @classmethod
-    def of(cls, values: np.ndarray) -> np.ndarray:
+    def of(cls, values):
         return np.array([cls(x) for x in values.ravel()], dtype=object).reshape(values.shape)
 
 
-def _counting(name: str) -> Any:
-    def operation(self: Counted, *others: float) -> Counted:
+def _counting(name):
+    def operation(self, *others):
         Counted.done += 1
         return Counted(getattr(float, name)(self, *map(float, others)))
 
@@ -58,11 +55,11 @@ for name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv")
     setattr(Counted, f"__{name}__", _counting(f"__{name}__"))
 
 
-def problem(case: str, n: int, ratio: float) -> Discrete:
+def problem(case, n, ratio):
     return discrete(case, n, n / ratio)
 
 
-def counted_step(method: str, m: int, cut: bool = False) -> int:
+def counted_step(method, m, cut=False):
     """Operations of the second step of a method on m cells."""
     rng = np.random.default_rng(1)
     y, F, R = (Counted.of(rng.random(m) + 1) for _ in range(3))
@@ -76,12 +73,12 @@ def counted_step(method: str, m: int, cut: bool = False) -> int:
 
 
 @pytest.mark.parametrize("method", ["uzawa", "nesterov"])
-def test_operations_of_a_step_are_those_counted(method: str) -> None:
+def test_operations_of_a_step_are_those_counted(method):
     """Per cell: the difference between 9 and 5 cells, for scalars are not counted."""
     assert counted_step(method, 9) - counted_step(method, 5) == 4 * operations.PER_CELL[method]
 
 
-def test_operations_of_barzilai_borwein_are_those_of_a_cut_step() -> None:
+def test_operations_of_barzilai_borwein_are_those_of_a_cut_step():
     per_cell = (
         counted_step("barzilai_borwein", 9, cut) - counted_step("barzilai_borwein", 5, cut)
         for cut in (True, False)
@@ -89,7 +86,7 @@ def test_operations_of_barzilai_borwein_are_those_of_a_cut_step() -> None:
     assert [4 * operations.PER_CELL["barzilai_borwein"], 52] == list(per_cell)
 
 
-def brute_cholesky(a: np.ndarray) -> None:
+def brute_cholesky(a):
     for k in range(len(a)):
         a[k, k] = Counted(math.sqrt(a[k, k]))
         Counted.done += 1
@@ -100,7 +97,7 @@ def brute_cholesky(a: np.ndarray) -> None:
                 a[i, j] = a[i, j] - a[i, k] * a[j, k]
 
 
-def brute_lu(a: np.ndarray) -> None:
+def brute_lu(a):
     """Elimination that skips zeros."""
     for k, i in itertools.combinations(range(len(a)), 2):
         if a[i, k] != 0:
@@ -110,14 +107,14 @@ def brute_lu(a: np.ndarray) -> None:
                     a[i, j] = a[i, j] - a[i, k] * a[k, j]
 
 
-def spd(n: int, band: int) -> np.ndarray:
+def spd(n, band):
     rng = np.random.default_rng(n)
     full = np.triu(np.tril(rng.random((n, n)), band), -band)
     return full + full.T + 2 * n * np.eye(n)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])
-def test_cholesky_by_brute_force(n: int) -> None:
+def test_cholesky_by_brute_force(n):
     a = Counted.of(spd(n, n))
     Counted.done = 0
     brute_cholesky(a)
@@ -125,7 +122,7 @@ def test_cholesky_by_brute_force(n: int) -> None:
 
 
 @pytest.mark.parametrize(("n", "band"), [(6, 6), (8, 1), (9, 3)])
-def test_sparse_factors_by_brute_force(n: int, band: int) -> None:
+def test_sparse_factors_by_brute_force(n, band):
     a = spd(n, band)
     options = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     found = operations.factors(splu(sp.csc_array(a), **options))
@@ -138,7 +135,7 @@ def test_sparse_factors_by_brute_force(n: int, band: int) -> None:
     assert found.solve == 2 * below + 2 * above + n
 
 
-def test_products_and_solves_by_brute_force() -> None:
+def test_products_and_solves_by_brute_force():
     m = 5
     S, y = Counted.of(spd(m, m)), Counted.of(np.ones(m))
     Counted.done = 0
@@ -153,14 +150,14 @@ def test_products_and_solves_by_brute_force() -> None:
     assert Counted.done == operations.triangular_solve(m)
 
 
-def test_every_way_to_S_y_gives_it() -> None:
+def test_every_way_to_S_y_gives_it():
     of = coupled("square", 16, 8)
     on = condensed("square", 16)
     rng = np.random.default_rng(2)
     y = rng.random(len(of.operator.H_i))
     exact = of.operator.S @ y
 
-    def error(apply: Any) -> float:
+    def error(apply):
         out = np.empty_like(y)
         apply(y, out)
         return float(np.abs(out - exact).max() / np.abs(exact).max())
@@ -170,7 +167,7 @@ def test_every_way_to_S_y_gives_it() -> None:
     assert 1e-9 < error(history.by_S32(of.operator)) < 1e-6
 
 
-def test_refinement_errs_like_the_increment() -> None:
+def test_refinement_errs_like_the_increment():
     """Single precision of an increment of 1e-6 leaves 1e-6 of its error."""
     operator = coupled("square", 16, 8).operator
     apply = history.refined(operator)
@@ -187,7 +184,7 @@ def test_refinement_errs_like_the_increment() -> None:
 
 @pytest.mark.parametrize("method", acceleration.STEPS)
 @pytest.mark.parametrize("case", ["natural", "thirds"])
-def test_levels_read_off_are_those_of_runs_of_their_own(case: str, method: str) -> None:
+def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
     of = problem(case, 16, 2)
     operator, offset = of.spaces.operator, of.offset
     tolerances = [0.01 * stop for stop in STOPS]
@@ -202,13 +199,13 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case: str, method: str) 
         assert found.bound == alone.bound <= tolerance
 
 
-def steps_with_rounding(method: str, seed: int) -> list[int]:
+def steps_with_rounding(method, seed):
     """To each level, every product S y changed by two units in its last place, at random."""
     of, rng = problem("thirds", 32, 2), np.random.default_rng(seed)
     operator, offset = of.spaces.operator, of.offset
     signs = np.array([-4e-16, 4e-16])
 
-    def apply(y: np.ndarray, out: np.ndarray) -> None:
+    def apply(y, out):
         out[:] = (operator.S @ y) * (1 + rng.choice(signs, len(y)))
 
     tolerances = [0.2 * stop for stop in STOPS]
@@ -219,7 +216,7 @@ def steps_with_rounding(method: str, seed: int) -> list[int]:
 
 
 @pytest.mark.parametrize("method", acceleration.STEPS)
-def test_steps_that_are_shown_do_not_change_with_rounding(method: str) -> None:
+def test_steps_that_are_shown_do_not_change_with_rounding(method):
     """Those of Barzilai and Borwein to 1e-10 do, and are not shown."""
     first, *others = (steps_with_rounding(method, seed) for seed in range(6))
     shown = STOPS.index(trade.SHOWN) + 1
@@ -229,7 +226,7 @@ def test_steps_that_are_shown_do_not_change_with_rounding(method: str) -> None:
     assert changes == (method == "barzilai_borwein")
 
 
-def test_in_single_precision_no_level_is_claimed_that_is_not_met() -> None:
+def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
     of = problem("natural", 16, 2)
     operator, offset = of.spaces.operator, of.offset
@@ -248,7 +245,7 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met() -> None:
 @pytest.mark.parametrize("method", ["barzilai_borwein", "newton"])
 @pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
 @pytest.mark.parametrize("ratio", [1.5, 2, 4])
-def test_all_methods_reach_the_solution_of_the_active_set(method: str, case: str, ratio: float) -> None:
+def test_all_methods_reach_the_solution_of_the_active_set(method, case, ratio):
     """Lawson and Hanson's least distance, independent of this loop."""
     of = problem(case, 24, ratio)
     offset = of.offset
@@ -259,7 +256,7 @@ def test_all_methods_reach_the_solution_of_the_active_set(method: str, case: str
     assert distance <= 1e-10
 
 
-def test_the_safeguard_cuts_a_step_to_its_minimum() -> None:
+def test_the_safeguard_cuts_a_step_to_its_minimum():
     rng = np.random.default_rng(4)
     S, b, y = spd(5, 5), -rng.random(5), rng.random(5)
     step = acceleration.BarzilaiBorwein(S, b, 1.0, y)
@@ -273,13 +270,13 @@ def test_the_safeguard_cuts_a_step_to_its_minimum() -> None:
     assert start_F @ (far - start) < 0
 
 
-def test_newton_is_refused_where_S_is_singular() -> None:
+def test_newton_is_refused_where_S_is_singular():
     operator = coupled("square", 8, 8).operator
     with pytest.raises(InputError, match="regular S"):
         uzawa(operator, np.ones(len(operator.H_i)), 1e-6, method="newton")
 
 
-def test_the_plan_varies_one_field_and_crosses_pairs() -> None:
+def test_the_plan_varies_one_field_and_crosses_pairs():
     variants = plan(STUDY)
     assert variants[0] == BASE
     assert len(set(variants)) == len(variants) == 1 + 1 + 2 + 2 + 2 + 6 * 6 - 1 + 2 * 5
@@ -290,12 +287,12 @@ def test_the_plan_varies_one_field_and_crosses_pairs() -> None:
 
 
 @cache
-def gram() -> Gram:
+def gram():
     return dual_norm(partitions.uniform(square(), 1 / 8), [load("thirds")]).gram([load("thirds")])
 
 
 @cache
-def measured(costly_steps: int = 50) -> tuple[xr.Dataset, xr.Dataset]:
+def measured(costly_steps=50):
     variants = [
         v for v in plan(STUDY) if v.scene == "square" and v.case == "thirds" and v.H_over_h in (2.0, 4.0)
     ]
@@ -304,7 +301,7 @@ def measured(costly_steps: int = 50) -> tuple[xr.Dataset, xr.Dataset]:
     return cost.measure(mesh, [load("thirds")], gram(), variants, [1 / 8, 1 / 4], limits)
 
 
-def test_the_last_level_has_the_errors_of_the_solution() -> None:
+def test_the_last_level_has_the_errors_of_the_solution():
     """`solve` measures by other means: from the solution's u_h and lambda_H."""
     table = trade.along(measured()[0], BASE, ["algorithm", "H_over_h"])
     solution = solve(problem("thirds", 16, 2), Stop(tolerance=1e-13))
@@ -316,7 +313,7 @@ def test_the_last_level_has_the_errors_of_the_solution() -> None:
         assert float(at["hm12_error_lower"]) <= float(at["hm12_error_upper"])
 
 
-def test_ways_to_S_y_take_the_same_steps_and_their_own_operations() -> None:
+def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
     table, timings = measured()
     algebra = trade.along(table, BASE, ["algebra"]).sel(H=1 / 8)
     steps = algebra["steps"]
@@ -333,7 +330,7 @@ def test_ways_to_S_y_take_the_same_steps_and_their_own_operations() -> None:
     assert timings["seconds_per_step"].min() > 0
 
 
-def test_operations_are_the_sum_of_their_parts() -> None:
+def test_operations_are_the_sum_of_their_parts():
     """Of plain Uzawa: steps + 1 residuals, steps updates, and a product for every other application."""
     table = measured()[0].isel(run=0)
     m = int(table["multipliers"])
@@ -344,7 +341,7 @@ def test_operations_are_the_sum_of_their_parts() -> None:
     np.testing.assert_array_equal(table["operations"].values, once + parts)
 
 
-def of_laws(sizes: int) -> xr.Dataset:
+def of_laws(sizes):
     """Steps digits / H by Uzawa's, digits / H^(1/2) by Nesterov's."""
     H = 2.0 ** -np.arange(2, 2 + sizes)
     digits = -np.log10(STOPS)
@@ -353,25 +350,25 @@ def of_laws(sizes: int) -> xr.Dataset:
     return xr.Dataset({"steps": (tuple(coords), np.stack([plain, fast])[:, None])}, coords=coords)
 
 
-def test_growth_of_known_laws() -> None:
+def test_growth_of_known_laws():
     """From H = 1/16 on; two sizes, of five, are too few."""
     found = [trade.growth(of_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")]
     assert found == pytest.approx([1, 0.5], abs=1e-12)
     assert math.isnan(trade.growth(of_laws(4), "uzawa", 2, 1 / 16))
 
 
-def test_front_leaves_out_what_is_beaten() -> None:
+def test_front_leaves_out_what_is_beaten():
     work = np.array([1.0, 2.0, 3.0, 4.0, 2.5, np.nan])
     error = np.array([1.0, 0.5, 0.6, 0.499, np.nan, 0.1])
     assert trade.front(work, error).tolist() == [0, 1]
 
 
-def test_half_of_an_error_at_second_order_of_work_costs_its_square_root() -> None:
+def test_half_of_an_error_at_second_order_of_work_costs_its_square_root():
     work = np.array([1.0, 10.0, 100.0, np.nan])
     assert trade.halving(work, np.append(work[:3] ** -2, 1.0)) == pytest.approx(math.sqrt(2), rel=1e-12)
 
 
-def of_errors(errors: list[float]) -> xr.Dataset:
+def of_errors(errors):
     """A case whose discrete error is 1."""
     coords = {"case": ["one"], "H": [1 / 16], "stop": STOPS[: len(errors)]}
     found = {
@@ -390,11 +387,11 @@ def of_errors(errors: list[float]) -> xr.Dataset:
         ([1, 1, 1, 1.2], math.nan),
     ],
 )
-def test_the_level_that_is_enough_has_no_worse_one_below(errors: list[float], stop: float) -> None:
+def test_the_level_that_is_enough_has_no_worse_one_below(errors, stop):
     assert trade.enough(of_errors(errors), "h1", 1 / 16) == pytest.approx(stop, nan_ok=True)
 
 
-def at_ratios(factors: list[float]) -> xr.Dataset:
+def at_ratios(factors):
     """Errors h times a factor of each H/h, with a set-up of h^-3: at the same work as far apart as these."""
     ratios, H = np.array([2.0, 3.0, 4.0]), 2.0 ** -np.arange(3, 7)
     coords = {"H_over_h": ratios, "H": H, "stop": [1.0]}
@@ -408,26 +405,26 @@ def at_ratios(factors: list[float]) -> xr.Dataset:
 
 
 @pytest.mark.parametrize("factors", [[1, 1.04, 1.06], [1.2, 1.1, 1], [1, 1, 1]])
-def test_ratios_are_as_good_as_their_errors_at_the_same_work(factors: list[float]) -> None:
+def test_ratios_are_as_good_as_their_errors_at_the_same_work(factors):
     table = at_ratios(factors)
     losses = trade.losses(table["h1_discrete"], table["setup_operations"])
     assert list(losses.values()) == pytest.approx(np.array(factors) / min(factors))
 
 
-def test_ratios_with_too_few_sizes_take_no_part() -> None:
+def test_ratios_with_too_few_sizes_take_no_part():
     table = at_ratios([1.2, 1.1, 1])
     table["setup_operations"][{"H_over_h": 2, "H": 2}] = np.nan
     losses = trade.losses(table["h1_discrete"], table["setup_operations"])
     assert losses == pytest.approx({2.0: 1.2 / 1.1, 3.0: 1.0})
 
 
-def test_the_price_is_that_of_the_finest_mesh_and_of_a_half() -> None:
+def test_the_price_is_that_of_the_finest_mesh_and_of_a_half():
     """Error h and work 3 h^-3, a third of it the set-up's: half of the error costs 8 times the work."""
     found = trade.price(at_ratios([1, 1, 1]).sel(H_over_h=2), "h1", 1.0, 1 / 8)
     assert found == pytest.approx((1.0, 1 / 128, 1 / 128, 3 * 128**3, 3, 8))
 
 
-def test_forming_S_pays_after_its_cost_over_what_a_step_saves() -> None:
+def test_forming_S_pays_after_its_cost_over_what_a_step_saves():
     """Set-up 1000 + the spectrum of 3 cells against 100, steps of 10 against 40: (1000 - 100) / 30."""
     coords = {"algebra": ["S", "A"], "H": [0.5]}
     values = {
@@ -439,7 +436,7 @@ def test_forming_S_pays_after_its_cost_over_what_a_step_saves() -> None:
     assert trade.breaks_even(table) == pytest.approx([30])
 
 
-def test_a_run_by_A_is_its_set_up_and_its_steps() -> None:
+def test_a_run_by_A_is_its_set_up_and_its_steps():
     """Set-up 100 and 9 steps, 10 residuals of 40, against 700 less the spectrum of 3 cells and 10 of 30."""
     dims = ("algorithm", "H_over_h", "H", "stop")
     coords = dict(zip(dims, (["uzawa"], [2.0], [0.5], [0.1]), strict=True))
@@ -453,7 +450,7 @@ def test_a_run_by_A_is_its_set_up_and_its_steps() -> None:
     assert trade.by_A_over_by_S(algebra, crossed, "uzawa", 2.0).item() == 0.5
 
 
-def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one() -> None:
+def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one():
     """By hand; at 1.5 one case loses 40 %."""
     spans = {1.5: (1.0, 1.4), 2.0: (1.05, 1.2), 4.0: (1.0, 1.3)}
     assert cost_tables.best_ratio(spans) == 2.0

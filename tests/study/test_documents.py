@@ -45,7 +45,7 @@ def told():
     return numbers.collect(found), blocks.collect(found), verdicts.holding(found.claims)
 
 
-def text(document: str) -> str:
+def text(document):
     return (ROOT / document).read_text(encoding="utf-8")
 
 

@@ -1,7 +1,5 @@
 """Uzawa's algorithm tried: against the linear recursions that it is in full contact, and by hand."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Declared partitions and boundary nodes: expected values from the definitions, by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -40,17 +38,24 @@ def test_uniform_partition():
     )
 
 
-def test_shifted_points_lie_a_fraction_of_a_cell_further():
-    """Side by side: 4 in two cells of 2, 5 in three of 5/3, 3 in two of 3/2; the first cell is longer."""
-    points = partition_of(TRIANGLE, {"H": 2, "shift": "1/4"}).points
-    expected = [0, 2 + 1 / 2, 4, 4 + 5 / 3 + 5 / 12, 4 + 10 / 3 + 5 / 12, 9, 9 + 3 / 2 + 3 / 8, 12]
-    assert_allclose(points, expected, rtol=0, atol=ROUND_OFF)
+@pytest.mark.parametrize(
+    ("spec", "expected"),
+    [
+        (
+            {"H": 2, "shift": "1/4"},
+            [0, 2 + 1 / 2, 4, 4 + 5 / 3 + 5 / 12, 4 + 10 / 3 + 5 / 12, 9, 9 + 3 / 2 + 3 / 8, 12],
+        ),
+        ({"H": 2, "grading": 3}, [0, 2, 4, 4 + 5 * 4 / 27, 4 + 5 * 23 / 27, 9, 9 + 3 / 2, 12]),
+        ({"counts": [1, 2, 3]}, [0, 4, 6.5, 9, 10, 11, 12]),
+        ({"points": [0, "1/3", 4, 9, 12]}, [0, 1 / 3, 4, 9, 12]),
+    ],
+)
+def test_points_by_hand(spec, expected):
+    """H = 2 are two cells of 2, three of 5/3, two of 3/2; shifted by a quarter, the first is longer.
 
-
-def test_graded_points_are_powers_towards_both_ends():
-    points = partition_of(TRIANGLE, {"H": 2, "grading": 3}).points
-    expected = [0, 2, 4, 4 + 5 * 4 / 27, 4 + 5 * 23 / 27, 9, 9 + 3 / 2, 12]
-    assert_allclose(points, expected, rtol=0, atol=ROUND_OFF)
+    Graded ones are powers towards both ends of a side.
+    """
+    assert_allclose(partition_of(TRIANGLE, spec).points, expected, rtol=0, atol=ROUND_OFF)
 
 
 def test_random_lengths_are_log_uniform():
@@ -64,16 +69,6 @@ def test_random_lengths_are_log_uniform():
     other = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 2})
     assert_array_equal(cells.points, again.points)
     assert not np.array_equal(cells.points, other.points)
-
-
-def test_counts_are_equal_cells():
-    lengths = partition_of(TRIANGLE, {"counts": [1, 2, 3]}).lengths
-    assert_allclose(lengths, [4, 2.5, 2.5, 1, 1, 1], rtol=0, atol=ROUND_OFF)
-
-
-def test_points_are_taken_as_they_are():
-    spec = {"points": [0, "1/3", 1, 2, 3, 4]}
-    assert_array_equal(partition_of(square(), spec).points, [0, 1 / 3, 1, 2, 3, 4])
 
 
 @pytest.mark.parametrize("spec", [{"H": "1/4"}, {"H": "1/4", "shift": 0}, {"H": "1/4", "grading": 1}])

@@ -1,85 +1,75 @@
-"""The stored study of cost against theory. Nothing is solved here.
+"""The stored study of cost against theory. Nothing is solved here; what claims say of it is judged there.
 
 Triangle inequalities bound how far an unfinished run may be from the discrete solution; work like h^-3 and
 the rates of the best approximation bound the price of half an error.
 """
 
-from __future__ import annotations
-
-from functools import cache
-
 import numpy as np
 import pytest
-import xarray as xr
-import yaml
-from conftest import ROOT
+from conftest import config
+from conftest import stored as table_of
 
-from unilateral.study import tables
 from unilateral.study.figures import work_precision
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.rates import NORMS
 from unilateral.study.runs.cost.variants import Variant, plan
 from unilateral.study.text import cost_tables
 
-STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
 COARSEST = 1 / 16
 RATES = {"h1": 1.0, "hm12": 1.5, "l2": 1.0}
-JUDGED = yaml.safe_load((ROOT / "workflow/config/rates.yaml").read_text())["rates"]["norms"]
-SLACK = {norm: JUDGED[norm]["tolerance"] for norm in NORMS}
+SLACK = {norm: of["tolerance"] for norm, of in config("rates")["rates"]["norms"].items()}
 """What a rate may lack."""
 ROUNDING = 1e-12
 
 
-@cache
-def stored(name: str) -> xr.Dataset:
-    return tables.load(ROOT / "results/cost" / f"{name}.nc")
+def stored(name):
+    return table_of(f"cost/{name}")
 
 
-def of(table: xr.Dataset, **fields: str) -> xr.Dataset:
+def of(table, **fields):
     kept = np.logical_and.reduce([table[name].values == value for name, value in fields.items()])
     return table.isel(run=np.flatnonzero(kept))
 
 
-def test_every_variant_ran_on_every_mesh_that_has_it() -> None:
-    table = stored("cost")
+def test_every_variant_ran_on_every_mesh_that_has_it():
+    """And the table of seconds has the same runs; no number of seconds is in a table that is compared."""
+    table, timings = stored("cost"), stored("timings")
     runs = {Variant(*fields) for fields in zip(*(table[f].values for f in Variant._fields), strict=True)}
-    assert runs == set(plan(STUDY))
+    assert runs == set(plan(config("study")["cost"]))
     np.testing.assert_allclose(table["H"], table["H_over_h"] * table["h"], rtol=1e-12)
     assert [name for name in table.data_vars if not table[name].attrs.get("units")] == ["case"]
-
-
-def test_the_table_of_seconds_has_the_same_runs() -> None:
-    table, timings = stored("cost"), stored("timings")
     for name in (*Variant._fields, "h", "H"):
         np.testing.assert_array_equal(table[name].values, timings[name].values)
     assert np.array_equal(np.isfinite(timings["seconds"]), np.isfinite(table["steps"]))
-    S_in_mb = 8 * table["multipliers"].values ** 2 / 2**20
-    assert np.all(timings["peak_mb"].values > S_in_mb)
+    assert np.all(timings["peak_mb"].values > 8 * table["multipliers"].values ** 2 / 2**20)  # S alone
+    for name in ("cost", "algorithm", "algebra", "case"):
+        assert not [each for each in stored(name).data_vars if "seconds" in each or "peak" in each]
 
 
-def test_every_run_in_double_precision_with_S_reached_every_level() -> None:
+def test_every_level_is_reached_but_in_single_precision():
+    """Its unit round-off is 6e-8, amplified by the condition of S."""
     for name in ("float64", "refined"):
         found = of(stored("cost"), algebra="S", precision=name)
         assert found.sizes["run"] >= 5
         assert np.isfinite(found["steps"]).all()
-
-
-def test_single_precision_ends_above_the_last_level() -> None:
-    """Its unit round-off is 6e-8, amplified by the condition of S."""
     single = of(stored("cost"), precision="float32")
     assert np.isnan(single["steps"].sel(stop=1e-10)).all()
     assert np.isfinite(single["steps"].sel(stop=1e-2)).all()
 
 
-def test_no_level_is_claimed_above_its_tolerance() -> None:
+def test_no_level_is_claimed_above_its_tolerance_and_a_lower_one_takes_no_fewer_steps():
+    """Checks of the bound, which are counted besides, may be fewer."""
     table = stored("cost")
     met = np.isfinite(table["steps"])
     assert np.array_equal(met, np.isfinite(table["algebraic_bound"]))
     share = (table["algebraic_bound"] / table["h1_discrete"] / table["stop"]).where(met)
     assert float(share.max()) <= 1 + 1e-12
+    more = table["steps"].diff("stop")
+    assert (more.where(np.isfinite(more), 0) >= 0).all()
+    assert ((table["operator_applications"] - table["steps"] - 1).where(met, 1) >= 1).all()
 
 
-def triangle(table: xr.Dataset) -> bool:
+def triangle(table):
     """Whether |error - discrete error| <= bound, in L2 <= bound / lambda_min^{1/2}, everywhere."""
     bound, discrete, in_L2 = table["algebraic_bound"], table["h1_discrete"], table["l2_discrete"]
     in_h1 = abs(table["h1_error"] - discrete) <= bound + ROUNDING * discrete
@@ -88,59 +78,42 @@ def triangle(table: xr.Dataset) -> bool:
     return bool(in_h1.where(met, True).all()) and bool(in_l2.where(met, True).all())
 
 
-def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows() -> None:
-    assert triangle(stored("cost"))
-
-
 @pytest.mark.parametrize("name", ["h1_error", "l2_error"])
-def test_errors_of_another_level_are_noticed(name: str) -> None:
-    """Those of level 1 in the place of 1e-10."""
+def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(name):
+    """Control: those of level 1 in the place of 1e-10."""
+    assert triangle(stored("cost"))
     table = stored("cost").copy(deep=True)
     table[name].loc[{"stop": 1e-10}] = table[name].sel(stop=1.0).values
     assert not triangle(table)
 
 
-def test_a_lower_level_takes_no_fewer_steps() -> None:
-    """Checks of the bound, which are counted besides, may be fewer."""
-    more = stored("cost")["steps"].diff("stop")
-    assert (more.where(np.isfinite(more), 0) >= 0).all()
-    checks = stored("cost")["operator_applications"] - stored("cost")["steps"] - 1
-    assert (checks.where(np.isfinite(checks), 1) >= 1).all()
-
-
-def test_ways_to_S_y_take_the_same_steps() -> None:
-    steps = stored("algebra")["steps"]
-    for name in ("A", "A_3"):
-        met = np.isfinite(steps.sel(algebra=name))
-        assert met.sum() >= 10
-        assert (steps.sel(algebra=name) == steps.sel(algebra="S")).where(met, True).all()
-
-
-def test_refinement_takes_the_steps_of_double_precision() -> None:
-    steps = stored("precision")["steps"]
-    double, refined = (steps.sel(precision=name) for name in ("float64", "refined"))
+def test_refinement_takes_the_steps_of_double_precision_and_another_algebra_the_same():
+    double, refined = (stored("precision")["steps"].sel(precision=name) for name in ("float64", "refined"))
     assert (abs(double - refined) <= 1 + 1e-3 * double).all()
+    steps = stored("algebra")["steps"]
+    met = np.isfinite(steps.sel(algebra="A_3"))
+    assert met.sum() >= 10
+    assert (steps.sel(algebra="A_3") == steps.sel(algebra="S")).where(met, True).all()
 
 
 @pytest.mark.parametrize("norm", NORMS)
-@pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
-def test_half_an_error_costs_no_more_than_theory_says(norm: str, case: str) -> None:
-    """Work ~ h^-3 and error ~ h^rate: 2^(3/rate), the rate less its tolerance."""
-    found = cost_tables.prices(cost_tables.by_case(stored("case")), 2, COARSEST)[norm][case]
-    assert 1 < found.halving <= 2 ** (3 / (RATES[norm] - SLACK[norm]))
+def test_half_an_error_costs_no_more_than_theory_says(norm):
+    """Work ~ h^-3 and error ~ h^rate: 2^(3/rate), the rate less its tolerance.
 
-
-def test_an_error_that_does_not_fall_is_noticed() -> None:
-    """The two finest errors as large as those before."""
-    cases = stored("case").sel(case="thirds", H_over_h=2)
-    at = cases.sel(stop=0.1, H=cases["H"] <= COARSEST)
-    error = trade.relative(at, "h1").values.copy()
+    Control: with the two finest errors as large as those before it would cost more.
+    """
+    most = 2 ** (3 / (RATES[norm] - SLACK[norm]))
+    for found in cost_tables.prices(cost_tables.by_case(stored("case")), 2, COARSEST)[norm].values():
+        assert 1 < found.halving <= most
+        assert found.over_setup > 1
+    at = stored("case").sel(case="thirds", H_over_h=2, stop=0.1, H=stored("case")["H"] <= COARSEST)
+    error = trade.relative(at, norm).values.copy()
     error[2:] = error[:2]
-    assert trade.halving(at["operations"].values, error) > 2 ** (3 / (RATES["h1"] - SLACK["h1"]))
+    assert trade.halving(at["operations"].values, error) > most
 
 
 @pytest.mark.parametrize("norm", NORMS)
-def test_the_front_beats_every_run(norm: str) -> None:
+def test_the_front_beats_every_run(norm):
     crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
     front = work_precision.front(stored("algorithm"), norm)
     work, error = crossed["operations"].values.ravel(), trade.relative(crossed, norm).values.ravel()
@@ -150,16 +123,7 @@ def test_the_front_beats_every_run(norm: str) -> None:
     assert (np.diff(front["error"]) < 0).all()
 
 
-def test_advice_names_only_runs_that_were_made() -> None:
-    cases = stored("case")
-    for norm, by_name in cost_tables.prices(cost_tables.by_case(cases), 2, COARSEST).items():
-        for name, of in by_name.items():
-            at = cases.sel(case=name, H_over_h=2, stop=of.stop)
-            assert np.isclose(trade.relative(at, norm), of.error).any()
-            assert of.over_setup > 1
-
-
-def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u() -> None:
+def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u():
     """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
     lost = cost_tables.losses(stored("case"), COARSEST)
     for by_ratio in (spans for by_work in lost.values() for spans in by_work.values()):
@@ -168,7 +132,7 @@ def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u() -> None:
         assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
 
 
-def test_cheapest_is_met_and_nothing_cheaper_is() -> None:
+def test_cheapest_is_met_and_nothing_cheaper_is():
     crossed = stored("algorithm").sel(algorithm="uzawa", stop=stored("algorithm")["stop"] < 1)
     for norm in NORMS:
         found = trade.cheapest(stored("algorithm"), norm, 0.1)
@@ -177,8 +141,3 @@ def test_cheapest_is_met_and_nothing_cheaper_is() -> None:
         good = (trade.relative(crossed, norm) <= 0.1) & (crossed["operations"] < found["operations"])
         assert not good.any()
     assert trade.cheapest(stored("algorithm"), "h1", 1e-9) is None
-
-
-def test_no_number_of_seconds_is_in_a_table_that_is_compared() -> None:
-    for name in ("cost", "algorithm", "algebra", "case"):
-        assert not [each for each in stored(name).data_vars if "seconds" in each or "peak" in each]

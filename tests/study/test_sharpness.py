@@ -1,7 +1,5 @@
 """The family of the sharpness study: its places, its certificates, one member solved by itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -33,13 +31,13 @@ R = sympy.Rational
 LEVELS = [R(1, 2**k) for k in range(3, 8)]
 
 
-def thetas(points: list[sympy.Expr], H: sympy.Expr) -> list[sympy.Expr]:
+def thetas(points, H):
     """Positions inside their cells of size H, from 0 to 1, exactly."""
     return [x / H - sympy.floor(x / H) for x in points]
 
 
 @pytest.mark.parametrize("H", LEVELS)
-def test_transitions_are_at_the_same_theta_on_every_level(H: sympy.Expr) -> None:
+def test_transitions_are_at_the_same_theta_on_every_level(H):
     """In the cell that begins at START; and so are those where the cutoff ends."""
     expected = [R(2 * k + 1, 16) for k in range(8)]
     found = places(H, 8)
@@ -49,12 +47,12 @@ def test_transitions_are_at_the_same_theta_on_every_level(H: sympy.Expr) -> None
     assert thetas([R(1, 3)], H) != thetas([R(1, 3)], H / 2)
 
 
-def test_a_size_without_a_cell_at_the_start_is_refused() -> None:
+def test_a_size_without_a_cell_at_the_start_is_refused():
     with pytest.raises(InputError, match="1/6 does not divide 1/4"):
         places(R(1, 6), 8)
 
 
-def certified(alpha: sympy.Expr, gamma: sympy.Expr, at: sympy.Expr, j: bool, jj: bool) -> Case:
+def certified(alpha, gamma, at, j, jj):
     declared = {"hypotheses": {"j": j, "jj": jj, "jjj": True}}
     return replace(transition(SQUARE, at, alpha, gamma), declaration=declared)
 
@@ -64,7 +62,7 @@ FAMILY = list(product([R(-1, 4), R(1, 20), R(7, 4)], [R(1, 2), R(1), R(5, 2)]))
 
 @pytest.mark.parametrize("at", [places(LEVELS[0], 8)[0], places(LEVELS[0], 8)[-1], places(LEVELS[-1], 8)[2]])
 @pytest.mark.parametrize(("alpha", "gamma"), FAMILY)
-def test_members_have_a_certificate(alpha: sympy.Expr, gamma: sympy.Expr, at: sympy.Expr) -> None:
+def test_members_have_a_certificate(alpha, gamma, at):
     """(j) fails for alpha < 0; (jj) there, by the trace r^(1 + alpha), and for gamma < 1."""
     case = certified(alpha, gamma, at, alpha > 0, alpha > 0 and gamma >= 1)
     found = certify(case)
@@ -74,13 +72,13 @@ def test_members_have_a_certificate(alpha: sympy.Expr, gamma: sympy.Expr, at: sy
     assert [bool(table[name].item()) for name in ("j", "jj")] == [found.j, found.jj]
 
 
-def test_a_wrong_claim_of_a_hypothesis_is_noticed() -> None:
+def test_a_wrong_claim_of_a_hypothesis_is_noticed():
     """Control."""
     with pytest.raises(InputError, match=r"\(jj\) does not hold, declared otherwise"):
         certify(certified(R(1, 2), R(1, 2), R(2, 5), True, True))
 
 
-def test_a_member_with_contact_in_its_gap_is_refused() -> None:
+def test_a_member_with_contact_in_its_gap_is_refused():
     """Control: lambda begins an eighth before the gap ends."""
     case = certified(R(1, 2), R(1), R(2, 5), True, True)
     moved = replace(case, gaps=(case.gaps[0].subs(T, T - R(1, 8)), *case.gaps[1:]))
@@ -91,7 +89,7 @@ def test_a_member_with_contact_in_its_gap_is_refused() -> None:
 EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (5 / 4, 3 / 2), (7 / 4, 1 / 2)]
 
 
-def without_cutoff(a: float, c: float, theta: float) -> float:
+def without_cutoff(a, c, theta):
     """The consistency term of one transition, at theta of a cell with H = 1/16, the gap before it."""
     alpha, gamma, place = (R(exact).limit_denominator(20) for exact in (a, c, theta))
     at = R(3, 8) + place / 16
@@ -100,19 +98,19 @@ def without_cutoff(a: float, c: float, theta: float) -> float:
     return cell_means(case, partitions.uniform(SQUARE, 1 / 16)).consistency
 
 
-def formula(a: float, c: float, theta: float) -> float:
+def formula(a, c, theta):
     """H times the means over the cell of s_+^a and s_-^c, H = 1/16."""
     return (1 / 16) ** (a + c + 1) * theta ** (c + 1) * (1 - theta) ** (a + 1) / ((a + 1) * (c + 1))
 
 
 @pytest.mark.parametrize("theta", [0.1, 1 / 3, 0.5, 0.9])
 @pytest.mark.parametrize(("a", "c"), EXPONENTS)
-def test_the_consistency_term_of_one_transition(a: float, c: float, theta: float) -> None:
+def test_the_consistency_term_of_one_transition(a, c, theta):
     """1e-10: the transition is known to 1e-16, of a cell of size H to 1e-15, powers to a few times that."""
     assert without_cutoff(a, c, theta) == pytest.approx(formula(a, c, theta), rel=1e-10)
 
 
-def test_the_consistency_term_knows_from_which_end_theta_is_measured() -> None:
+def test_the_consistency_term_knows_from_which_end_theta_is_measured():
     """Control: and which exponent belongs to which side."""
     found = without_cutoff(0.5, 1.5, 0.1)
     assert found != pytest.approx(formula(0.5, 1.5, 0.9), rel=0.1)
@@ -124,13 +122,13 @@ ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
 
 
 @cache
-def measured() -> xr.Dataset:
+def measured():
     mesh, cells = structured(SQUARE, 1 / 8), partitions.uniform(SQUARE, 1 / 4)
     return measure(mesh, cells, AT, (ALPHAS, GAMMAS), Stop())
 
 
 @pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
-def test_a_measurement_is_the_solve_of_its_member(a: int, c: int, k: int) -> None:
+def test_a_measurement_is_the_solve_of_its_member(a, c, k):
     """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
     spaces, case = coupled("square", 8, 4), transition(SQUARE, AT[k], ALPHAS[a], GAMMAS[c])
     discrete = with_solution(spaces, exact(case, spaces))
@@ -155,13 +153,13 @@ def test_a_measurement_is_the_solve_of_its_member(a: int, c: int, k: int) -> Non
     assert abs(float(other["h1_error"]) / solution.errors.h1 - 1) > 1e-4
 
 
-def test_every_variable_is_described() -> None:
+def test_every_variable_is_described():
     tables = (measured(), surfaces.rates_over(made_up([0.5], [1.0])))
     assert {name for table in tables for name in table.variables} - {"norm"} <= set(VARIABLES)
     assert set(MEASURED) <= set(measured().data_vars)
 
 
-def made_up(alphas: list[float], gammas: list[float]) -> xr.Dataset:
+def made_up(alphas, gammas):
     """Errors H^alpha in H1 and H^gamma in L2, those in H^{-1/2} between bounds; 2 positions, 4 levels."""
     H, position = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), np.array([0.6, 0.8])
     dims = ("level", "alpha", "gamma", "position")
@@ -182,7 +180,7 @@ def made_up(alphas: list[float], gammas: list[float]) -> xr.Dataset:
     return xr.Dataset(table | per_level, coords={"alpha": alphas, "gamma": gammas} | sizes)
 
 
-def test_rates_of_errors_with_known_rates() -> None:
+def test_rates_of_errors_with_known_rates():
     """Positions have the errors 0.6 and 0.8 of one law: their r.m.s. mean is 0.5^(1/2) of it."""
     alphas, gammas = [0.25, 0.75], [0.5, 1.5, 2.5]
     errors = made_up(alphas, gammas)
@@ -201,14 +199,14 @@ def test_rates_of_errors_with_known_rates() -> None:
     np.testing.assert_allclose(again["uncertainty"], np.log2(1.5), rtol=1e-12)
 
 
-def test_shares_are_the_bound_in_the_norm_over_the_error_s_lower_bound() -> None:
+def test_shares_are_the_bound_in_the_norm_over_the_error_s_lower_bound():
     """H = 1/4: 1e-3/16 of p, over p H^alpha; over beta = 1/2 and 0.6 p H; over 0.5 and p H^gamma."""
     found = surfaces.rates_over(made_up([0.5], [1.0]))["share"].isel(level=0)
     expected = [1e-3 / 16 / 0.5, 1e-3 / 16 / 0.5 / (0.6 / 4), 1e-3 / 16 / 0.5 / 0.25]
     np.testing.assert_allclose(found.values.ravel(), expected, rtol=1e-12)
 
 
-def test_one_position_without_convergence_counts() -> None:
+def test_one_position_without_convergence_counts():
     errors = made_up([0.5], [1.0, 2.0])
     errors["converged"][{"level": 2, "gamma": 1, "position": 0}] = 0.0
     found = surfaces.rates_over(errors)["converged"].values
@@ -228,13 +226,13 @@ def test_one_position_without_convergence_counts() -> None:
         ("l2", 1.75, 0.5, 1.0, 1.0),
     ],
 )
-def test_predicted_rates(norm: str, alpha: float, gamma: float, best: float, left: float) -> None:
+def test_predicted_rates(norm, alpha, gamma, best, left):
     """By hand: P1 and P0 on s_+^alpha; half of alpha + gamma + 1, and 1/2 less in L2."""
     assert float(surfaces.predicted(norm, alpha)) == pytest.approx(best, rel=1e-14)
     assert float(surfaces.left_by_proof(norm, alpha, gamma)) == pytest.approx(left, rel=1e-14)
 
 
-def two_level_rates(at_third: bool) -> xr.Dataset:
+def two_level_rates(at_third):
     """alpha = 1/2, gamma = 1 on three levels."""
     levels = []
     for H in LEVELS[1:4]:
@@ -244,12 +242,12 @@ def two_level_rates(at_third: bool) -> xr.Dataset:
     return surfaces.rates_over(surfaces.along_levels(levels))
 
 
-def judged(table: xr.Dataset) -> bool:
+def judged(table):
     """Whether all rates of lambda in L2 reach min(1, alpha + 1/2) less the study's tolerance."""
     return bool((table["rate"].sel(norm="l2") >= 1 - 0.1).all())
 
 
-def test_a_fixed_transition_fakes_rates_and_the_average_does_not() -> None:
+def test_a_fixed_transition_fakes_rates_and_the_average_does_not():
     """At 1/3 theta is 1/3 and 2/3 in turn: the consistency term jumps by 2^(gamma - alpha), either way.
 
     0.15 is room for the cutoff: at H = 1/16 it takes up to 4 (H/R)^2 = 25 % of lambda in the cell.

@@ -1,33 +1,25 @@
 """The stored surveys of beta: what Lemma 3.1 and simple linear algebra say of every one."""
 
-from functools import cache
-
 import numpy as np
 import pytest
-import yaml
-from conftest import ROOT
+from conftest import config, stored
 
-from unilateral.study import tables
-
-STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())
+STUDY, FINDS = config("study"), config("worst_infsup")["finds"]
 SURVEYS = STUDY["surveys"]
-FINDS = yaml.safe_load((ROOT / "workflow/config/worst_infsup.yaml").read_text())["finds"]
 
 
-@cache
 def survey(name):
-    return tables.load(ROOT / f"results/{name}/infsup.nc")
+    return stored(f"{name}/infsup")
 
 
-@pytest.fixture(params=SURVEYS)
-def table(request):
-    return survey(request.param)
-
-
-def test_beta_is_known_to_half_a_percent(table):
-    lower, upper = table["beta_lower"].values, table["beta_upper"].values
+@pytest.mark.parametrize("name", SURVEYS)
+def test_beta_is_known_to_half_a_percent_and_the_worst_multiplier_normalised(name):
+    """The first of its values within 1e-3 of the largest is 1."""
+    lower, upper, worst = (survey(name)[of].values for of in ("beta_lower", "beta_upper", "worst"))
     assert np.all((lower >= 0) & (lower <= upper) & (upper <= 1))
     assert np.all(upper <= 1.005 * lower)
+    known = np.isfinite(worst).any(axis=-1)
+    np.testing.assert_allclose(np.nanmax(np.abs(worst[known]), axis=-1), 1, rtol=2e-3)
 
 
 @pytest.mark.parametrize("name", ["betasquare", "betagmsh", "betalshape", "betalshapegmsh"])
@@ -37,13 +29,6 @@ def test_beta_is_0_where_the_partition_has_more_cells_than_the_mesh_boundary_nod
     no_fewer = table["h_over_H"].values >= 1 - 1e-9
     assert no_fewer.any()
     assert np.array_equal(table["beta_upper"].values == 0, no_fewer)
-
-
-def test_the_worst_multiplier_is_normalised(table):
-    worst = table["worst"].values
-    known = np.isfinite(worst).any(axis=-1)
-    largest = np.nanmax(np.abs(worst[known]), axis=-1)
-    np.testing.assert_allclose(largest, 1, rtol=2e-3)  # the first of those within 1e-3 of the largest is 1
 
 
 def test_at_h_equal_to_H_beta_vanishes_on_an_even_boundary_and_not_on_an_odd_one():
@@ -70,20 +55,17 @@ def test_on_uniform_meshes_beta_grows_with_the_edges_per_cell(name):
     assert np.all(np.diff(table["beta_upper"].values[nested, 0]) > 0)
 
 
-def by_edges(name):
-    """beta by the number of edges per cell."""
-    of = survey(name).isel(partition=0)
-    return dict(zip(np.round(of["edges_per_cell"].values, 6), of["beta_lower"].values, strict=True))
-
-
 def test_at_a_fixed_ratio_beta_is_uniform_in_h():
     """H = 1/16 and 1/32: Lemma 3.1's constant depends on the ratio only; the corners' share is below 5 %."""
-    coarse, fine = (by_edges("betasquare"), by_edges("betasquarefine"))
+    coarse, fine = (
+        dict(zip(np.round(of["edges_per_cell"].values, 6), of["beta_lower"].values, strict=True))
+        for of in (survey(name).isel(partition=0) for name in ("betasquare", "betasquarefine"))
+    )
     common = sorted(K for K in coarse.keys() & fine.keys() if coarse[K] > 0)
     assert len(common) >= 6
-    np.testing.assert_allclose([fine[K] for K in common], [coarse[K] for K in common], rtol=0.05)
-    control = np.array([coarse[K] for K in common])
-    assert np.all(control[1:] / control[:-1] > 1.05)
+    found, expected = (np.array([of[K] for K in common]) for of in (fine, coarse))
+    np.testing.assert_allclose(found, expected, rtol=0.05)
+    assert np.all(expected[1:] / expected[:-1] > 1.05)  # control
 
 
 def test_the_finds_are_as_bad_as_their_search_says():
@@ -100,10 +82,3 @@ def test_the_rule_for_beta_is_judged_on_many_pairs():
         for table in map(survey, SURVEYS)
     ]
     assert sum(map(np.count_nonzero, fine)) > 30
-
-
-def test_two_edges_in_every_cell_are_not_enough():
-    """A finding: with edges of very different lengths beta is below 0.2 at two edges in every cell."""
-    table = survey("betaworst")
-    two = table["edges_per_cell"].values[0] >= 2 - 1e-6
-    assert table["beta_upper"].values[0][two].min() < 0.2

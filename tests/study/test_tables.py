@@ -70,28 +70,6 @@ def test_two_files_of_one_table_are_byte_identical(tmp_path):
     assert digest(tmp_path / "one.nc") == digest(tmp_path / "two.nc") != digest(tmp_path / "other.nc")
 
 
-@pytest.mark.parametrize("ending", ["nc", "csv"])
-def test_an_error_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, ending):
-    path = tmp_path / f"table.{ending}"
-    path.write_text("old")
-
-    def half(self, file, *_, **__):
-        file.write_text("half")
-        raise OSError("no space left")
-
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
-    monkeypatch.setattr(pd.DataFrame, "to_csv", half)
-    with pytest.raises(StorageError, match=rf"table\.{ending} cannot be written: no space left"):
-        tables.save(level(0.5), path, "scene") if ending == "nc" else tables.save_csv(pd.DataFrame(), path)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match=r"errors\.nc cannot be written: there is no folder .*missing"):
-        tables.save(level(0.5), tmp_path / "missing" / "errors.nc", "scene")
-
-
 def test_loading_what_is_not_there():
     with pytest.raises(InputError, match=r"no table results/none\.nc; run 'make', or 'snakemake -j2 res"):
         tables.load("results/none.nc")

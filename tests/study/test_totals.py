@@ -1,7 +1,5 @@
 """Guaranteed total errors over the true ones: bounds on stored solutions, and what is no bound."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -17,7 +15,7 @@ from unilateral.study.text import error_tables
 
 
 @pytest.fixture(scope="module")
-def found() -> xr.Dataset:
+def found():
     mesh, cases = structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
     cells = [partitions.uniform(square(), H) for H in (1 / 2, 1 / 4)]
     gram = dual_norm(cells[1], cases).gram(cases)

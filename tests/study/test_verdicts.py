@@ -1,9 +1,5 @@
 """The ledger for readers: its tables in Markdown."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from conftest import ROOT
 
@@ -13,7 +9,7 @@ from unilateral.study.judge import records as stored
 from unilateral.study.text import verdicts
 
 
-def record(**changed: object) -> dict[str, object]:
+def record(**changed):
     fields = {
         "id": "4.1",
         "section": "estimates",
@@ -25,19 +21,19 @@ def record(**changed: object) -> dict[str, object]:
     return {**fields, **numbers, **changed}
 
 
-def row(**changed: object) -> list[str]:
+def row(**changed):
     """The one row of the table of one record."""
     return verdicts.claims_tables([record(**changed)])["claims-estimates"].iloc[0].tolist()
 
 
-def test_a_table_per_section_with_a_row_per_claim() -> None:
+def test_a_table_per_section_with_a_row_per_claim():
     found = verdicts.claims_tables([record(), record(id="5.1", section="algorithm", expected="<= 2")])
     assert list(found) == ["claims-estimates", "claims-algorithm"]
     assert row() == ["4.1", "it holds [Lemma 4.1]", "a number", "1.23 ≥ 0.9", "37 %", "holds"]
     assert found["claims-algorithm"]["observed"].tolist() == ["1.23 ≤ 2"]
 
 
-def test_a_claim_holds_unless_it_fails() -> None:
+def test_a_claim_holds_unless_it_fails():
     records = [record(), record(id="1.8", verdict="is an error"), record(id="9", verdict="fails")]
     records.append(record(id="10", verdict="not judged: nothing is known"))
     assert verdicts.holding(records) == {"4.1": True, "1.8": True, "9": False, "10": False}
@@ -55,23 +51,23 @@ def test_a_claim_holds_unless_it_fails() -> None:
         ({"expected": ">= 0", "observed": 0.02, "margin": 0.02}, "0.02 ≥ 0 | –"),
     ],
 )
-def test_numbers_that_round_off_makes_are_not_shown(changed: dict[str, object], shown: str) -> None:
+def test_numbers_that_round_off_makes_are_not_shown(changed, shown):
     assert f"| {shown} |" in f"| {' | '.join(row(**changed))} |"
 
 
-def test_of_what_is_not_judged_the_reason_is_shown_and_no_number() -> None:
+def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
     numbers = dict.fromkeys(("quantity", "expected", "observed", "margin"))
     shown = row(**numbers, verdict="not judged: beta is not known of square")
     assert shown[2:] == ["–", "–", "–", "not judged: β is not known of square"]
 
 
-def test_letters_and_signs_are_set_as_such() -> None:
+def test_letters_and_signs_are_set_as_such():
     shown = row(quantity="the largest lambda_max(S) |x| <= Pi_H mu, pie", verdict="a -> b")
     assert shown[2] == r"the largest λ_max(S) \|x\| ≤ Π_H μ, pie"
     assert shown[-1] == "a → b"
 
 
-def test_every_verdict_of_the_ledger_has_a_section_of_the_paper() -> None:
+def test_every_verdict_of_the_ledger_has_a_section_of_the_paper():
     records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.ledger()]
     text = (ROOT / "paper.md").read_text(encoding="utf-8")
     for name in verdicts.claims_tables(records):
@@ -79,7 +75,7 @@ def test_every_verdict_of_the_ledger_has_a_section_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize("content", ["", '[{"id": "4.11", "sta', "\x00"])
-def test_damaged_claims_are_refused(tmp_path: Path, content: str) -> None:
+def test_damaged_claims_are_refused(tmp_path, content):
     (tmp_path / "claims.json").write_text(content)
     with pytest.raises(StorageError, match=r"claims\.json is damaged; 'snakemake -j2 -f .*' makes it anew"):
         stored.read(tmp_path / "claims.json")

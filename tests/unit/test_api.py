@@ -173,10 +173,7 @@ def test_the_picture_shows_contact_and_gap():
         ({"accuracy": 0.1, "mesh": "quads"}, "the mesh 'quads' is neither a mesh nor one of structured"),
         ({"accuracy": 0.1, "norm": "l2"}, "the norm 'l2' is none of h1, hm12"),
         ({"accuracy": 2}, "the accuracy 2 is relative and must lie between 0 and 1"),
-        (
-            {"mesh": "quads", **SIZES},
-            "the mesh 'quads' is neither a mesh nor one of structured",
-        ),
+        ({"mesh": "quads", **SIZES}, "the mesh 'quads' is neither a mesh nor one of structured"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(arguments, message):

@@ -21,8 +21,12 @@ def figure(path):
         pass
 
 
+UNFILLED = "<!-- a: begin -->\n<!-- a: end -->\n"
+
+
 def document(path):
-    path.write_text("<!-- a: begin -->\n<!-- a: end -->\n")
+    if not path.exists():
+        path.write_text(UNFILLED)
     marks.fill(path, {}, {"a": "1"}, {})
 
 
@@ -51,6 +55,22 @@ def test_a_file_has_the_permissions_of_any_new_file_and_nothing_beside_it(tmp_pa
     assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~masked
 
 
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_writer_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, name):
+    """At its last step, where all of the new file is written."""
+
+    def full(*_):
+        raise OSError("no space left")
+
+    path = tmp_path / name
+    path.write_text(UNFILLED)
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(StorageError, match=rf"{name} cannot be written: no space left") as found:
+        WRITERS[name](path)
+    assert found.value.exit_code == 4
+    assert (path.read_text(), list(tmp_path.iterdir())) == (UNFILLED, [path])
+
+
 def test_what_fails_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")
@@ -67,17 +87,17 @@ def test_files_beside_the_named_one_come_with_it(tmp_path):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["mesh.h5", "mesh.xdmf"]
 
 
-def test_a_folder_that_is_not_there(tmp_path):
-    said = r"a\.nc cannot be written: there is no folder .*missing"
-    with pytest.raises(InputError, match=said) as found, replacing(tmp_path / "missing" / "a.nc"):
-        pass
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "paper.md"])
+def test_a_folder_that_is_not_there(tmp_path, name):
+    with pytest.raises(InputError, match=f"{name} cannot be written: there is no folder .*missing") as found:
+        WRITERS[name](tmp_path / "missing" / name)
     assert found.value.exit_code == 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_the_disk_refuses(tmp_path):
     """A folder that is in the way: its name is taken by no file."""
     (tmp_path / "a.nc").mkdir()
     said = r"a\.nc cannot be written: Is a directory"
-    with pytest.raises(StorageError, match=said) as found, replacing(tmp_path / "a.nc") as temporary:
+    with pytest.raises(StorageError, match=said), replacing(tmp_path / "a.nc") as temporary:
         temporary.write_text("new")
-    assert found.value.exit_code == 4

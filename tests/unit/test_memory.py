@@ -1,7 +1,5 @@
 """What is said of the memory of a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ CLEARED = Path("/proc/self/clear_refs")
 """Where a system lets a process forget its peak."""
 
 
-def test_the_peak_sees_what_was_held_and_is_forgotten_where_the_system_can() -> None:
+def test_the_peak_sees_what_was_held_and_is_forgotten_where_the_system_can():
     forget_peak()
     before = peak_mb()
     held = np.ones(MB * 2**17)

@@ -1,137 +1,95 @@
-"""What holds for all figures: the same bytes from the same table, bad tables refused, never half a file."""
+"""What holds for all figures: they are what their tables give, whoever draws them, and on the page."""
 
-from __future__ import annotations
-
+import os
 import re
+import subprocess
+import sys
 from functools import cache
 from importlib import import_module
-from pathlib import Path
-from typing import Any
 
-import pandas as pd
 import pytest
-from conftest import ROOT, check_page, run_elsewhere
+from conftest import ROOT
 from matplotlib import rc_context
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
+from matplotlib.text import Text
+from pages import FIGURES, page, recorded
 
-from examples import EXAMPLES, draw, write
-from unilateral.errors import InputError, StorageError
+from unilateral.errors import InputError
 from unilateral.study import config, drawings
+
+ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
 
 
 @cache
-def committed() -> dict[str, drawings.Drawing]:
+def committed():
     """The figures in git."""
-    files = [str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))]
-    study, sources = config.read(files)
+    study, sources = config.read([str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))])
     config.check(study, sources, str(ROOT / "workflow/schemas/study.schema.yaml"))
     found = drawings.drawings(study)
     return {path: found[path] for path in found if path.startswith("figures/")}
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    for figure in EXAMPLES:
-        write(figure, tmp_path)
-    return tmp_path
-
-
-def test_every_figure_has_an_example() -> None:
-    assert sorted(EXAMPLES) == drawings.modules()
-
-
-def test_every_committed_figure_is_drawn_and_nothing_else_is_there() -> None:
+def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
     files = {f"{path}.svg" for path in committed()}
     files |= {f"{table}.csv" for drawing in committed().values() for table in drawing.parts}
     assert files == {f"figures/{file.name}" for file in (ROOT / "figures").iterdir()}
+    assert sorted(FIGURES) == drawings.modules()
+    of_modules = [(drawing.module, list(drawing.parts)) for drawing in committed().values()]
+    assert all((each, [f"figures/{name}" for name in FIGURES[each][0]]) in of_modules for each in FIGURES)
 
 
 @pytest.mark.parametrize("path", committed())
-def test_a_committed_figure_is_what_its_tables_give_and_on_the_page(
-    path: str, tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
-    drawing = committed()[path]
-    module = import_module(f"unilateral.study.figures.{drawing.module}")
-    module.draw(*(ROOT / f"{table}.csv" for table in drawing.parts), tmp_path / "figure.svg", **drawing.look)
-    assert (tmp_path / "figure.svg").read_bytes() == (ROOT / f"{path}.svg").read_bytes()
-    check_page(*drawn[0])
+def test_a_committed_figure_is_what_its_tables_give_and_on_the_page(path, tmp_path):
+    """Whatever settings a user has. Text is drawn as paths, and there is no date."""
+    drawing, target = committed()[path], tmp_path / "figure.svg"
+    draw = import_module(f"unilateral.study.figures.{drawing.module}").draw
+    with rc_context(ODD), recorded() as pages:
+        draw(*(ROOT / f"{table}.csv" for table in drawing.parts), target, **drawing.look)
+    svg = target.read_bytes()
+    assert svg == (ROOT / f"{path}.svg").read_bytes()
+    assert svg.startswith(b"<?xml")
+    assert not re.search(rb"\d{4}-\d\d-\d\d|dc:date|<text", svg)
+    check_page(*pages[0])
 
 
-@pytest.mark.parametrize("figure", EXAMPLES)
-def test_the_same_table_gives_the_same_bytes(figure: str, folder: Path) -> None:
-    first = draw(figure, folder)
-    assert draw(figure, folder, "again.svg") == first
-    name = next(iter(EXAMPLES[figure].tables))
-    changed = pd.read_csv(folder / name)
-    changed.loc[1, EXAMPLES[figure].seen] += 0.3
-    changed.to_csv(folder / name, index=False)
-    assert draw(figure, folder) != first
+def check_page(figure, box):
+    """Text as large as in a paper, nothing beyond the page, 17 cm wide; what were beyond it would be seen."""
+    width, height = figure.get_size_inches()
+    assert width == pytest.approx(17 / 2.54)
+    seen = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+    assert [text.get_text() for text in seen if float(text.get_fontsize()) < 8] == []
+    assert min(box.x0, box.y0) >= 0
+    assert box.x1 <= width
+    assert box.y1 <= height
+    figure.text(0.99, 0.5, "beyond the page")
+    assert figure.get_tightbbox().x1 > width
 
 
-def test_another_process_gives_the_same_bytes(folder: Path) -> None:
-    first = {figure: draw(figure, folder, f"{figure}.svg") for figure in EXAMPLES}
+def test_another_process_gives_the_same_bytes(tmp_path):
+    """With other seeds of its hashes and another time zone; and without what of matplotlib has windows."""
     program = "import sys\nfrom importlib import import_module\n"
-    for figure, example in EXAMPLES.items():
-        files = [*example.tables, f"{figure}.svg"]
-        program += f"import_module('unilateral.study.figures.{figure}').draw(*{files})\n"
-        (folder / f"{figure}.svg").unlink()
-    run_elsewhere(program + "assert 'matplotlib.pyplot' not in sys.modules", folder)
-    assert {figure: (folder / f"{figure}.svg").read_bytes() for figure in EXAMPLES} == first
+    modules = {drawing.module: (path, drawing) for path, drawing in committed().items()}
+    for path, drawing in modules.values():
+        files = [*(str(ROOT / f"{table}.csv") for table in drawing.parts), f"{os.path.basename(path)}.svg"]
+        program += f"import_module('unilateral.study.figures.{drawing.module}').draw(*{files})\n"
+    program += "assert 'matplotlib.pyplot' not in sys.modules"
+    environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
+    for path, _ in modules.values():
+        name = f"{os.path.basename(path)}.svg"
+        assert (tmp_path / name).read_bytes() == (ROOT / "figures" / name).read_bytes()
 
 
-@pytest.mark.parametrize("figure", EXAMPLES)
-def test_a_figure_depends_on_no_setting_of_the_user(figure: str, folder: Path) -> None:
-    first = draw(figure, folder)
-    with rc_context(
-        {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
-    ):
-        assert draw(figure, folder, "again.svg") == first
+@pytest.mark.parametrize("figure", FIGURES)
+def test_another_table_gives_another_figure(figure):
+    """Control."""
+    others = {(ROOT / f"{path}.svg").read_bytes() for path in committed()}
+    assert page(figure)[1] not in others
 
 
-@pytest.mark.parametrize("figure", EXAMPLES)
-def test_text_is_as_large_as_in_a_paper_and_on_the_page(
-    figure: str, folder: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
-    """Text is drawn as paths, and there is no date."""
-    svg = draw(figure, folder).decode()
-    assert svg.startswith("<?xml")
-    assert not re.search(r"\d{4}-\d\d-\d\d|dc:date|<text", svg)
-    check_page(*drawn[0])
-
-
-def refused(figure: str, name: str, said: str, folder: Path) -> str:
-    """What is said of a table that is refused; nothing is written."""
-    before = sorted(folder.iterdir())
-    with pytest.raises(InputError, match=said) as raised:
-        draw(figure, folder)
-    assert name in str(raised.value)
-    assert sorted(folder.iterdir()) == before
-    return str(raised.value)
-
-
-@pytest.mark.parametrize("figure", EXAMPLES)
-def test_a_table_that_is_missing_is_named(figure: str, folder: Path) -> None:
-    name = next(iter(EXAMPLES[figure].tables))
-    (folder / name).unlink()
-    refused(figure, name, "there is no table", folder)
-
-
-@pytest.mark.parametrize("figure", EXAMPLES)
-def test_a_failure_while_writing_leaves_the_old_figure(
-    figure: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (folder / "figure.svg").write_text("old")
-    before = sorted(folder.iterdir())
-
-    def breaking(_: Figure, path: Path, **options: Any) -> None:
-        Path(path).write_text("<svg half")
-        raise OSError("no space left on device")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Figure, "savefig", breaking)
-        with pytest.raises(StorageError, match="no space"):
-            draw(figure, folder)
-    assert (folder / "figure.svg").read_text() == "old"
-    assert sorted(folder.iterdir()) == before
-    assert draw(figure, folder) != b"old"
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_table_that_is_missing_is_named(figure, tmp_path):
+    names = FIGURES[figure][0]
+    given = [tmp_path / "missing.csv", *(ROOT / f"figures/{name}.csv" for name in names[1:])]
+    with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
+        import_module(f"unilateral.study.figures.{figure}").draw(*given, tmp_path / "figure.svg")
+    assert list(tmp_path.iterdir()) == []

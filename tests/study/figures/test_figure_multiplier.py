@@ -1,33 +1,25 @@
 """The figure of the worst multipliers: their table from a made-up survey, and its numbers."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import texts
-from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-from matplotlib.transforms import Bbox
+from pages import page, said, table
 
-from examples import drawn_from, multiplier_table
 from unilateral.errors import InputError
 from unilateral.study import tables
 from unilateral.study.figures import multiplier
 
 
 @pytest.fixture
-def survey(tmp_path: Path) -> Path:
+def survey(tmp_path):
     """Two meshes; of the first partition, which is drawn, three cells, and four of the second."""
     of_both = ("mesh", "partition")
-    points = np.array([[0, 1, 2, 4, np.nan], [0, 1, 2, 3, 4]])
     values = {
         "h_over_H": (of_both, np.array([[0.5, 0.4], [0.8, 0.6]])),
         "beta_lower": (of_both, np.array([[0.6, 0], [0.2, 0]])),
         "beta_upper": (of_both, np.array([[0.7, 0], [0.3, 0]])),
-        "points": (("partition", "point"), points),
+        "points": (("partition", "point"), np.array([[0, 1, 2, 4, np.nan], [0, 1, 2, 3, 4]])),
         "side": (("partition", "cell"), np.array([[0, 1, 2, np.nan], [0, 1, 2, 3]])),
         "worst": ((*of_both, "cell"), np.arange(16.0).reshape(2, 2, 4)),
     }
@@ -35,7 +27,7 @@ def survey(tmp_path: Path) -> Path:
     return tmp_path / "infsup.nc"
 
 
-def test_the_table(survey: Path) -> None:
+def test_the_table(survey):
     found = multiplier.table(survey, ["4/5", "1/2"])
     assert found["h_over_H"].tolist() == [0.8] * 3 + [0.5] * 3
     assert found["beta"].tolist() == pytest.approx([0.25] * 3 + [0.65] * 3)
@@ -43,32 +35,22 @@ def test_the_table(survey: Path) -> None:
     assert found[["side", "s", "end"]].to_numpy().tolist() == 2 * [[0, 0, 1], [1, 1, 2], [2, 2, 4]]
 
 
-def test_a_ratio_that_the_survey_does_not_have_is_refused(survey: Path) -> None:
+def test_a_ratio_that_the_survey_does_not_have_is_refused(survey):
     with pytest.raises(InputError, match=r"survey 'survey' has no mesh with h/H = 0\.25 to draw"):
         multiplier.table(survey, ["1/4"])
 
 
-def test_multipliers_and_their_beta_are_those_of_the_table(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
-    drawn_from("multiplier", tmp_path)
-    page, table = drawn[0][0], multiplier_table()
-    said = [text.get_text() for text in texts(page)]
-    assert [text for text in said if "beta" in text] == [
-        "$h/H=4/5$\n$\\beta=0.549$",
-        "$h/H=1$\n$\\beta=0$",
-    ]
-    assert [text for text in said if text in ("bottom", "right", "top", "left")] == [
-        "bottom",
-        "right",
-        "top",
-        "left",
-    ]
-    for axes, ratio in zip(page.axes, (0.8, 1.0), strict=True):
+def test_multipliers_and_their_beta_are_those_of_the_table():
+    figure, rows = page("multiplier")[0], table("multiplier")
+    texts, ratios = said(figure), sorted(rows["h_over_H"].unique())
+    betas = [rows["beta"][rows["h_over_H"] == ratio].iloc[0] for ratio in ratios]
+    shown = [text.partition("\n")[2] for text in texts if "beta" in text]
+    assert shown == [rf"$\beta={beta:.3f}$" if beta else r"$\beta=0$" for beta in betas]
+    names = ["bottom", "right", "top", "left"]
+    assert [text for text in texts if text in names] == names
+    for axes, ratio in zip(figure.axes, ratios, strict=True):
         outline = [patch for patch in axes.patches if isinstance(patch, StepPatch)][-1]
         values, edges, _ = outline.get_data()
-        of_ratio = table[table["h_over_H"] == ratio]
+        of_ratio = rows[rows["h_over_H"] == ratio]
         assert values == pytest.approx(of_ratio["mu"].to_numpy(), rel=1e-12)
         assert edges == pytest.approx([*of_ratio["s"], 4.0])
-        others = table.loc[table["h_over_H"] != ratio, "mu"].to_numpy()
-        assert values != pytest.approx(others, rel=1e-12)

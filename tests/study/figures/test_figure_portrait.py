@@ -1,7 +1,5 @@
 """The picture of a solution: its tables against the solution, and what they have to hold."""
 
-from __future__ import annotations
-
 from math import sqrt, tanh
 
 import numpy as np
@@ -18,13 +16,13 @@ Tables = dict[str, pd.DataFrame]
 
 
 @pytest.fixture(scope="module")
-def natural() -> Tables:
+def natural():
     table = portrait.table("square", "natural", "1/16", "1/8")
     of_mesh = table["kind"] == "mesh"
     return {"mesh": table[of_mesh], "boundary": table[~of_mesh]}
 
 
-def test_the_portrait_s_triangles(natural: Tables) -> None:
+def test_the_portrait_s_triangles(natural):
     """Each with its three corners: they cover the square, and u_h is one value at each node."""
     field = natural["mesh"]
     corners = field[["x", "y"]].to_numpy().reshape(-1, 3, 2)
@@ -38,14 +36,14 @@ def test_the_portrait_s_triangles(natural: Tables) -> None:
     assert (nodes.nunique() == 1).all()
 
 
-def test_the_portrait_s_u_h_is_the_solution_s(natural: Tables) -> None:
+def test_the_portrait_s_u_h_is_the_solution_s(natural):
     field = natural["mesh"]
     nodes = structured(named("square"), 1 / 16).triangles.ravel()
     expected = solve(discrete("natural", 16, 8)).u_h[nodes]
     np.testing.assert_allclose(field["computed"], expected, rtol=1e-9, atol=1e-12)
 
 
-def test_the_portrait_s_traces(natural: Tables) -> None:
+def test_the_portrait_s_traces(natural):
     """The gap and lambda as declared; contact for x >= 1/2 on the bottom, and on all other sides."""
     boundary = natural["boundary"]
     trace, flux = (boundary[boundary["kind"] == kind] for kind in ("trace", "flux"))
@@ -61,7 +59,7 @@ def test_the_portrait_s_traces(natural: Tables) -> None:
     assert flux["computed"].isna().all()
 
 
-def test_the_portrait_s_errors_are_those_of_the_solution(natural: Tables) -> None:
+def test_the_portrait_s_errors_are_those_of_the_solution(natural):
     """int |u - u_h|^2 on the boundary <= ||u - u_h||_1^2 / sigma_1; on the square sigma_1 is known."""
     boundary = natural["boundary"]
     solution = solve(discrete("natural", 16, 8))
@@ -74,7 +72,7 @@ def test_the_portrait_s_errors_are_those_of_the_solution(natural: Tables) -> Non
     assert cells["side"].tolist() == np.repeat(np.arange(4), 8).tolist()
 
 
-def test_no_contact_has_none() -> None:
+def test_no_contact_has_none():
     boundary = portrait.table("square", "no_contact", "1/8", "1/4")
     assert set(boundary["contact"].dropna()) == {0}
     assert np.all(boundary["computed"][boundary["kind"] == "multiplier"] == 0)

@@ -1,20 +1,12 @@
 """The figure of sharpness: its table, and its numbers, and only those."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
+from pages import lines, page, pairs, table
 
-from examples import drawn_from, sharpness_table
 from unilateral.study import tables
 from unilateral.study.figures import sharpness
 from unilateral.study.judge.surfaces import rates_over
@@ -22,75 +14,62 @@ from unilateral.study.judge.surfaces import rates_over
 NORMS = ("h1", "hm12", "l2", "consistency")
 
 
-def markers(axes: Axes) -> dict[tuple[float, float], bool]:
-    """Where the measured markers stand, each with whether it is filled."""
-    found = {}
+@pytest.fixture(params=range(4), ids=NORMS)
+def panel(request):
+    """The axes, with the rows of the table that belong to them: measured rates and lines."""
+    rows = table("sharpness").query(f"norm == '{NORMS[request.param]}'")
+    measured = rows["kind"] == "measured"
+    return page("sharpness")[0].axes[request.param], rows[measured], rows[~measured]
+
+
+def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(panel):
+    axes, rows, _ = panel
+    found = set()
     for line in axes.lines:
-        if line.get_transform() != axes.transData and len(line.get_xdata()):
-            filled = to_hex(line.get_markerfacecolor()) == to_hex(line.get_color())
-            found |= {tuple(point): filled for point in np.round(line.get_xydata(), 9).tolist()}
-    return found
+        if line.get_transform() != axes.transData:
+            filled = float(to_hex(line.get_markerfacecolor()) == to_hex(line.get_color()))
+            found |= {(*point, filled) for point in np.round(line.get_xydata(), 9).tolist()}
+    assert found == pairs(rows, "alpha", "rate", "jj")
 
 
-def lines(axes: Axes) -> set[tuple[tuple[float, float], ...]]:
-    """The lines in the axes' data, point by point."""
-    of_data = [line for line in axes.lines if line.get_transform() == axes.transData]
-    return {tuple(map(tuple, np.round(np.asarray(line.get_xydata()), 9).tolist())) for line in of_data}
+def test_bars_reach_to_the_pair_before(panel):
+    axes, rows, _ = panel
+    bars = [bar for bar in axes.collections if isinstance(bar, LineCollection)]
+    ends = np.array([segment for bar in bars for segment in bar.get_segments()])
+    found = np.column_stack([ends[:, 0, 0], ends[:, :, 1]]).round(9).tolist()
+    assert {tuple(end) for end in found} == pairs(rows, "alpha", "rate", "before")
 
 
-def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(
-    tmp_path: Path, drawn: list[tuple[Figure, Bbox]]
-) -> None:
-    drawn_from("sharpness", tmp_path)
-    for axes, norm in zip(drawn[0][0].axes, NORMS, strict=True):
-        rows = sharpness_table().query(f"norm == '{norm}' and kind == 'measured'")
-        places = [tuple(place) for place in rows[["alpha", "rate"]].round(9).to_numpy().tolist()]
-        assert markers(axes) == dict(zip(places, rows["jj"] == 1, strict=True))
-        assert markers(axes) != dict(zip(places, rows["jj"] == 0, strict=True))
+def test_lines_are_those_of_the_table(panel):
+    axes, _, rows = panel
+    expected = [
+        [tuple(point) for point in line[["alpha", "rate"]].round(9).to_numpy().tolist()]
+        for _, line in rows.groupby(["kind", "gamma"], dropna=False)
+    ]
+    assert sorted(lines(axes)) == sorted(expected)
 
 
-def test_bars_reach_to_the_pair_before(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
-    drawn_from("sharpness", tmp_path)
-    for axes, norm in zip(drawn[0][0].axes, NORMS, strict=True):
-        rows = sharpness_table().query(f"norm == '{norm}' and kind == 'measured'")
-        bars = [bar for bar in axes.collections if isinstance(bar, LineCollection)]
-        ends = np.array([segment for bar in bars for segment in bar.get_segments()])
-        found = {tuple(end) for end in np.column_stack([ends[:, 0, 0], ends[:, :, 1]]).round(9).tolist()}
-        assert found == {tuple(x) for x in rows[["alpha", "rate", "before"]].round(9).to_numpy().tolist()}
-
-
-def test_lines_are_those_of_the_table(tmp_path: Path, drawn: list[tuple[Figure, Bbox]]) -> None:
-    drawn_from("sharpness", tmp_path)
-    for axes, norm in zip(drawn[0][0].axes, NORMS, strict=True):
-        rows = sharpness_table().query(f"norm == '{norm}' and kind != 'measured'")
-        expected = {
-            tuple(map(tuple, line[["alpha", "rate"]].round(9).to_numpy().tolist()))
-            for _, line in rows.groupby(["kind", "gamma"], dropna=False)
-        }
-        assert lines(axes) == expected
-
-
-def rates() -> xr.Dataset:
+def rates():
     """Rates alpha + 1 of everything on the last pair, and gamma before; (jj) fails for gamma = 1/2."""
     H, alpha, gamma = np.array([1 / 4, 1 / 8, 1 / 16]), [-0.25, 0.75], [0.5, 1.0]
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
     error = np.where(h == H[0], 2.0 ** (c - a - 1), 1.0) * h ** (a + 1)
     dims = ("level", "alpha", "gamma", "position")
     names = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "consistency", "converged")
-    table = {name: (dims, error) for name in (*names, "algebraic_bound")}
+    found = {name: (dims, error) for name in (*names, "algebraic_bound")}
     per_level = {name: ("level", H) for name in ("h", "H", "beta_lower", "lambda_min")}
-    return rates_over(xr.Dataset(table | per_level, coords={"alpha": alpha, "gamma": gamma}))
+    return rates_over(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
 
 
 @pytest.fixture
-def table(tmp_path: Path) -> pd.DataFrame:
+def made_up(tmp_path):
     tables.save(rates(), tmp_path / "rates.nc", "sharpness")
     return sharpness.table(tmp_path / "rates.nc")
 
 
-def test_the_table(table: pd.DataFrame) -> None:
-    assert set(table["norm"]) == set(NORMS)
-    measured = table[table["kind"] == "measured"]
+def test_the_table(made_up):
+    assert set(made_up["norm"]) == set(NORMS)
+    measured = made_up[made_up["kind"] == "measured"]
     assert len(measured) == 4 * 2 * 2
     np.testing.assert_allclose(measured["rate"], measured["alpha"] + 1, rtol=1e-12)
     np.testing.assert_allclose(measured["before"], measured["gamma"], rtol=1e-12)
@@ -113,9 +92,9 @@ BENDS = {
 
 
 @pytest.mark.parametrize("line", BENDS, ids=str)
-def test_lines_with_their_bends(line: tuple, table: pd.DataFrame) -> None:
+def test_lines_with_their_bends(line, made_up):
     """By hand, from min(1, 1 + alpha), min(3/2, 1 + alpha), min(1, alpha + 1/2) and alpha + gamma + 1."""
-    rows = table[(table["norm"] == line[0]) & (table["kind"] == line[1])]
+    rows = made_up[(made_up["norm"] == line[0]) & (made_up["kind"] == line[1])]
     if len(line) == 3:
         rows = rows[rows["gamma"] == line[2]]
     for alpha, rate in BENDS[line]:

@@ -185,15 +185,15 @@ def test_a_budget_below_the_coarsest_mesh_is_bad_input():
         next(levels(load("natural"), Goal(0.1, max_unknowns=8)))
 
 
-def test_nothing_to_do_is_done_at_once(tmp_path):
+def test_nothing_to_do_is_done_at_once(problem_of):
     """f = g = 0: u = 0 without an error."""
-    file = tmp_path / "zero.yaml"
-    file.write_text("polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: 0\ng: 0\n")
-    (only,) = levels(problem_file.load(str(file)), Goal(0.01, **LIMITS))
+    (only,) = levels(problem_of(f=0, g=0), Goal(0.01, **LIMITS))
     assert only.certified
     assert only.solved.total("h1") == only.solved.u_norm == 0
 
 
+SIGMA_1 = math.tanh(1 / math.sqrt(8)) / math.sqrt(2)
+"""Of the unit square: the first Steklov eigenvalue."""
 PEAKS = {
     "g": ("0", '["-1 + 4*exp(-((x - 3/10)*{0})**2)", -1, -1, -1]', ("300", "1000", "10000")),
     "f": ("{0}*exp(-((x - 3/10)**2 + (y - 1/2)**2)*1e6)", "0", ("1e4",)),
@@ -203,61 +203,56 @@ PEAKS = {
 @pytest.mark.parametrize(
     ("field", "size"), [(field, size) for field, (_, _, sizes) in PEAKS.items() for size in sizes]
 )
-def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(tmp_path, field, size):
+def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(problem_of, field, size):
     """Where u_h = 0 was certified: ||u||_1 >= (sigma_1 int g_+^2)^(1/2), int g_+^2 > 4 / k, or by f's mean.
 
-    Where k s <= 1/2 g is at least 2, for 4 exp(-1/4) > 3, and 1 / sigma_1 = sqrt(2) / tanh(1 / sqrt(8)).
+    Where k s <= 1/2 g is at least 2, for 4 exp(-1/4) > 3; and |(f, 1)| is at least pi 1e-6 times f's height.
     """
     f, g, _ = PEAKS[field]
-    file = tmp_path / "peak.yaml"
-    file.write_text(f"polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {f.format(size)}\ng: {g.format(size)}\n")
-    done = list(levels(problem_file.load(str(file)), Goal(0.1, max_unknowns=100)))
-    least = math.sqrt(4 / float(size) / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
+    done = list(levels(problem_of(f=f.format(size), g=g.format(size)), Goal(0.1, max_unknowns=100)))
+    least = {"g": math.sqrt(4 / float(size) * SIGMA_1), "f": np.pi * 1e-6 * float(size)}[field]
     assert len(done) == 3
     for level in done:
         assert not level.certified
-        assert level.solved.bound.u >= (least if field == "g" else of_peak(float(size)))
+        assert level.solved.bound.u >= least
 
 
-def of_peak(height):
-    """||u||_1 for that f: at least |(f, 1)| = pi 1e-6 times its height."""
-    return np.pi * 1e-6 * height
-
-
-@pytest.mark.parametrize("h", [1 / 4, 1 / 8, 1 / 16])
-def test_waves_of_f_are_integrated(tmp_path, h):
+@pytest.mark.parametrize(
+    ("n", "h"), [(20, 1 / 8), (64, 1 / 16), (160, 1 / 4), (160, 1 / 16), (320, 1 / 4), (320, 1 / 8)]
+)
+def test_waves_of_f_are_integrated(problem_of, monkeypatch, n, h):
     """f = 1 + cos(k x), whose u has the mean 1: |1 - mean u_h| = |(u - u_h, 1)_1| <= ||u - u_h||_1.
 
     Of 160 / pi and 320 / pi waves any two rules that are alike in all triangles are mistaken alike, by .15.
     What is not known of f is as little as is wanted of a wave with ||cos||^2 = 1/2, or at most |cos| = 1.
     """
-    for n in (20, 64, 160, 320):
-        of = declared(tmp_path, f=f"1 + cos({2 * n}*pi*x)", g=-1)
-        mesh, cells = structured(square(), h), partitions.uniform(square(), 2 * h)
-        solved = solve(discretise(of, mesh, cells))
-        error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
-        assert error <= min(solved.bound.u, solved.bound.unknown + 1e-12)
-        wanted = math.sqrt(source.RESOLVED) * source.ENOUGH * mesh.h * math.sqrt(1 / 2)
-        assert solved.bound.unknown <= (1.01 * wanted if solved.discrete.source.resolved else 1 + 1e-9)
-        assert solved.discrete.source.resolved or n > 20
+    monkeypatch.setattr(source, "MOST_PIECES", 50_000)
+    of = problem_of(f=f"1 + cos({2 * n}*pi*x)", g=-1)
+    mesh, cells = structured(square(), h), partitions.uniform(square(), 2 * h)
+    solved = solve(discretise(of, mesh, cells))
+    error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
+    assert error <= min(solved.bound.u, solved.bound.unknown + 1e-12)
+    wanted = math.sqrt(source.RESOLVED) * source.ENOUGH * mesh.h * math.sqrt(1 / 2)
+    assert solved.bound.unknown <= (1.01 * wanted if solved.discrete.source.resolved else 1 + 1e-9)
+    assert solved.discrete.source.resolved or n > 20
 
 
-def test_a_wave_that_cannot_be_enclosed_is_not_certified(tmp_path):
+def test_a_wave_that_cannot_be_enclosed_is_not_certified(problem_of, monkeypatch):
     """As above: |u - 1| is below 1e-3, u_h may have any mean. It ends the search, for no mesh would help."""
-    (only,) = levels(declared(tmp_path, f="1 + cos(4096*pi*(x - y))", g=-10), Goal(0.01))
+    monkeypatch.setattr(source, "MOST_PIECES", 20_000)
+    (only,) = levels(problem_of(f="1 + cos(4096*pi*(x - y))", g=-10), Goal(0.01))
     assert not only.certified
     assert unknowable(only)
     assert not any(map(unknowable, levels(load("natural"), Goal(0.03))))
 
 
-def test_jumps_of_f_are_integrated_where_they_are(tmp_path):
+def test_jumps_of_f_are_integrated_where_they_are(problem_of):
     """u depends on x only; with v = cosh(1 - x) sqrt(coth 1) |int (lambda - lambda_H)| is at most the error.
 
     The jumps are where a rule of degree 8 on the pieces beside them is mistaken most, all in the same way.
     """
     places = [k / 16 + 0.0009702 for k in range(16)]
-    of = declared(
-        tmp_path,
+    of = problem_of(
         f=" + ".join(f"pos(x - {place:.7f}, 0)" for place in places) + " - 12",
         g="[null, null, null, 0]",
         free_sides=[0, 1, 2],
@@ -269,13 +264,13 @@ def test_jumps_of_f_are_integrated_where_they_are(tmp_path):
     assert error < 2e-4 < solved.bound.lambda_ < 3e-3
 
 
-def test_a_peak_of_g_is_found_where_terms_cancel(tmp_path):
+def test_a_peak_of_g_is_found_where_terms_cancel(problem_of):
     """By interval arithmetic alone the obstacle's range is 1e7 times too wide; ||u||_1 as for PEAKS."""
     eighth = str(sympy.expand((sympy.Symbol("x") - 10) ** 8))
     bottom = f"({eighth})/2 - 1 + 4*exp(-((x - 10.31)*10**4)**2)"
     moved = [[10, 0], [11, 0], [11, 1], [10, 1]]
-    of = declared(tmp_path, polygon=moved, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
-    least = math.sqrt(4e-4 / (math.sqrt(2) / math.tanh(1 / math.sqrt(8))))
+    of = problem_of(polygon=moved, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
+    least = math.sqrt(4e-4 * SIGMA_1)
     for level in levels(of, Goal(0.1, max_unknowns=100)):
         assert not level.certified
         assert level.solved.bound.u >= least
@@ -304,84 +299,73 @@ def test_no_multiplier_at_all_is_the_neumann_problem():
     assert discrete.spaces.condensed.A @ solved.u_h == pytest.approx(discrete.load, abs=1e-13)
 
 
-def gmsh_is_imported_after(*steps):
-    """Of each step, one after the other in a process of their own."""
-    source = "; ".join(["import sys", *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])
-    command = [sys.executable, "-c", source]
-    found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    return [line == " True" for line in found.stdout.splitlines() if line in (" True", " False")]
+def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
+    """Not for structured meshes: up to an accuracy; at H = h, where lambda is not judged; in a scene's level.
 
-
-def test_structured_meshes_need_no_gmsh():
-    """Neither does a certified accuracy; control: a triangle, which has no structured mesh."""
-    solve = "from unilateral.cli import main; main(['solve', {!r}, '--accuracy', '0.9'])"
-    files = [str(PROBLEMS[0].parent / f"{name}.yaml") for name in ("square_all_sides", "triangle")]
-    assert gmsh_is_imported_after(*(solve.format(file) for file in files)) == [False, True]
-
-
-def test_a_scene_on_structured_meshes_needs_no_gmsh(tmp_path):
-    """Its levels are solved with the dual norm's forms from their table; control: those are made with it."""
+    That is solved with the dual norm's forms from their table. Control: those are made with it.
+    """
     cells, table = partitions.uniform(square(), 1 / 4), tmp_path / "dual_norm.nc"
     dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
-    solve = (
-        "import xarray; from unilateral.geometry import partition, polygon, structured; "
-        "from unilateral.norms import dual; "
+    imports = (
+        "import sys, xarray; from unilateral.cli import main; from unilateral.norms import dual; "
+        "from unilateral.geometry import mesh, partition; from unilateral.geometry.polygon import square; "
         "from unilateral.problems import case; from unilateral.study.runs import scene; "
-        "domain = polygon.square(); cases = [case.load('natural', domain)]; "
-        "cells = partition.uniform(domain, 1 / 4); "
-        f"gram = dual.Gram.of_table(xarray.open_dataset({str(table)!r})); "
-        "scene.sweep(structured.structured(domain, 1 / 8), cases, [cells], gram)"
+        "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
-    assert gmsh_is_imported_after(solve, "dual.dual_norm(cells, cases)") == [False, True]
+    forms = f"dual.Gram.of_table(xarray.open_dataset({str(table)!r}))"
+    steps = [
+        f"main(['solve', {str(PROBLEMS[0].parent / 'square_all_sides.yaml')!r}, '--accuracy', '0.9'])",
+        "main(['solve', 'natural', '--h', '1/8', '--H', '1/8'])",
+        f"scene.sweep(mesh.structured(square(), 1 / 8), cases, [cells], {forms})",
+        "dual.dual_norm(cells, cases)",
+    ]
+    source = "; ".join([imports, *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])
+    command = [sys.executable, "-c", source]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    said = [line for line in found.stdout.splitlines() if line in (" True", " False")]
+    assert said == [" False", " False", " False", " True"]
 
 
-def declared(folder, **fields):
-    """The problem of a file with these fields, on the unit square unless they say otherwise."""
-    given = {"polygon": [[0, 0], [1, 0], [1, 1], [0, 1]]} | fields
-    file = folder / "mine.yaml"
-    file.write_text("".join(f"{name}: {value}\n" for name, value in given.items()))
-    return problem_file.load(str(file))
-
-
-def test_a_peak_at_a_declared_kink_is_seen(tmp_path):
+def test_a_peak_at_a_declared_kink_is_seen(problem_of):
     """g = 0 > u_h = -5 in one point only, not one of the rule's; the error is at least 0.49."""
-    apex = declared(tmp_path, f=-5, g="-1e5*pos(x-2/5,1) - 1e5*pos(2/5-x,1)")
+    apex = problem_of(f=-5, g="-1e5*pos(x-2/5,1) - 1e5*pos(2/5-x,1)")
     first = next(levels(apex, Goal(0.05)))
     assert not first.certified
     assert first.solved.total("h1") >= 0.49
 
 
-def test_too_many_sides_for_a_dense_matrix_are_refused_before_meshing(tmp_path, monkeypatch):
-    """Two nodes a side; `Polygon` itself has at most 1000 sides, so that less is made possible here."""
-    monkeypatch.setattr("unilateral.accuracy.search.LARGEST_BOUNDARY", 1024)
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ({}, r"'wheel' needs 1200 boundary nodes .* at most 1024 are possible"),
+        ({"max_unknowns": 20_000}, r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"),
+    ],
+)
+def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch, limits, said):
+    """600 sides: two nodes each, for a dense matrix of at most 1024 in place of the library's own limit.
+
+    Or h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles.
+    """
+    if not limits:
+        monkeypatch.setattr("unilateral.accuracy.search.LARGEST_BOUNDARY", 1024)
     monkeypatch.setattr("unilateral.accuracy.search.two_edges_per_cell", None)
     angles = 2 * np.pi * np.arange(600) / 600
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
-    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
-    with pytest.raises(InputError, match=r"'wheel' needs 1200 boundary nodes .* at most 1024 are possible"):
-        next(levels(wheel, Goal(0.05)))
+    wheel = replace(problem_of(f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
+    with pytest.raises(InputError, match=said):
+        next(levels(wheel, Goal(0.05, **limits)))
 
 
 @pytest.mark.parametrize("width", [20_000, 282_000])
-def test_peaks_between_all_nodes_do_not_end_the_search(tmp_path, width):
+def test_peaks_between_all_nodes_do_not_end_the_search(problem_of, width):
     """f < 0 has its peak where no coarse mesh has a node; its integral is seen by u_h on all of them."""
-    of = declared(tmp_path, f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
+    of = problem_of(f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
     done = list(levels(of, Goal(0.1, max_unknowns=1000)))
     assert len(done) > 3
     for level in done:
         mean = level.solved.u_integral
         assert mean == pytest.approx(-100 * np.pi / width, rel=1e-2)
         assert level.solved.result.converged
-
-
-def test_a_budget_that_is_too_small_is_said_before_meshing(tmp_path, monkeypatch):
-    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles."""
-    angles = 2 * np.pi * np.arange(600) / 600
-    polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
-    wheel = replace(declared(tmp_path, f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
-    monkeypatch.setattr("unilateral.accuracy.search.two_edges_per_cell", None)
-    with pytest.raises(InputError, match=r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"):
-        next(levels(wheel, Goal(0.05, max_unknowns=20_000)))
 
 
 def test_the_limit_that_ends_the_search_is_named():
@@ -410,9 +394,9 @@ def test_an_iteration_that_fails_ends_the_search():
     assert not found[0].certified
 
 
-def test_no_multiplier_at_all_is_exact(tmp_path):
+def test_no_multiplier_at_all_is_exact(problem_of):
     """Every side is left out, so lambda = lambda_H = 0."""
-    idle = declared(tmp_path, f="1 + x", g=0)
+    idle = problem_of(f="1 + x", g=0)
     assert idle.idle_sides() == (0, 1, 2, 3)
     found = list(levels(idle.without_idle_sides(), Goal(0.1, "hm12")))
     assert len(found) == 1

@@ -1,7 +1,5 @@
 """The grammar of formulas: what it reads, exactly, and that it refuses everything else by an InputError."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath
@@ -37,11 +35,11 @@ X, Y, T = (sympy.Symbol(name, real=True) for name in "xyt")
         ("pos(2, 0) + pos(0, 0)", sympy.Integer(1)),
     ],
 )
-def test_numbers_are_exact(text: object, value: sympy.Expr) -> None:
+def test_numbers_are_exact(text, value):
     assert number(text, "here") == value
 
 
-def test_functions_are_sympys() -> None:
+def test_functions_are_sympys():
     text = "sin(x)*cos(y) - exp(x)/cosh(y) + sinh(x)*tanh(y) + log(1 + x**2) + sqrt(2 + y)"
     expected = (
         sympy.sin(X) * sympy.cos(Y)
@@ -134,7 +132,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.items(), ids=[text[:30] for text in REFUSED])
-def test_refusals_name_the_place_and_the_part(text: str, message: str) -> None:
+def test_refusals_name_the_place_and_the_part(text, message):
     with pytest.raises(InputError) as refusal:
         parse(text, ("x", "y"), "file.yaml, field u[0]")
     assert str(refusal.value).startswith("file.yaml, field u[0]: ")
@@ -152,11 +150,11 @@ def test_refusals_name_the_place_and_the_part(text: str, message: str) -> None:
     ],
     ids=lambda text: text[:30],
 )
-def test_limits_are_looked_at_before_the_work(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_are_looked_at_before_the_work(text, monkeypatch):
     """No power of x + y above its 100th, and no product above the 100th degree, is handed to sympy."""
     made = []
 
-    def recording(operation: object) -> object:
+    def recording(operation):
         return lambda a, b: made.append(sympy.total_degree(operation(a, b))) or operation(a, b)
 
     operators = {kind: recording(operation) for kind, operation in grammar.OPERATORS.items()}
@@ -180,25 +178,25 @@ def test_limits_are_looked_at_before_the_work(text: str, monkeypatch: pytest.Mon
     ],
     ids=lambda text: text[:30],
 )
-def test_a_formula_at_a_limit_is_read(text: str) -> None:
+def test_a_formula_at_a_limit_is_read(text):
     """With one more of what is limited it is refused above; functions of numbers are numbers."""
     assert parse(text, ("x", "y"), "here").free_symbols <= {X, Y}
 
 
-def test_a_message_quotes_the_beginning_of_a_long_formula() -> None:
+def test_a_message_quotes_the_beginning_of_a_long_formula():
     with pytest.raises(InputError) as refusal:
         parse("x + " + "y" * 1000, ("x", "y"), "here")
     assert str(refusal.value).startswith(f"here: '{'y' * 57}...' is unknown; known are x, y, pi")
 
 
 @pytest.mark.filterwarnings("error")
-def test_python_s_own_warnings_are_not_shown() -> None:
+def test_python_s_own_warnings_are_not_shown():
     """Of '1or x' Python's parser says that a decimal literal is invalid; our refusal says it, too."""
     with pytest.raises(InputError, match="'1or x' is not allowed in a formula"):
         parse("1or x", ("x", "y"), "here")
 
 
-def test_a_number_has_no_variables() -> None:
+def test_a_number_has_no_variables():
     with pytest.raises(InputError, match="gap: 'x' is unknown"):
         number("x", "gap")
 
@@ -206,7 +204,7 @@ def test_a_number_has_no_variables() -> None:
 @given(st.text(alphabet="xyp0123456789.eE_jJ+-*/%()[]{},:;<>=!~@#'\" \n\\os(λ", max_size=40))
 @settings(max_examples=1000, derandomize=True, deadline=None, database=None)
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")
-def test_any_text_parses_or_is_refused(text: str) -> None:
+def test_any_text_parses_or_is_refused(text):
     try:
         value = parse(text, ("x", "y"), "here")
     except InputError:
@@ -229,7 +227,7 @@ PIECES = st.recursive(
 
 @given(PIECES)
 @settings(max_examples=300, derandomize=True, deadline=None, database=None)
-def test_any_formula_parses_to_reals_or_is_refused(text: str) -> None:
+def test_any_formula_parses_to_reals_or_is_refused(text):
     """And what parses can be evaluated; a value may still be infinite, where a formula is singular."""
     try:
         value = parse(text, ("x", "y"), "here")
@@ -241,7 +239,7 @@ def test_any_formula_parses_to_reals_or_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("k", ["1", "3/2", "2", "7/3", "4"])
-def test_derivative_of_pos(k: str) -> None:
+def test_derivative_of_pos(k):
     """Against central differences, whose error is O(step^2) = 1e-10; exactly 0 where the argument is <= 0."""
     f = parse(f"pos(2*t - 1, {k})", ("t",), "here")
     value, slope = (compile_numpy([g], (T,)) for g in (f, sympy.diff(f, T)))
@@ -254,7 +252,7 @@ def test_derivative_of_pos(k: str) -> None:
     assert not np.allclose(slope(t)[0], 1.01 * difference, rtol=1e-8)
 
 
-def test_pos_has_no_derivative_in_the_power_or_of_a_jump() -> None:
+def test_pos_has_no_derivative_in_the_power_or_of_a_jump():
     with pytest.raises(ArgumentIndexError):
         pos(T, 2).fdiff(2)
     with pytest.raises(ArgumentIndexError):
@@ -262,13 +260,13 @@ def test_pos_has_no_derivative_in_the_power_or_of_a_jump() -> None:
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 8, 0.5, 1.5, -0.25, 1 / 3, 9.0])
-def test_positive_power_is_the_power(k: float) -> None:
+def test_positive_power_is_the_power(k):
     a = np.array([1e-300, 1e-9, 0.3, 2.0])
     np.testing.assert_allclose(positive_power(a, k), a**k, rtol=1e-13)
     assert not np.any(positive_power(np.array([-1.0, -0.0, 0.0]), k))
 
 
-def test_a_kink_beyond_all_numbers_is_at_infinity() -> None:
+def test_a_kink_beyond_all_numbers_is_at_infinity():
     """The zero of 1e-300 t - 1e300 is 1e600, which no float is; control: 1e-300 t - 1 has the zero 1e300."""
     ((root, _),) = kinks(parse("pos(1e-300*t - 1e300, 1)", ("t",), "here"), T)
     assert root == math.inf
@@ -276,7 +274,7 @@ def test_a_kink_beyond_all_numbers_is_at_infinity() -> None:
     assert root == 1e300
 
 
-def test_kinks_with_their_exponents() -> None:
+def test_kinks_with_their_exponents():
     """Roots by hand: (t - 1/3)(2/3 - t) has two, t^2 + 1 has none, 2 - 3 t one."""
     f = parse("t*pos((t - 1/3)*(2/3 - t), 3) + pos(t**2 + 1, 5) + sin(pos(2 - 3*t, 1/2))", ("t",), "here")
     half, three = sympy.Rational(1, 2), sympy.Integer(3)
@@ -298,12 +296,12 @@ def test_kinks_with_their_exponents() -> None:
         ("pos(t**3 - pi, 2)", "rational coefficients"),
     ],
 )
-def test_hidden_kinks_are_refused(text: str, message: str) -> None:
+def test_hidden_kinks_are_refused(text, message):
     with pytest.raises(ValueError, match=message):
         kinks(parse(text, ("t",), "here"), T)
 
 
-def test_compiled_constants_have_the_shape_of_the_arguments() -> None:
+def test_compiled_constants_have_the_shape_of_the_arguments():
     x, y = np.linspace(0, 1, 3)[:, None], np.linspace(0, 1, 4)
     one, product = compile_numpy([sympy.Rational(1, 3), X * Y], (X, Y))(x, y)
     assert one.shape == product.shape == (3, 4)
@@ -311,7 +309,7 @@ def test_compiled_constants_have_the_shape_of_the_arguments() -> None:
     np.testing.assert_array_equal(product, x * y)
 
 
-def test_a_fraction_beyond_all_floats_is_infinite() -> None:
+def test_a_fraction_beyond_all_floats_is_infinite():
     """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
     huge, large = sympy.Rational(10**400, 3), sympy.Rational(10**300, 3)
     found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
@@ -320,11 +318,11 @@ def test_a_fraction_beyond_all_floats_is_infinite() -> None:
 
 
 @pytest.mark.parametrize(("text", "value"), [("exp(-1000)", 1), ("tanh(400) - 1", 0), ("1 - tanh(400)", 1)])
-def test_a_step_of_a_number_sees_digits_that_floats_do_not_have(text: str, value: int) -> None:
+def test_a_step_of_a_number_sees_digits_that_floats_do_not_have(text, value):
     assert parse(f"pos({text}, 0)", (), "here") == value
 
 
-def test_numbers_that_cancel_are_told_to_the_last_digit() -> None:
+def test_numbers_that_cancel_are_told_to_the_last_digit():
     """Of pi all but the first 120 digits, by another library."""
     with mpmath.workdps(200):
         digits = mpmath.nstr(mpmath.floor(mpmath.pi * 10**120), 121).removesuffix(".0")

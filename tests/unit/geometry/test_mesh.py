@@ -1,7 +1,5 @@
 """Triangulations: what theory says of any of them, files, and a negative control for every check."""
 
-from __future__ import annotations
-
 import threading
 
 import gmsh
@@ -119,18 +117,6 @@ def test_structured_cells_are_cut_from_lower_left_to_upper_right():
 
 def test_structured_rounds_the_number_of_squares_up():
     assert structured(square(), 0.3).h == 0.25
-
-
-def test_structured_is_for_two_polygons():
-    with pytest.raises(InputError, match=r"'wedge' has no structured mesh.*unstructured"):
-        structured(WEDGE, 0.5)
-
-
-@pytest.mark.parametrize("make", [structured, unstructured])
-@pytest.mark.parametrize("h", [0.0, -1.0, np.nan])
-def test_sizes_have_to_be_positive(make, h):
-    with pytest.raises(InputError, match="positive"):
-        make(square(), h)
 
 
 @pytest.mark.parametrize("polygon", [square(), named("lshape")], ids=["square", "lshape"])
@@ -325,15 +311,6 @@ def test_tolerances_follow_the_polygon():
             from_arrays(polygon, points, mesh.triangles)
 
 
-@pytest.mark.parametrize(
-    "polygon", [named("lshape"), Polygon(2 * square().vertices)], ids=["other", "scaled"]
-)
-def test_the_boundary_of_another_polygon_is_refused(polygon):
-    mesh = structured(square(), 1 / 2)
-    with pytest.raises(InputError, match="no node lies at vertex"):
-        from_arrays(polygon, mesh.points, mesh.triangles)
-
-
 def stored(tmp_path, change):
     """A VTU file of the square with two triangles, its meshio mesh changed before it is written."""
     write(structured(square(), 1), tmp_path / "mesh.vtu")
@@ -379,10 +356,9 @@ def test_unreadable_files_are_named(name, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("name", ["mesh.nothing", "missing/mesh.vtu"])
-def test_unwritable_files_are_named(name, tmp_path):
-    with pytest.raises(InputError, match=f"{name}.* cannot be written"):
-        write(structured(square(), 1), tmp_path / name)
+def test_an_unknown_format_is_not_written(tmp_path):
+    with pytest.raises(InputError, match=r"mesh\.nothing.* cannot be written"):
+        write(structured(square(), 1), tmp_path / "mesh.nothing")
     assert not list(tmp_path.iterdir())
 
 
@@ -394,7 +370,7 @@ def test_any_polygon_of_unit_squares_has_structured_meshes():
     assert mesh.areas.sum() == pytest.approx(5)
     half = Polygon(0.5 * u.vertices, "half")
     assert (natural_kind(u), natural_kind(half)) == ("structured", "unstructured")
-    with pytest.raises(InputError, match="'half' has no structured mesh"):
+    with pytest.raises(InputError, match=r"'half' has no structured mesh.*unstructured"):
         structured(half, 1 / 2)
 
 

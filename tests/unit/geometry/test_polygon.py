@@ -1,7 +1,5 @@
 """Polygons: lengths, angles, areas by hand; every refusal."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np
@@ -52,7 +50,7 @@ def test_points_on_sides():
     assert_array_equal(points, [[0.25, 0], [1, 0.25], [0.75, 1], [0, 0.75]])
 
 
-def regular(n: int) -> np.ndarray:
+def regular(n):
     """(n, 2) the vertices of a regular polygon."""
     angles = 2 * np.pi * np.arange(n) / n
     return np.column_stack([np.cos(angles), np.sin(angles)])

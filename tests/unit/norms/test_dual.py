@@ -1,7 +1,5 @@
 """||.||_{-1/2} between bounds: against a closed form, cosine series, uniform P2 and finer spaces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache

@@ -1,7 +1,5 @@
 """What is known of a case on a mesh and on a partition before anything is solved: closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -16,7 +14,7 @@ from unilateral.norms.exact import cell_means
 from unilateral.norms.ritz import _check_size, h1_distance, ritz_projection
 
 
-def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:
+def test_the_norm_of_u_and_the_order_of_its_approximations():
     """u = cos(pi x) cos(2 pi y)/2: ||u||_1^2 = (1 + 5 pi^2)/16; none in V_h is closer than z_h."""
     case, on = load("no_contact"), condensed("square", 8)
     problem = ritz_projection(case, on, 12)
@@ -28,7 +26,7 @@ def test_the_norm_of_u_and_the_order_of_its_approximations() -> None:
     assert problem.ritz_error < 0.999 * distance
 
 
-def test_norms_of_a_multiplier_in_closed_form() -> None:
+def test_norms_of_a_multiplier_in_closed_form():
     """6^6 ((s - 1/3)(2/3 - s))^3 on two sides: by Euler's beta function; its parts are orthogonal."""
     found = cell_means(load("smooth"), uniform(square(), 1 / 8))
     lengths = found.partition.lengths
@@ -41,14 +39,14 @@ def test_norms_of_a_multiplier_in_closed_form() -> None:
 
 
 @pytest.mark.parametrize(("name", "in_L2"), [("rough", False), ("singular", True)])
-def test_a_multiplier_outside_L2_has_no_norm_there(name: str, in_L2: bool) -> None:
+def test_a_multiplier_outside_L2_has_no_norm_there(name, in_L2):
     """s^alpha is in L2 for alpha > -1/2; these have -0.95 and -1/4."""
     found = cell_means(load(name), uniform(square(), 1 / 4))
     assert math.isfinite(found.lambda_norm) == in_L2
     assert math.isfinite(found.projection_error) == in_L2
 
 
-def test_the_size_of_a_case_is_that_of_u_and_of_the_gap() -> None:
+def test_the_size_of_a_case_is_that_of_u_and_of_the_gap():
     """|cos(pi x) cos(2 pi y)|/2 + 1, at points of quadrature near the vertices."""
     assert cell_means(load("no_contact"), uniform(square(), 1 / 8)).size == pytest.approx(1.5, abs=1e-3)
 
@@ -56,14 +54,14 @@ def test_the_size_of_a_case_is_that_of_u_and_of_the_gap() -> None:
 @pytest.mark.parametrize(
     ("norm", "size", "zero"), [(1e-13, 1, True), (1e-11, 1, False), (1e-9, 1e4, True), (1e-13, 1e-2, False)]
 )
-def test_a_multiplier_is_zero_relative_to_its_case(norm: float, size: float, zero: bool) -> None:
+def test_a_multiplier_is_zero_relative_to_its_case(norm, size, zero):
     """To 1e-12, a thousand times the rounding of cancelling fluxes."""
     found = cell_means(load("no_contact"), uniform(square(), 1 / 2))
     assert replace(found, lambda_norm=norm, size=size).lambda_is_zero == zero
 
 
 @pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])
-def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size: float, refused: bool) -> None:
+def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size, refused):
     """Squares of doubles are normal numbers from 1e-154 to 1e154; errors of 0 are 0."""
     if refused:
         with pytest.raises(InputError, match="squares of its errors leave double precision"):

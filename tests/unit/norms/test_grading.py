@@ -1,7 +1,5 @@
 """The boundary nodes of reference meshes: their gradings, and where they would be too close."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

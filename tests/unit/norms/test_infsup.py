@@ -1,14 +1,12 @@
 """beta and beta_0: their zeros, kernels and symmetries by theory, their values by dense computations."""
 
-from __future__ import annotations
-
 from functools import cache
 from math import sqrt
 
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import condensed
+from conftest import coupled
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 from test_dual import p2_gram
@@ -36,12 +34,9 @@ def operator(mesh, cells):
     return dual_operator(condense(mesh), coupling(mesh, cells), cells.lengths)
 
 
-@cache
 def on(polygon, n, m):
     """D and the Gram matrices for structured h = 1/n and H = 1/m."""
-    cells = uniform(polygon, m)
-    on_mesh = condensed(polygon, n)
-    return dual_operator(on_mesh, coupling(on_mesh.mesh, cells), cells.lengths), gram(cells)
+    return coupled(polygon, n, m).operator, gram(uniform(polygon, m))
 
 
 @cache

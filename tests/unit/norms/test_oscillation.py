@@ -1,7 +1,5 @@
 """What BDM1 does not carry: its constants against eigenvalues, where squares fit, and that it is needed."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import pi, sqrt, tanh
 

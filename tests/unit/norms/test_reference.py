@@ -1,7 +1,5 @@
 """The reference spaces: the forms against dense algebra, and RT0 as a control."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,25 +1,19 @@
 """The Cantor set of transitions: its intervals, its atom against single ones, its gap."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
 import pytest
 import sympy
-import yaml
+from conftest import certified, load
 from sympy import Rational as Q
 
 from unilateral.errors import InputError
-from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.cantor import DUST, Cantor, divided, gap
-from unilateral.problems.case import Case
-from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import harmonic
 
 KEEP = Q(9, 20)
@@ -86,16 +80,16 @@ def test_the_gap_by_hand():
     np.testing.assert_allclose(value(t)[0], expected, atol=1e-15)
 
 
-@cache
-def load() -> Case:
-    return cases.load("violates_jjj", square())
-
-
 def test_the_certificate_says_that_there_are_infinitely_many():
-    found = certify(load())
+    """Ends of contact are transitions; so are points in which two gaps meet, where lambda is 0."""
+    found = certified("violates_jjj")
     assert found.hypotheses == {"j": True, "jj": True, "jjj": False}
     expected = np.array(sorted(divided(KEEP, 8)[0]), dtype=float)
     np.testing.assert_allclose([c[1:] for c in found.contact], expected, atol=1e-14)
+    transitions = np.round(load("violates_jjj").transitions(), 12)
+    assert np.isin(
+        np.round([t for _, *both in found.contact for t in both if 0 < t < 1], 12), transitions
+    ).all()
 
 
 def test_the_kept_intervals_are_shorter_than_a_quarter_of_the_finest_cell():
@@ -103,23 +97,8 @@ def test_the_kept_intervals_are_shorter_than_a_quarter_of_the_finest_cell():
     assert 0.45**8 < 1 / 128 / 4 < 0.45**7
 
 
-@pytest.mark.parametrize("n", [12, 64])
-def test_the_energy_by_green_s_formula(n):
-    """To 1e-4, on meshes that see little and much of the set: f has a kink at every cutoff's end."""
-    energy = load_of_u = 0.0
-    for rule in triangle_rules(structured(square(), 1 / n), load()):
-        u, du = load().value_and_gradient(rule.origin, rule.offset)
-        energy += float(rule.weight.ravel() @ (np.sum(du**2, axis=1) + u**2))
-        load_of_u += float(rule.weight.ravel() @ (load().source(rule.origin, rule.offset) * u))
-    rule = boundary_rule(square(), square().starts, load().singular())
-    u, flux, _ = load().boundary(rule.side, rule.s, rule.near)
-    assert energy == pytest.approx(load_of_u + float(rule.weight @ (flux * u)), rel=1e-4)
-
-
 @pytest.mark.parametrize("keep", ["1/2", "0", "3/4"])
-def test_shares_that_leave_nothing_to_remove_are_refused(keep, tmp_path):
-    declaration = cases.declared("violates_jjj")[0]
-    declaration["u"][0]["keep"] = keep
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(declaration))
+def test_shares_that_leave_nothing_to_remove_are_refused(keep, case_like):
+    (atom,) = cases.declared("violates_jjj")[0]["u"]
     with pytest.raises(InputError, match=r"keep: .* must lie between 0 and 1/2"):
-        cases.load(tmp_path / "mine.yaml", square())
+        case_like("violates_jjj", u=[atom | {"keep": keep}])

@@ -1,28 +1,20 @@
 """The cases at the limits of the hypotheses: fluxes, means and energies, and what their certificates say."""
 
-from __future__ import annotations
-
 import math
-from functools import cache
 
 import numpy as np
 import pytest
 import sympy
-import yaml
+from conftest import load as load_on
 
 from unilateral.errors import InputError
-from unilateral.fem.quadrature import BoundaryRule, boundary_rule, triangle_rules
+from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
-from unilateral.problems.case import Case
-from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import corner, harmonic
-from unilateral.problems.polar import Polar
 
-POLYGONS = {"square": square(), "lshape": named("lshape")}
 ALPHA = {
     "borderline_0.25": 0.25,
     "borderline_0.1": 0.1,
@@ -31,55 +23,14 @@ ALPHA = {
     "singular": -0.25,
     "rough": -0.95,
 }
-HYPOTHESES = {
-    "borderline_0.25": (True, True, True),
-    "borderline_0.1": (True, True, True),
-    "borderline_0.05": (True, True, True),
-    "vertex": (True, True, True),
-    "violates_j": (False, True, True),
-    "violates_jj": (True, False, True),
-    "singular": (False, False, True),
-    "reentrant": (False, False, True),
-    "rough": (False, False, True),
-}
-CONTACT = {
-    "vertex": [(0, 0, 5 / 12)],
-    "violates_j": [(side, 0, 1) for side in range(6)],
-    "reentrant": [(0, 1 / 3, 2 / 3)],
-} | {name: [(0, 1 / 3, 7 / 12)] for name in ALPHA}
-ON = {name: "lshape" if name in ("violates_j", "reentrant") else "square" for name in HYPOTHESES}
+ON = {"vertex": "square", "violates_j": "lshape", "reentrant": "lshape"} | dict.fromkeys(ALPHA, "square")
 
 
-@cache
-def load(name: str, polygon: str | None = None, side: int = 0) -> Case:
-    return cases.load(name, POLYGONS[polygon or ON[name]], side)
+def load(name, polygon=None, side=0):
+    return load_on(name, polygon or ON[name], side)
 
 
-@pytest.mark.parametrize("name", HYPOTHESES)
-def test_the_certificates(name: str) -> None:
-    """The hypotheses as the catalogue of the design states them; contact by the declarations.
-
-    lambda is unbounded where it is like r^(-1/3), at a held corner, or like s^alpha with alpha < 0.
-    """
-    found = certify(load(name))
-    assert tuple(found.hypotheses.values()) == HYPOTHESES[name]
-    np.testing.assert_allclose(found.contact, CONTACT[name], atol=1e-14)
-    assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
-
-
-@pytest.mark.parametrize("name", HYPOTHESES)
-@pytest.mark.parametrize("hypothesis", ["j", "jj", "jjj"])
-def test_a_wrong_claim_is_noticed(name: str, hypothesis: str, tmp_path) -> None:
-    """Control: each hypothesis declared as its opposite."""
-    declaration = cases.declared(name)[0]
-    declaration["hypotheses"][hypothesis] = not declaration["hypotheses"][hypothesis]
-    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(declaration))
-    wrong = cases.load(tmp_path / "wrong.yaml", POLYGONS[ON[name]])
-    with pytest.raises(InputError, match=rf"field hypotheses\.{hypothesis}: .* declared otherwise"):
-        certify(wrong)
-
-
-def polar(kind: str, alpha: str | None = None, vertex: int = 2) -> Polar:
+def polar(kind, alpha=None, vertex=2):
     """Vertex 2 of the L-shape is the re-entrant one, vertex 1 a right angle."""
     power = None if alpha is None else sympy.Rational(alpha)
     cutoff = sympy.Rational(1, 4)
@@ -101,9 +52,7 @@ def polar(kind: str, alpha: str | None = None, vertex: int = 2) -> Polar:
     ],
     ids=["1/2", "-1/4", "-1/2", "free", "held", "free at 90 degrees", "transition"],
 )
-def test_what_is_bounded_on_the_sides(
-    atom: Polar, lipschitz: bool, flux_bounded: bool, flux_in_L2: bool, in_H2: bool
-) -> None:
+def test_what_is_bounded_on_the_sides(atom, lipschitz, flux_bounded, flux_in_L2, in_H2):
     """u is like r^beta on a side or 0 there, lambda like r^(beta - 1) or 0, beta = 1 + alpha or pi/omega.
 
     So with beta < 1 a trace is Lipschitz, or a flux bounded, only if it vanishes on both sides.
@@ -112,7 +61,7 @@ def test_what_is_bounded_on_the_sides(
 
 
 @pytest.mark.parametrize(("alpha", "refused"), [("-1/3", True), ("1/3", True), ("0", False), ("-1", True)])
-def test_a_transition_needs_no_logarithm(alpha: str, refused: bool) -> None:
+def test_a_transition_needs_no_logarithm(alpha, refused):
     """At 3 pi/2 it does where sin(3/2 (1 + alpha) pi), by which it is divided, is 0."""
     if not refused:
         assert polar("transition", alpha).beta == 1
@@ -122,7 +71,7 @@ def test_a_transition_needs_no_logarithm(alpha: str, refused: bool) -> None:
 
 
 @pytest.mark.parametrize(("off", "refused"), [(1e-14, False), (1e-9, True)])
-def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off: float, refused: bool) -> None:
+def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off, refused):
     """pi/2 - off: for a larger one an atom's flux would be about as large on a side where it has to be 0."""
     nearly = Polygon(np.array([[0, 0], [1, 0], [1, 1], [off, 1]]), "nearly")
     if refused:
@@ -132,13 +81,13 @@ def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off: float, refused: bool) 
         assert corner(nearly, 0, "free").beta == 2
 
 
-def test_a_linear_transition_is_bounded() -> None:
+def test_a_linear_transition_is_bounded():
     """r cos(theta - omega), though it vanishes on one side only."""
     assert polar("transition", "0").regularity.lipschitz
     assert polar("transition", "0").regularity.flux_bounded
 
 
-def test_an_atom_at_a_vertex_of_sides_of_two_lengths() -> None:
+def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
     """r^2 cos 2 theta at 90 degrees: -r^2 on the side before, of length 2, without flux."""
     r = np.array([0.1, 0.25])
     along = Along(1 - r / 2, np.ones(2), -r / 2)
@@ -147,7 +96,7 @@ def test_an_atom_at_a_vertex_of_sides_of_two_lengths() -> None:
     np.testing.assert_allclose(flux, 0, atol=1e-15)
 
 
-def test_the_points_at_which_polar_atoms_are_not_smooth() -> None:
+def test_the_points_at_which_polar_atoms_are_not_smooth():
     """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
     found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular()}
     assert found == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
@@ -156,20 +105,20 @@ def test_the_points_at_which_polar_atoms_are_not_smooth() -> None:
 
 
 @pytest.mark.parametrize("off", [1e-17, 0.0, -0.0, -1e-17])
-def test_rounding_beyond_a_side_is_on_it(off: float) -> None:
+def test_rounding_beyond_a_side_is_on_it(off):
     """On the side at angle 0 the held atom is 0; taken for the angle 2 pi it would be sin(4 pi/3) r^(2/3)."""
     value, _ = polar("held").value_and_gradient(np.array([[0.1, off], [0.2, off]]))
     np.testing.assert_allclose(value, 0, atol=1e-15)
 
 
-def cut_off_power(s: np.ndarray, alpha: float, R: float) -> np.ndarray:
+def cut_off_power(s, alpha, R):
     """Integral from 0 to s_+ of s^alpha (1 - (s/R)^2)_+^4, term by term."""
     s = np.clip(s, 0, R)
     terms = (math.comb(4, j) * (-1) ** j * (s / R) ** (2 * j) / (2 * j + 1 + alpha) for j in range(5))
     return s ** (1 + alpha) * sum(terms)
 
 
-def means(case: Case, cells: partitions.Partition, near: bool = True) -> np.ndarray:
+def means(case, cells, near=True):
     rule = boundary_rule(case.polygon, cells.points, case.singular())
     flux = case.boundary(rule.side, rule.s, rule.near if near else None)[1]
     return rule.integrate(flux, cells.n_cells) / cells.lengths
@@ -177,7 +126,7 @@ def means(case: Case, cells: partitions.Partition, near: bool = True) -> np.ndar
 
 @pytest.mark.parametrize("cells", [(1 / 2, 0.0), (1 / 8, 0.37), (1 / 64, 0.05), (1 / 512, 0.0)])
 @pytest.mark.parametrize("name", ALPHA)
-def test_cell_means_in_closed_form(name: str, cells: tuple[float, float]) -> None:
+def test_cell_means_in_closed_form(name, cells):
     """To 1e-11 of the largest: the closed form cancels."""
     partition = partitions.shifted(square(), *cells)
     x = np.minimum(partition.points, 1.0)
@@ -185,7 +134,7 @@ def test_cell_means_in_closed_form(name: str, cells: tuple[float, float]) -> Non
     np.testing.assert_allclose(means(load(name), partition), whole, atol=1e-11 * whole.max())
 
 
-def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost() -> None:
+def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
     """Control: what lies nearer to the point than round-off, (1e-16)^0.05 = 0.16 of the integral."""
     with np.errstate(divide="ignore"):
         cell = means(load("rough"), partitions.uniform(square(), 1 / 8), near=False)[2]
@@ -193,13 +142,13 @@ def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost() -> None:
     assert not cell >= 0.95 * exact
 
 
-def on_sides(case: Case, t: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def on_sides(case, t):
     n = case.polygon.n_sides
     return {i: case.boundary(np.full(len(t), i), t * case.polygon.lengths[i]) for i in range(n)}
 
 
 @pytest.mark.parametrize(("polygon", "side"), [("square", 0), ("square", 3), ("lshape", 0), ("lshape", 5)])
-def test_the_flux_of_a_transition_at_a_vertex(polygon: str, side: int) -> None:
+def test_the_flux_of_a_transition_at_a_vertex(polygon, side):
     """t^(1/2) (1 - (12 t/5)^2)_+^4 on the side that begins there, 0 on the others, also the one before.
 
     To 1e-12: sides of other lengths see the cutoff's end from coordinates.
@@ -210,7 +159,7 @@ def test_the_flux_of_a_transition_at_a_vertex(polygon: str, side: int) -> None:
         np.testing.assert_allclose(flux, expected, atol=1e-12)
 
 
-def test_the_corners_of_the_l_shape() -> None:
+def test_the_corners_of_the_l_shape():
     """r^(2/3) cos(2 theta/3) has no flux and the traces +-r^(2/3); the held one no trace and both fluxes."""
     r = np.linspace(1e-3, 0.49, 100)
     chi = (1 - 4 * r**2) ** 4
@@ -226,25 +175,11 @@ def test_the_corners_of_the_l_shape() -> None:
         np.testing.assert_allclose(flux, smooth + 2 / 3 * r ** (-1 / 3) * chi, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", HYPOTHESES)
-def test_energies_by_green_s_formula(name: str) -> None:
-    """||u||_1^2 = (f, u) + <lambda, u>: for `rough` |grad u|^2 is like r^(-1.9), lambda u like r^(-0.9)."""
-    case = load(name)
-    energy = load_of_u = 0.0
-    for rule in triangle_rules(structured(case.polygon, 1 / 12), case, 14):
-        u, du = case.value_and_gradient(rule.origin, rule.offset)
-        energy += float(rule.weight.ravel() @ (np.sum(du**2, axis=1) + u**2))
-        load_of_u += float(rule.weight.ravel() @ (case.source(rule.origin, rule.offset) * u))
-    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
-    u, flux, _ = case.boundary(rule.side, rule.s, rule.near)
-    assert energy == pytest.approx(load_of_u + float(rule.weight @ (flux * u)), rel=1e-8)
-
-
-def squared_gradient(case: Case, *where: np.ndarray) -> np.ndarray:
+def squared_gradient(case, *where):
     return np.sum(case.value_and_gradient(*where)[1] ** 2, axis=1)
 
 
-def test_energies_feel_a_rounded_distance() -> None:
+def test_energies_feel_a_rounded_distance():
     """Control: for `rough` 1e-16^0.1 = 2.5 % of the energy lie nearer to the point than round-off."""
     case = load("rough")
     rules = list(triangle_rules(structured(square(), 1 / 12), case, 14))
@@ -256,10 +191,10 @@ def test_energies_feel_a_rounded_distance() -> None:
     assert not abs(rounded / exact - 1) < 0.01
 
 
-def test_the_points_of_the_rule_are_those_of_its_parts() -> None:
+def test_the_points_of_the_rule_are_those_of_its_parts():
     """s = t L + the distance, up to rounding, on every side."""
     case = load("violates_j")
-    rule: BoundaryRule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
+    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
     t, offset = rule.near
     np.testing.assert_allclose(t * case.polygon.lengths[rule.side] + offset, rule.s, atol=1e-15)
 
@@ -275,10 +210,7 @@ def test_the_points_of_the_rule_are_those_of_its_parts() -> None:
         ({"kind": "held"}, r"field u\[0\]"),
     ],
 )
-def test_bad_corners_are_refused(atom: dict, message: str, tmp_path) -> None:
+def test_bad_corners_are_refused(atom, message, case_like):
     odd = Polygon(np.array([[0, 0], [1, 0], [1.1, 1], [0, 1]]), "odd")
-    declaration = cases.declared("full_contact")[0] | {"polygons": "any", "constants": {}}
-    declaration["u"] = [{"atom": "corner", **atom}]
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(declaration))
     with pytest.raises(InputError, match=message):
-        cases.load(tmp_path / "mine.yaml", odd)
+        case_like("full_contact", odd, polygons="any", constants={}, u=[{"atom": "corner", **atom}])

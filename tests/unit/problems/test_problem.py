@@ -1,5 +1,7 @@
 """Problems from files: what they mean, sides that carry no contact, and what is refused, in which words."""
 
+import re
+
 import numpy as np
 import pytest
 import sympy
@@ -18,21 +20,11 @@ from unilateral.problems.atoms import X, Y
 from unilateral.solvers.iterate import Stop, iterate
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
-SQUARE = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\n"
-EVERY = {"polygon": "[[0, 0], [1, 0], [1, 1], [0, 1]]", "f": "x - y", "g": "0"}
 
 
 @pytest.fixture
-def declared(tmp_path):
-    """A file with these fields; None leaves one out."""
-
-    def write(**fields):
-        file = tmp_path / "own.yaml"
-        given = {name: text for name, text in {**EVERY, **fields}.items() if text is not None}
-        file.write_text("".join(f"{name}: {text}\n" for name, text in given.items()))
-        return str(file)
-
-    return write
+def declared(problem_file_of):
+    return lambda **fields: problem_file_of(**{"f": "x - y", "g": 0} | fields)
 
 
 def test_the_ten_problems_can_be_loaded():
@@ -99,20 +91,21 @@ def test_loads_and_means_see_the_kinks(declared):
     assert means[4:6] == pytest.approx(exact[::-1], rel=1e-9)
 
 
+IDLE = {"f": "1 + x*y", "g": '["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'}
+
+
 def test_a_side_below_the_source_is_idle(declared):
     """sup g < inf f there: f >= 1, and g < 1 on sides 0 and 3 only."""
-    problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
+    problem = problem_file.load(declared(**IDLE))
     assert problem.range_of_f[0] == pytest.approx(1, abs=1e-2)
     assert problem.idle_sides() == (0, 3)
-    free = problem_file.load(
-        declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]', free_sides="[3]")
-    )
+    free = problem_file.load(declared(**IDLE, free_sides="[3]"))
     assert free.idle_sides() == (0,)
 
 
 def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declared):
     """u >= inf f, seen on a solution whose sides all have multipliers; control: side 1 has contact."""
-    problem = problem_file.load(declared(f="1 + x*y", g='["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'))
+    problem = problem_file.load(declared(**IDLE))
     cells = partitions.uniform(square(), 1 / 8)
     discrete = discretise(problem, structured(square(), 1 / 16), cells)
     lambda_H = iterate(discrete.spaces.operator, discrete.offset, 1e-8, Stop(), None).lambda_H
@@ -123,118 +116,70 @@ def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declare
     assert touching.idle_sides() == ()
 
 
-ONE_LINE = {
-    "typo": (
+REFUSED = [
+    (
         {"free_side": "[1]"},
-        ": there is no field 'free_side' here; the fields are title, polygon, f, g, free_sides",
+        ": there is no field 'free_side' here; the fields are title, polygon, f, g, free_s",
     ),
-    "no g": ({"g": None}, ": 'g' is a required property"),
-    "unknown symbol": ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
-    "code": ({"f": "open('x')"}, ", field f: 'open('x')' is not a known function"),
-    "half a formula on a free side": (
-        {"g": "[0, '1/(0', 0, 0]", "free_sides": "[1]"},
-        ", field g[1]: '1/(0' is not a formula in x, y",
-    ),
-    "half a formula": ({"f": "x +"}, ", field f: 'x +' is not a formula in x, y"),
-    "no formula": ({"f": "''"}, ", field f: '' is not a formula in x, y"),
-    "a truth value": ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
-    "yes": ({"f": "yes"}, ", field f: 'yes' is unknown; known are x, y, pi"),
-    "infinite": ({"f": ".inf"}, ", field f: '.inf' is not a formula in x, y"),
-    "an octal number": (
+    ({"g": None}, ": 'g' is a required property"),
+    ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
+    ({"g": "[0, '1/(0', 0, 0]", "free_sides": "[1]"}, r", field g\[1\]: '1/\(0' is not a formula in x, y"),
+    ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
+    ({"f": ".inf"}, ", field f: '.inf' is not a formula in x, y"),
+    (
         {"polygon": "[[0, 0], [010, 0], [010, 010]]"},
-        ", field polygon[1]: '010' is not a formula of numbers, such as 3, 0.05 or 1/3; write 10 for 010",
+        r", field polygon\[1\]: '010' is not a formula of numbers, such as 3, 0.05 or 1/3; write 10 for 010",
     ),
-    "another octal number": ({"polygon": "[[0, 0], [0o10, 0], [1, 1]]"}, "[1]: '0o10' is not a decimal num"),
-    "a hexadecimal number": ({"f": "0x10"}, ", field f: '0x10' is not a decimal number"),
-    "minutes and seconds": ({"g": "1:30"}, ", field g: '1:30' is not a formula in x, y"),
-    "a date": ({"g": "2001-01-01"}, ", field g: '2001-01-01' is not a formula in x, y"),
-    "an octal side": (
-        {"free_sides": "[01]"},
-        ", field free_sides[0]: '01' is not of type 'integer'; write a whole number such as 3",
-    ),
-    "too many digits": ({"f": "9" * 5000}, ", field f: the formula has more than 2000 characters"),
-    "too many vertices": (
-        {"polygon": [[0, 0], [1, 0], [1, 1]] * 667},
-        ", field polygon: it has 2001 vertices; at most 1000 are read",
-    ),
-    "f twice": ({"f": "1\nf: 2"}, " is not a YAML file: the field 'f' is given twice"),
-    "pole of f": ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
-    "g infinite on all of a side": (
-        {"g": "cos(cosh(y))/y"},
-        ", field g: it is not finite on side 0, or no bound can be found",
-    ),
-    "g not real on a side": (
-        {"g": "pos(y - (y - 2)**(1/2), 1)"},
-        ", field g, on side 0: it is not a finite real function",
-    ),
-    "overflow of f": ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
-    "pole of g": ({"g": "1/(x - 1/3)"}, ", field g: it is not finite on side 0"),
-    "f too large": (
-        {"f": "1e150*x"},
-        ", field f: it is as large as 1e+150 in the polygon, and squares of err",
-    ),
-    "f too small beside g": (
-        {"f": "1e-165*cos(pi*x)"},
-        ", field f: it is as large as 1e-165 in",
-    ),
-    "f too large for the polygon": (
+    ({"free_sides": "[01]"}, r", field free_sides\[0\]: '01' is not of type 'integer'; write a whole number"),
+    ({"polygon": [[0, 0], [1, 0], [1, 1]] * 667}, ", field polygon: it has 2001 vertices; at most 1000 are"),
+    ({"f": "1/(x - 1/3)"}, ", field f: it is not finite in the polygon"),
+    ({"f": "exp(1000*x)"}, ", field f: it is not finite in the polygon"),
+    ({"g": "cos(cosh(y))/y"}, ", field g: it is not finite on side 0, or no bound can be found"),
+    ({"g": "1/(x - 1/3)"}, ", field g: it is not finite on side 0"),
+    ({"g": "pos(y - (y - 2)**(1/2), 1)"}, ", field g, on side 0: it is not a finite real function"),
+    ({"f": "1e150*x"}, r", field f: it is as large as 1e\+150 in the polygon, and squares of err"),
+    ({"f": "1e-165*cos(pi*x)"}, ", field f: it is as large as 1e-165 in"),
+    ({"f": "1e-160*(3*x - 2)"}, ", field f: it is as large as 2e-160 in the polygon, and squares of errors"),
+    (
         {"polygon": "[[0, 0], [1e75, 0], [1e75, 1e75], [0, 1e75]]", "f": "1e100*(1 + x/1e75)"},
-        ", field f: it is as large as 2e+100 in the polygon, and squares of errors, times 1e+75, the root of",
+        r", field f: it is as large as 2e\+100 in the polygon, and squares of errors, times 1e\+75, the",
     ),
-    "digits that cancel in a curve": (
-        {"f": "pos(sin(1)**2*y + cos(1)**2*y - y + x - 1/2, 0)"},
-        ", field f: the argument of pos(",
-    ),
-    "g too large": ({"g": "1e141*x"}, ", field g: it is as large as 1e+141 on side 0, and squares of errors"),
-    "both too small": (
-        {"f": "1e-160*(3*x - 2)"},
-        ", field f: it is as large as 2e-160 in the polygon, and squares of errors",
-    ),
-    "root in f": ({"f": "sqrt(x)"}, ", field f: write a fractional power as pos(a, k)"),
-    "log in f": ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
-    "root in g": ({"g": "sqrt(x)"}, ", field g: write a fractional power as pos(a, k)"),
-    "g not Lipschitz": ({"g": "pos(x - 1/2, 1/2)"}, ", field g: a power of pos below 1 on side 0"),
-    "kink on a hyperbola": ({"f": "pos(x*y - 1/4, 1)"}, "must be linear, or c - (x - a)**2 - (y - b)**2"),
-    "kink not polynomial": ({"f": "pos(sin(x), 1)"}, ", field f: the argument of pos(sin(x), 1) must be lin"),
-    "wrong number of g": ({"g": "[0, 0]"}, ", field g: 2 formulas for 4 sides; give one for all, or one per"),
-    "g missing on a side": ({"g": "[0, null, 0, 0]"}, ", field g[1]: there is no formula, and side 1 is not"),
-    "g jumps": ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
-    "g jumps at the start": ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
-    "all free": ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),
-    "no such side": ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
-    "a side twice": ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
-    "clockwise": ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, "clockwise; list its vertices anticlockwise"),
-    "crossing": (
-        {"polygon": "[[0, 0], [1, 1], [1, 0], [0, 1]]"},
-        ", field polygon: polygon 'own' is not simple: its sides 0 and 2 meet",
-    ),
-    "folded": ({"polygon": "[[0, 0], [1, 0], [1/2, 0], [1/2, 1]]"}, "is not simple: its sides 0 and 1 meet"),
-    "two vertices": (
+    ({"g": "1e141*x"}, r", field g: it is as large as 1e\+141 on side 0, and squares of errors"),
+    ({"f": "pos(sin(1)**2*y + cos(1)**2*y - y + x - 1/2, 0)"}, r", field f: the argument of pos\("),
+    ({"f": "sqrt(x)"}, r", field f: write a fractional power as pos\(a, k\)"),
+    ({"f": "log(x + 1)"}, ", field f: log is not allowed here"),
+    ({"g": "sqrt(x)"}, r", field g: write a fractional power as pos\(a, k\)"),
+    ({"g": "pos(x - 1/2, 1/2)"}, ", field g: a power of pos below 1 on side 0"),
+    ({"f": "pos(x*y - 1/4, 1)"}, r"must be linear, or c - \(x - a\)\*\*2 - \(y - b\)\*\*2"),
+    ({"f": "pos(sin(x), 1)"}, r", field f: the argument of pos\(sin\(x\), 1\) must be lin"),
+    ({"g": "[0, 0]"}, ", field g: 2 formulas for 4 sides; give one for all, or one per"),
+    ({"g": "[0, null, 0, 0]"}, r", field g\[1\]: there is no formula, and side 1 is not"),
+    ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
+    ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
+    ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),
+    ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
+    ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
+    ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, ", field polygon: .* clockwise; list its vertices anticlock"),
+    (
         {"polygon": "[[0, 0], [1, 0]]"},
-        ", field polygon: it is [[0, 0], [1, 0]]; it has to be the vertices, anticlockwise",
+        r", field polygon: it is \[\[0, 0\], \[1, 0\]\]; it has to be the vert",
     ),
-    "three coordinates": (
+    (
         {"polygon": "[[0, 0], [1, 0], [1, 1, 1]]"},
-        ", field polygon[2]: it is [1, 1, 1]; it has to be a pair of numbers",
+        r", field polygon\[2\]: it is \[1, 1, 1\]; it has to be a p",
     ),
-    "no number": (
-        {"polygon": "[[0, 0], [1, 0], [a, 1]]"},
-        ", field polygon[2]: 'a' is unknown; known are pi",
-    ),
-    "a vertex too far": ({"polygon": "[[0, 0], [1e400, 0], [0, 1]]"}, ", field polygon[1]: '1e400' has a"),
-}
+    ({"polygon": "[[0, 0], [1, 0], [a, 1]]"}, r", field polygon\[2\]: 'a' is unknown; known are pi"),
+    ({"polygon": "[[0, 0], [1e400, 0], [0, 1]]"}, r", field polygon\[1\]: '1e400' has a"),
+]
 
 
-@pytest.mark.parametrize(("fields", "message"), ONE_LINE.values(), ids=ONE_LINE.keys())
+@pytest.mark.parametrize(("fields", "message"), REFUSED, ids=lambda value: str(value)[:60])
 def test_a_bad_file_is_refused_in_one_sentence(declared, fields, message):
     """With the file and the field; without the fault it is accepted (the fixture's other fields)."""
     file = declared(**fields)
     with pytest.raises(InputError) as refusal:
         problem_file.load(file)
-    text = str(refusal.value)
-    assert text.startswith(file)
-    assert message in text
-    assert "\n" not in text
+    assert re.fullmatch(f"{file}.*{message}.*", str(refusal.value))
     problem_file.load(declared())
 
 
@@ -262,15 +207,11 @@ def test_a_jump_at_a_free_side_is_harmless(declared):
     assert problem.enclosed_obstacle.range(1) == (-np.inf, -np.inf)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [(b"", "has no fields"), (b"- 1\n", "has no fields"), (b"f: [1", "not a YAML"), (b"\xff", "not a YAML")],
-)
-def test_files_that_declare_nothing(tmp_path, content, message):
-    file = tmp_path / "own.yaml"
-    file.write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        problem_file.is_declared_in(str(file))
+@pytest.mark.parametrize("content", ["", "- 1\n"])
+def test_files_that_declare_nothing(tmp_path, content):
+    (tmp_path / "own.yaml").write_text(content)
+    with pytest.raises(InputError, match="has no fields"):
+        problem_file.is_declared_in(str(tmp_path / "own.yaml"))
 
 
 def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
@@ -280,8 +221,6 @@ def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
     assert problem_file.is_declared_in(declared(polygon=None, g=None))
     assert not problem_file.is_declared_in(str(case))
     assert not problem_file.is_declared_in("natural")
-    with pytest.raises(InputError, match="there is no file"):
-        problem_file.is_declared_in(str(tmp_path / "missing.yaml"))
 
 
 @pytest.mark.parametrize(

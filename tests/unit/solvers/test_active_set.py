@@ -1,28 +1,18 @@
 """The active-set solver against an interior-point code (clarabel), Uzawa, and the KKT conditions."""
 
-from __future__ import annotations
-
 import math
-from functools import cache
 
-import clarabel
 import numpy as np
 import pytest
-import scipy.sparse as sp
+from conftest import coupled, interior_point
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed, condense
-from unilateral.fem.p1 import coupling
-from unilateral.fem.spaces import DualOperator, dual_operator
-from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
 from unilateral.solvers import active_set as module
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import uzawa
 
 
-def middles(of: DualOperator) -> np.ndarray:
+def middles(of):
     return np.cumsum(of.H_i) - 0.5 * of.H_i
 
 
@@ -34,47 +24,22 @@ OFFSETS = {
 }
 
 
-@cache
-def condensed(name: str) -> Condensed:
-    return condense(structured(named(name), 1 / 8))
-
-
-@cache
-def operator(name: str, ratio: float) -> DualOperator:
+def operator(name, ratio):
     """The dual operator for h = 1/8 and H = ratio h."""
-    mesh = condensed(name).mesh
-    partition = partitions.uniform(mesh.polygon, ratio / 8)
-    return dual_operator(condensed(name), coupling(mesh, partition), partition.lengths)
+    return coupled(name, 8, 8 / ratio).operator
 
 
 @pytest.fixture(params=[("square", 2), ("square", 1), ("square", 0.5), ("lshape", 2), ("lshape", 0.5)])
-def of(request: pytest.FixtureRequest) -> DualOperator:
+def of(request):
     return operator(*request.param)
 
 
 @pytest.fixture(params=OFFSETS)
-def offset(request: pytest.FixtureRequest, of: DualOperator) -> np.ndarray:
+def offset(request, of):
     return OFFSETS[request.param](of)
 
 
-def interior_point(of: DualOperator, offset: np.ndarray) -> np.ndarray:
-    """half lambda_H, which is u_h - A^{-1} f on the boundary in the norm of A_3, from the primal problem.
-
-    min |y|^2 / 2 subject to half^T y + H_i F(0) >= 0, strictly convex whatever the rank of D.
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
-    nb, m = of.half.shape
-    cone = [clarabel.NonnegativeConeT(m)]
-    matrix = sp.csc_matrix(-of.half.T)
-    solver = clarabel.DefaultSolver(
-        sp.identity(nb, format="csc"), np.zeros(nb), matrix, of.H_i * offset, cone, settings
-    )
-    return np.asarray(solver.solve().x)
-
-
-def test_u_equals_that_of_an_interior_point_code(of: DualOperator, offset: np.ndarray) -> None:
+def test_u_equals_that_of_an_interior_point_code(of, offset):
     """||u - u'||_1 <= 1e-8 of the size of the solution: clarabel's accuracy."""
     expected = interior_point(of, offset)
     result = active_set(of, offset, 1e-6)
@@ -84,7 +49,7 @@ def test_u_equals_that_of_an_interior_point_code(of: DualOperator, offset: np.nd
     )
 
 
-def test_comparison_notices_a_sign_error_and_a_lost_cell(of: DualOperator) -> None:
+def test_comparison_notices_a_sign_error_and_a_lost_cell(of):
     offset = OFFSETS["partial contact"](of)
     expected = interior_point(of, offset)
     lambda_H = active_set(of, offset, 1e-6).lambda_H
@@ -93,7 +58,7 @@ def test_comparison_notices_a_sign_error_and_a_lost_cell(of: DualOperator) -> No
         assert np.linalg.norm(of.half @ wrong - expected) > 1e-3
 
 
-def test_kkt_conditions_hold_to_rounding(of: DualOperator, offset: np.ndarray) -> None:
+def test_kkt_conditions_hold_to_rounding(of, offset):
     """lambda >= 0, F >= 0, lambda F = 0 on every cell; 1e-12 of the data's size for m <= 128 cells."""
     result = active_set(of, offset, 1e-6)
     assert result.lambda_H.min() >= 0
@@ -102,7 +67,7 @@ def test_kkt_conditions_hold_to_rounding(of: DualOperator, offset: np.ndarray) -
     )
 
 
-def test_contact_is_what_the_offsets_say() -> None:
+def test_contact_is_what_the_offsets_say():
     """In full contact lambda_H is 2 + sin 3s by construction, unique as beta > 0."""
     of = operator("square", 2)
     full = active_set(of, OFFSETS["full contact"](of), 1e-6).lambda_H
@@ -115,16 +80,14 @@ def test_contact_is_what_the_offsets_say() -> None:
 
 
 @pytest.mark.parametrize(("ratio", "applications"), [(2, 2), (0.5, 1)])
-def test_the_bound_takes_one_product_with_D_for_u_and_one_for_its_energy(
-    ratio: float, applications: int
-) -> None:
+def test_the_bound_takes_one_product_with_D_for_u_and_one_for_its_energy(ratio, applications):
     """Where beta is 0 the energy bound takes that for u alone."""
     of = operator("square", ratio)
     assert active_set(of, OFFSETS["partial contact"](of), 1e-5).operator_applications == applications
 
 
 @pytest.mark.parametrize("ratio", [2, 3, 4])
-def test_uzawa_agrees_within_the_bounds(ratio: float) -> None:
+def test_uzawa_agrees_within_the_bounds(ratio):
     of = operator("square", ratio)
     for make in OFFSETS.values():
         offset = make(of)
@@ -133,7 +96,7 @@ def test_uzawa_agrees_within_the_bounds(ratio: float) -> None:
         assert difference <= ours.bound + theirs.bound
 
 
-def test_u_agrees_with_uzawa_where_beta_is_zero() -> None:
+def test_u_agrees_with_uzawa_where_beta_is_zero():
     """Uzawa's energy bound gets to a tenth of a per cent only; u then agrees to that."""
     of = operator("square", 1)
     offset = OFFSETS["partial contact"](of)
@@ -142,7 +105,7 @@ def test_u_agrees_with_uzawa_where_beta_is_zero() -> None:
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e12])
-def test_the_solution_scales_with_the_data(size: float) -> None:
+def test_the_solution_scales_with_the_data(size):
     of = operator("square", 2)
     offset = OFFSETS["rough"](of)
     expected = size * active_set(of, offset, 1e-6).lambda_H
@@ -150,8 +113,8 @@ def test_the_solution_scales_with_the_data(size: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * size)
 
 
-def test_a_solver_that_gives_up_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    def give_up(*_: object, **__: object) -> None:
+def test_a_solver_that_gives_up_is_reported(monkeypatch):
+    def give_up(*_, **__):
         raise RuntimeError("Maximum number of iterations reached.")
 
     monkeypatch.setattr(module, "nnls", give_up)
@@ -163,7 +126,7 @@ def test_a_solver_that_gives_up_is_reported(monkeypatch: pytest.MonkeyPatch) -> 
     assert result.bound > 0.1
 
 
-def test_a_tolerance_below_rounding_is_reported() -> None:
+def test_a_tolerance_below_rounding_is_reported():
     of = operator("square", 2)
     with pytest.warns(RuntimeWarning, match="above the tolerance"):
         result = active_set(of, OFFSETS["full contact"](of), 0.0)
@@ -173,9 +136,9 @@ def test_a_tolerance_below_rounding_is_reported() -> None:
     assert math.isnan(result.iterations)
 
 
-def test_bad_input_is_refused() -> None:
+def test_bad_input_is_refused():
     of = operator("square", 2)
     with pytest.raises(InputError, match="offset must hold 16"):
-        active_set(of, np.full(16, math.nan), 1e-6)
+        active_set(of, np.zeros(3), 1e-6)
     with pytest.raises(InputError, match="tolerance"):
         active_set(of, np.zeros(16), math.nan)

@@ -1,15 +1,12 @@
 """Steps other than Uzawa's own against their algorithms as published, in the objective and its gradient."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
 import pytest
 
-from unilateral.solvers.steps import BarzilaiBorwein, Nesterov, Newton, Step
+from unilateral.solvers.steps import BarzilaiBorwein, Nesterov, Newton
 
 RANDOM = np.random.default_rng(24)
 AXES = np.linalg.qr(RANDOM.standard_normal((3, 3)))[0]
@@ -19,11 +16,11 @@ START = np.ones(3)
 """Conditioned so badly that momentum restarts and the safeguard cuts, each more than once."""
 
 
-def objective(y: np.ndarray) -> float:
+def objective(y):
     return float(0.5 * y @ S @ y + B @ y)
 
 
-def iterates(step: Step, count: int) -> np.ndarray:
+def iterates(step, count):
     """(count, 3) of the loop, which tells F = S y + b only."""
     y, found = START.copy(), []
     for _ in range(count):
@@ -33,7 +30,7 @@ def iterates(step: Step, count: int) -> np.ndarray:
     return np.array(found)
 
 
-def momentum(restarts: list[int], rho: float) -> Iterator[np.ndarray]:
+def momentum(restarts, rho):
     """O'Donoghue and Candes (2015): t from 1, and again where the step turns against the gradient at z."""
     x = old = START
     t, k = 1.0, 0
@@ -49,16 +46,16 @@ def momentum(restarts: list[int], rho: float) -> Iterator[np.ndarray]:
         yield x
 
 
-def test_momentum_with_restarts_as_published() -> None:
+def test_momentum_with_restarts_as_published():
     """Equal but for rounding, for whose growth over the steps there is room."""
-    restarts: list[int] = []
+    restarts = []
     expected = np.array(list(islice(momentum(restarts, 0.9), 400)))
     assert len(restarts) > 1
     found = iterates(Nesterov(S, B, 0.9, START), 400)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-def dai_fletcher(cuts: list[int], rho: float) -> Iterator[np.ndarray]:
+def dai_fletcher(cuts, rho):
     """Section 4 of Dai and Fletcher (2005) with L = 10 and values of the objective themselves."""
     x, best = START, objective(START)
     candidate, reference, waited, k = best, math.inf, 0, 0
@@ -80,16 +77,16 @@ def dai_fletcher(cuts: list[int], rho: float) -> Iterator[np.ndarray]:
         x, y, k = y, np.maximum(0, y - step * (S @ y + B)), k + 1
 
 
-def test_barzilai_and_borwein_s_steps_with_the_published_safeguard() -> None:
+def test_barzilai_and_borwein_s_steps_with_the_published_safeguard():
     """Equal but for rounding, for whose growth over the steps there is room."""
-    cuts: list[int] = []
+    cuts = []
     expected = np.array(list(islice(dai_fletcher(cuts, 0.9), 50)))
     assert len(cuts) > 1
     found = iterates(BarzilaiBorwein(S, B, 0.9, START), 50)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one() -> None:
+def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():
     """By hand; values are relative to the best one, and so is the reference when that changes."""
     step = BarzilaiBorwein(S, B, 0.9, START)
     for value in (5.0, 7.0, -2.0, 4.0, 9.0, 3.0, 2.0, 1.0, 2.0, 3.0, 4.0, 5.0):
@@ -105,7 +102,7 @@ def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one() -> 
     ("start", "expected"),
     [([1.0, 1.0], [0.91 / 0.19, 0.0]), ([1.0, 0.0], [1.0, 0.0]), ([0.0, 1.0], [0.0, 0.1])],
 )
-def test_a_newton_step_by_hand(start: list[float], expected: list[float]) -> None:
+def test_a_newton_step_by_hand(start, expected):
     """S = [[1, 0.9], [0.9, 1]] and b = (-1, -0.1), with what is positive at the start taken for contact.
 
     There S y = -b, (0.91, -0.8)/0.19 on both, and 0 elsewhere, and in the place of what is negative.
