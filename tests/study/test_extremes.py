@@ -93,8 +93,8 @@ def test_a_wrong_solver_makes_the_point_wrong(monkeypatch):
     )
     row = attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition)
     assert (row.outcome, row.tool) == (WRONG, WRONG)
-    assert row.numbers.true_error == pytest.approx(of.size, rel=1e-9)
-    assert row.numbers.true_error > row.numbers.guaranteed + row.numbers.allowance
+    assert row.true_error == pytest.approx(of.size, rel=1e-9)
+    assert row.true_error > row.guaranteed + row.allowance
     assert row.message.startswith("active_set")
 
 
@@ -114,7 +114,7 @@ def test_a_solver_may_refuse_and_the_others_are_still_judged(monkeypatch):
     row = attempt(1.0, lambda _: of, BUDGET, lambda *_: 7.0, start=1e301)
     assert (row.outcome, row.tool, row.measured) == (REFUSED, REFUSED, 7.0)
     assert row.message.startswith("the first residual, 2e+301, is not below 1e+300; scale the data")
-    assert row.numbers.true_error <= row.numbers.guaranteed + row.numbers.allowance
+    assert row.true_error <= row.guaranteed + row.allowance
     monkeypatch.setattr(trial, "active_set", lambda *_: replace(active_set(*_), bound=0.0, lambda_H=0 * _[1]))
     assert attempt(1.0, lambda _: of, BUDGET, lambda *_: 7.0, start=1e301).outcome == WRONG
     monkeypatch.setattr(trial, "active_set", lambda *_: 1 / 0)
@@ -127,7 +127,7 @@ def test_what_all_refuse_has_no_number():
     of = replace(sound, discrete=replace(sound.discrete, offset=np.full(16, np.inf)))
     row = attempt(1.0, lambda _: of, BUDGET, lambda *_: 7.0)
     assert (row.outcome, row.tool) == (REFUSED, REFUSED)
-    assert np.isnan([row.numbers.true_error, row.numbers.guaranteed, row.measured]).all()
+    assert np.isnan([row.true_error, row.guaranteed, row.measured]).all()
 
 
 def test_numbers_above_what_is_predicted_are_wrong():
@@ -225,7 +225,7 @@ def test_rounding_of_coordinates_is_not_allowed_for():
 def test_no_condition_number_below_1_is_predicted():
     axis = shapes.scaled(np.array([1.0, 100.0]), 1 / 8, 1 / 4, BUDGET)
     assert math.isnan(axis.rows[1].predicted)
-    assert math.isnan(axis.predicted_limit)
+    assert math.isnan(axis.limit)
 
 
 def test_a_survey_of_one_axis():
@@ -286,7 +286,7 @@ def test_rounding_of_A3_is_within_what_is_allowed(n):
 
 def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition():
     """2^-24 and 2^-53; and an error that large has a bound no larger than the limit is predicted by."""
-    for axis, digits in ((KINDS["single"], 24), (KINDS["double"], 53)):
+    for axis, digits in ((precision.single, 24), (precision.double, 53)):
         row = axis(np.array([1 / 4]), 1 / 8, 1 / 4, Budget(1e-4, 10)).rows[0]
         assert row.predicted == pytest.approx(2.0**-digits * problem(contact=full).condition, rel=1e-12)
     of, rng = problem(contact=full), np.random.default_rng(0)

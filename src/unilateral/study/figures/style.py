@@ -87,7 +87,7 @@ def axes_at(figure: Figure, left: float, bottom: float, width: float, height: fl
 
 
 def legend(figure: Figure, handles: Sequence[Any], left: float, top: float, **options: Any) -> Legend:
-    """A key with its upper left corner there."""
+    """A key with its upper left corner there, without a margin of its own unless it is given one."""
     corner, space = (left / WIDTH, top / _height(figure)), {"borderpad": 0, "borderaxespad": 0}
     return figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, **(space | options))
 

@@ -11,12 +11,26 @@ import xarray as xr
 from unilateral.formulas.formula import real
 from unilateral.study import functions
 from unilateral.study.runs.extremes import cells, contact, precision, shapes, steps
-from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget
+from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
 __all__ = ["Budget", "joined", "survey"]
 MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
 KINDS = {name: getattr(MODULES[module], name) for name, module in functions.axes().items()}
 """The function of each kind of axis."""
+COLUMNS = (
+    "value",
+    "outcome",
+    "tool",
+    "true_error",
+    "guaranteed",
+    "allowance",
+    "tolerance",
+    "u_norm",
+    "measured",
+    "predicted",
+    "message",
+)
+LIMITS = ("predicted_limit", "predicted_tool_limit", "local_limit", "measured_limit", "measured_tool_limit")
 
 
 def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:
@@ -25,17 +39,21 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
     Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
     the first one that is not.
     """
-    points, limits = [], []
+    points: dict[str, list[Any]] = {name: [] for name in ("axis_of", *COLUMNS)}
+    limits: dict[str, list[Any]] = {name: [] for name in LIMITS}
     for name, axis in axes.items():
         found = _axis(name, axis, h, H, budget)
-        of_points = [row.record() for row in found.rows]
-        points += [{"axis_of": name, **record} for record in of_points]
-        told = {key: value for key, value in vars(found).items() if key != "rows"}
-        measured = [_first(of_points, what) for what in ("outcome", "tool")]
-        met = dict(zip(("measured_limit", "measured_tool_limit"), measured, strict=True))
-        limits.append({"label": axis["label"], **told, **met})
-    table = {name: ("point", [record[name] for record in points]) for name in points[0]}
-    table |= {name: ("axis", [record[name] for record in limits]) for name in limits[0]}
+        for row in found.rows:
+            points["axis_of"].append(name)
+            for column in COLUMNS:
+                points[column].append(getattr(row, column))
+        measured = (_first(found.rows, what) for what in ("outcome", "tool"))
+        told = (found.limit, found.tool_limit, found.local_limit)
+        for key, value in zip(LIMITS, (*told, *measured), strict=True):
+            limits[key].append(value)
+    table = {name: ("point", values) for name, values in points.items()}
+    of_axis = {"label": [axis["label"] for axis in axes.values()], **limits}
+    table |= {name: ("axis", values) for name, values in of_axis.items()}
     return xr.Dataset(table, coords={"axis": list(axes)})
 
 
@@ -44,7 +62,8 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
     values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
-    return KINDS[axis["kind"]](values, h, H, allowed)
+    found: Axis = KINDS[axis["kind"]](values, h, H, allowed)
+    return found
 
 
 def _value(value: object, where: str) -> float:
@@ -52,13 +71,13 @@ def _value(value: object, where: str) -> float:
     return value if isinstance(value, float) else real(value, where)
 
 
-def _first(points: Sequence[Mapping[str, Any]], what: str) -> float:
-    broken = [point["value"] for point in points if point[what] not in (RIGHT, NO_TOOL)]
-    return broken[0] if broken else np.nan
-
-
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     """One table of the axes of several."""
     parts = [part.drop_encoding() for part in parts]
     points = xr.concat([part.drop_dims("axis") for part in parts], "point")
     return xr.merge([points, xr.concat([part.drop_dims("point") for part in parts], "axis")])
+
+
+def _first(rows: Sequence[Row], what: str) -> float:
+    broken = [row.value for row in rows if getattr(row, what) not in (RIGHT, NO_TOOL)]
+    return broken[0] if broken else np.nan

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -18,7 +17,8 @@ NOTHING = np.inf
 """The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
 
 
-class Numbers(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Numbers:
     """||u(mu) - u_h||_1, the bound that is told of it, what is allowed for rounding, and what was asked for.
 
     `u_norm` is ||u_h||_1. NaN for what is refused.
@@ -30,14 +30,18 @@ class Numbers(NamedTuple):
     tolerance: float = np.nan
     u_norm: float = np.nan
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """By name."""
+        return {field.name: getattr(self, field.name) for field in fields(Numbers)}
+
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Verdict(Numbers):
     """What the result of a run is, by its numbers; what is said of it; its lambda_H (m,), if not refused."""
 
     outcome: str
     said: str
-    numbers: Numbers = Numbers()  # noqa: RUF009
     lambda_H: Array | None = None
 
     @property
@@ -45,30 +49,23 @@ class Verdict:
         """The share of the bound that the error takes; all of it if wrong, less than any other if refused."""
         if self.outcome in (WRONG, REFUSED):
             return np.inf if self.outcome == WRONG else -1.0
-        allowed = self.numbers.guaranteed + self.numbers.allowance
-        return self.numbers.true_error / allowed if allowed > 0 else 0.0
+        allowed = self.guaranteed + self.allowance
+        return self.true_error / allowed if allowed > 0 else 0.0
 
 
 @dataclass(frozen=True)
-class Row:
+class Row(Numbers):
     """A point of an axis: the outcomes of plain Uzawa and of the tool's choice, a number, its prediction.
 
-    `numbers` are those of the algorithm that is nearest to its bound, or beyond it.
+    The numbers are those of the algorithm that is nearest to its bound, or beyond it.
     """
 
     value: float
     outcome: str
     tool: str
-    numbers: Numbers = Numbers()  # noqa: RUF009
     measured: float = np.nan
     predicted: float = np.nan
     message: str = ""
-
-    def record(self) -> dict[str, Any]:
-        """The point in the table."""
-        outcomes = {"value": self.value, "outcome": self.outcome, "tool": self.tool}
-        rest = {"measured": self.measured, "predicted": self.predicted, "message": self.message}
-        return outcomes | self.numbers._asdict() | rest
 
 
 @dataclass(frozen=True)
@@ -79,8 +76,8 @@ class Axis:
     """
 
     rows: list[Row]
-    predicted_limit: float = np.nan
-    predicted_tool_limit: float = np.nan
+    limit: float = np.nan
+    tool_limit: float = np.nan
     local_limit: float = np.nan
 
 
@@ -115,14 +112,14 @@ def judge(problem: Problem, result: DualResult, tolerance: float) -> Verdict:
     said = f"{result.iterations} steps"
     if not result.converged:
         said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
-    numbers = Numbers(error, bound, allowance, tolerance, problem.norm(problem.u))
-    return Verdict(outcome, said, numbers, result.lambda_H)
+    asked = {"allowance": allowance, "tolerance": tolerance, "u_norm": problem.norm(problem.u)}
+    return Verdict(outcome, said, result.lambda_H, true_error=error, guaranteed=bound, **asked)
 
 
 def untooled(value: float, verdict: Verdict, measured: float, predicted: float = np.nan) -> Row:
     """The row of an algorithm that the library does not offer."""
-    said = f"bound {verdict.numbers.guaranteed:.2g}"
-    return Row(value, verdict.outcome, NO_TOOL, verdict.numbers, measured, predicted, said)
+    said = f"bound {verdict.guaranteed:.2g}"
+    return Row(value, verdict.outcome, NO_TOOL, measured, predicted, said, **verdict.numbers)
 
 
 def predicted(rows: Sequence[Row], values: Array) -> list[Row]:

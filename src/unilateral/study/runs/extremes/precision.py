@@ -19,23 +19,20 @@ from unilateral.study.runs.extremes.problem import Array, Problem, full, on_squa
 
 
 def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """In float32, see `_floors`."""
-    return _floors(values, h, H, budget, np.float32)
+    """In float32, over H with h in proportion: the floor of the error of lambda in L2, relative."""
+    return _floors(values, h / H, budget, np.float32)
 
 
 def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """In float64, see `_floors`."""
-    return _floors(values, h, H, budget, np.float64)
+    """The same in float64."""
+    return _floors(values, h / H, budget, np.float64)
 
 
-def _floors(values: Array, h: float, H: float, budget: Budget, precision: DTypeLike) -> Axis:
-    """Over H with h in proportion, in full contact: the floor of the error of lambda in L2, relative.
-
-    Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there.
-    """
+def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
+    """Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there."""
     rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
     for size in values.tolist():
-        problem = on_square(h / H * size, size, full)
+        problem = on_square(h_over_H * size, size, full)
         of, tolerance = problem.spaces.operator, budget.tolerance(problem)
         mu = _last(problem, operator_in(problem, precision), budget.max_steps)
         bound = residual_bound(of, problem.discrete.offset, mu, 1 / of.lambda_max)

@@ -22,84 +22,39 @@ SLACK = 1e-12
 """Relative changes below it are rounding."""
 
 
-def _scaled(L: float) -> Polygon:
-    """The square with sides of that length: cond(S) ~ L^-2."""
-    return Polygon(L * square().vertices, "square")
-
-
-def _needle(angle: float) -> Polygon:
-    """A right triangle with that angle."""
-    return Polygon(np.array([[0, 0], [1, 0], [1, np.tan(angle)]]), "needle")
-
-
-def _slit(width: float) -> Polygon:
-    """A square with a slit of that width, half as long as a side."""
-    a, b = 0.5 - width / 2, 0.5 + width / 2
-    corners = [[0, 0], [a, 0], [a, 0.5], [b, 0.5], [b, 0], [1, 0], [1, 1], [0, 1]]
-    return Polygon(np.array(corners), "slit")
-
-
-def _cut(length: float) -> Polygon:
-    """A square with a corner cut off so that a side of that length is left."""
-    d = length / np.sqrt(2)
-    return Polygon(np.array([[0, 0], [1 - d, 0], [1, d], [1, 1], [0, 1]]), "cut square")
-
-
-def _thin(
-    values: Array,
-    h: float,
-    H: float,
-    budget: Budget,
-    shape: Callable[[float], Polygon],
-    contact: Contact,
-) -> Axis:
-    """h and H in units of the longest side; cond(S) ~ |boundary|/(|Omega| min H_i), from the first one's.
-
-    That is a law of its growth: where it would fall, nothing is predicted.
-    """
-
-    def mesh(polygon: Polygon) -> Mesh:
-        return meshes.unstructured(polygon, h * polygon.lengths.max())
-
-    def problem(value: float) -> Problem:
-        polygon = shape(value)
-        partition = uniform(polygon, H * polygon.lengths.max())
-        return posed(mesh(polygon), partition, contact)
-
-    def lost(polygon: Polygon) -> float:
-        """As `_rounding`; infinite where there is no mesh."""
-        try:
-            return _rounding(mesh(polygon))
-        except InputError:
-            return np.inf
-
-    rows, polygons = attempts(values, problem, budget, condition), [shape(value) for value in values]
-    law = np.array([_law(polygon, H) for polygon in polygons])
-    numbers = np.where(law >= law[0], rows[0].measured * law / law[0], np.nan)
-    refused = np.array([lost(polygon) for polygon in polygons]) / CONSTANTS
-    limit = crossing(values, numbers, budget.condition)
-    tool = crossing(values, np.maximum(numbers / budget.accelerated, refused), 1.0)
-    return Axis(predicted(rows, numbers), limit, tool)
-
-
 def scaled(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Squares with sides of those lengths, in full contact."""
-    return _thin(values, h, H, budget, _scaled, full)
+    """The square with sides of that length, h and H in proportion, full contact: cond(S) ~ L^-2."""
+    return _thin(lambda L: Polygon(L * square().vertices, "square"), values, h, H, budget, full)
 
 
 def angle(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Needles with those angles, in full contact."""
-    return _thin(values, h, H, budget, _needle, full)
+    """A right triangle with that angle."""
+
+    def of(a: float) -> Polygon:
+        return Polygon(np.array([[0, 0], [1, 0], [1, np.tan(a)]]), "needle")
+
+    return _thin(of, values, h, H, budget, full)
 
 
 def slit(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Slits of those widths, in partial contact."""
-    return _thin(values, h, H, budget, _slit, waves)
+    """A square with a slit of that width, half as long as a side."""
+
+    def of(w: float) -> Polygon:
+        a, b = 0.5 - w / 2, 0.5 + w / 2
+        corners = [[0, 0], [a, 0], [a, 0.5], [b, 0.5], [b, 0], [1, 0], [1, 1], [0, 1]]
+        return Polygon(np.array(corners), "slit")
+
+    return _thin(of, values, h, H, budget, waves)
 
 
 def side(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Sides of those lengths, in partial contact."""
-    return _thin(values, h, H, budget, _cut, waves)
+    """A square with a corner cut off so that a side of that length is left."""
+
+    def of(length: float) -> Polygon:
+        d = length / np.sqrt(2)
+        return Polygon(np.array([[0, 0], [1 - d, 0], [1, d], [1, 1], [0, 1]]), "cut square")
+
+    return _thin(of, values, h, H, budget, waves)
 
 
 def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -129,6 +84,43 @@ def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
     rows = attempts(values, problem, budget, change)
     limit = meshes.ROUNDED * h / float(np.finfo(float).eps)
     return Axis(within(predicted(rows, np.spacing(values) / h), SLACK), limit, limit)
+
+
+def _thin(
+    of: Callable[[float], Polygon],
+    values: Array,
+    h: float,
+    H: float,
+    budget: Budget,
+    contact: Contact,
+) -> Axis:
+    """h and H in units of the longest side; cond(S) ~ |boundary|/(|Omega| min H_i), from the first one's.
+
+    That is a law of its growth: where it would fall, nothing is predicted.
+    """
+
+    def mesh(polygon: Polygon) -> Mesh:
+        return meshes.unstructured(polygon, h * polygon.lengths.max())
+
+    def problem(value: float) -> Problem:
+        polygon = of(value)
+        partition = uniform(polygon, H * polygon.lengths.max())
+        return posed(mesh(polygon), partition, contact)
+
+    def lost(polygon: Polygon) -> float:
+        """As `_rounding`; infinite where there is no mesh."""
+        try:
+            return _rounding(mesh(polygon))
+        except InputError:
+            return np.inf
+
+    rows, polygons = attempts(values, problem, budget, condition), [of(value) for value in values]
+    law = np.array([_law(polygon, H) for polygon in polygons])
+    numbers = np.where(law >= law[0], rows[0].measured * law / law[0], np.nan)
+    refused = np.array([lost(polygon) for polygon in polygons]) / CONSTANTS
+    limit = crossing(values, numbers, budget.condition)
+    tool = crossing(values, np.maximum(numbers / budget.accelerated, refused), 1.0)
+    return Axis(predicted(rows, numbers), limit, tool)
 
 
 def _rounding(mesh: Mesh) -> float:

@@ -1,9 +1,4 @@
-"""Axes of the step rho, over 2/lambda_max(S), as (5.1), (5.2) are meant and as they are printed.
-
-In full contact the limit is 1: above it the clip leaves a bounded cycle. In contact on three intervals 1 is
-proved to be safe; larger steps may do. With the printed index z^2 - z + rho sigma = 0 halves the range, in
-partial contact as long as the clip is not active. The number is the error left after all steps, relative.
-"""
+"""Axes of the step rho, over its limit 2/lambda_max(S), as (5.1), (5.2) are meant and as they are printed."""
 
 from __future__ import annotations
 
@@ -14,70 +9,63 @@ import numpy as np
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.runs.algorithm import VARIANTS, iterate
 from unilateral.study.runs.extremes.outcome import Axis, Budget, Row, judge, untooled
-from unilateral.study.runs.extremes.problem import Array, Contact, Problem, full, on_square, waves
+from unilateral.study.runs.extremes.problem import Array, Problem, full, on_square, waves
 from unilateral.study.runs.extremes.trial import attempt
 
 
 def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """rho over its limit, in full contact."""
-    return _as_meant(values, h, H, budget, full)
+    """Full contact, where 1 is the limit: above it the clip leaves a bounded cycle."""
+    return Axis(_as_meant(values, on_square(h, H, full), budget), 1.0)
 
 
 def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """rho over its limit, in partial contact."""
-    return _as_meant(values, h, H, budget, waves)
+    """Contact on three intervals, where 1 is proved to be safe; larger steps may do."""
+    problem = on_square(h, H, waves)
+    return Axis(_as_meant(values, problem, budget), 1.0, local_limit=local_limit(problem))
 
 
 def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same for the index as printed, in full contact."""
-    return _as_printed(values, h, H, budget, full)
+    """Full contact with the printed index: z^2 - z + rho sigma = 0 halves the range."""
+    return Axis(_as_printed(values, on_square(h, H, full), budget), 0.5)
 
 
 def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same for the index as printed, in partial contact."""
-    return _as_printed(values, h, H, budget, waves)
-
-
-def _as_meant(values: Array, h: float, H: float, budget: Budget, contact: Contact) -> Axis:
-    """By every algorithm that the library offers."""
-    problem = on_square(h, H, contact)
-
-    def left(share: float, *_: object) -> float:
-        mu = _last(problem, share * 2 / problem.spaces.operator.lambda_max, budget, VARIANTS[0])
-        return problem.error(mu) / problem.size
-
-    rows = [
-        attempt(share, lambda _: problem, budget, partial(left, share), share=share)
-        for share in values.tolist()
-    ]
-    return Axis(rows, 1.0, local_limit=local_limit(problem))
-
-
-def _as_printed(values: Array, h: float, H: float, budget: Budget, contact: Contact) -> Axis:
-    """By the iteration itself, with the bound of its last iterate."""
-    problem = on_square(h, H, contact)
-    operator, offset, tolerance = problem.spaces.operator, problem.discrete.offset, budget.tolerance(problem)
-
-    def tried(share: float) -> Row:
-        rho = share * 2 / operator.lambda_max
-        mu = _last(problem, rho, budget, VARIANTS[1])
-        bound = residual_bound(operator, offset, mu, rho)
-        result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, VARIANTS[1])
-        return untooled(share, judge(problem, result, tolerance), problem.error(mu) / problem.size)
-
-    return Axis(list(map(tried, values.tolist())), 0.5, local_limit=0.5 * local_limit(problem))
+    """The same in partial contact; the half is proved as long as the clip is not active."""
+    problem = on_square(h, H, waves)
+    return Axis(_as_printed(values, problem, budget), 0.5, local_limit=0.5 * local_limit(problem))
 
 
 def local_limit(problem: Problem) -> float:
-    """lambda_max of S over that on the held cells, which alone decide once no other cell is loaded again.
-
-    NaN in full contact, where it is the limit itself.
-    """
+    """lambda_max of S over that on the held cells, which alone decide once no other cell is loaded again."""
     held, S = np.flatnonzero(problem.lambda_H), problem.spaces.operator.S
-    if len(held) == len(S):
-        return np.nan
     return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
 
 
-def _last(problem: Problem, rho: float, budget: Budget, variant: str) -> Array:
-    return iterate(problem.spaces.operator, problem.discrete.offset, rho, budget.max_steps, variant)
+def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
+    """By every algorithm; the number is the error that plain Uzawa leaves after all steps, relative."""
+
+    def left(share: float, *_: object) -> float:
+        return problem.error(_last(problem, share, budget, VARIANTS[0])) / problem.size
+
+    return [
+        attempt(share, lambda _: problem, budget, partial(left, share), share=share)
+        for share in values.tolist()
+    ]
+
+
+def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
+    """By the iteration itself, with the bound of its last iterate; the number is the same."""
+    operator, tolerance, rows = problem.spaces.operator, budget.tolerance(problem), []
+    for share in values.tolist():
+        rho, mu = share * 2 / operator.lambda_max, _last(problem, share, budget, VARIANTS[1])
+        bound = residual_bound(operator, problem.discrete.offset, mu, rho)
+        result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, VARIANTS[1])
+        found = judge(problem, result, tolerance)
+        rows.append(untooled(share, found, found.true_error / problem.size))
+    return rows
+
+
+def _last(problem: Problem, share: float, budget: Budget, variant: str) -> Array:
+    operator = problem.spaces.operator
+    rho = share * 2 / operator.lambda_max
+    return iterate(operator, problem.discrete.offset, rho, budget.max_steps, variant)

@@ -50,9 +50,9 @@ def attempt(
     if worst.outcome == WRONG:
         names = ", ".join(name for name, each in verdicts.items() if each.outcome == WRONG)
         said = f"{names}: the error is above the bound, or there is none"
-        return Row(value, WRONG, WRONG, worst.numbers, number, message=said)
+        return Row(value, WRONG, WRONG, number, message=said, **worst.numbers)
     tool = NO_TOOL if share is not None else verdicts[TOOL].outcome
-    return Row(value, plain.outcome, tool, worst.numbers, number, message=plain.said)
+    return Row(value, plain.outcome, tool, number, message=plain.said, **worst.numbers)
 
 
 def attempts(
