@@ -39,6 +39,13 @@ class Mesh:
     triangles: Integers
     boundary: Integers
     s: Array
+    coarse: Mesh | None = None
+    halvings: int = 0
+
+    @property
+    def origin(self) -> tuple[Mesh, int]:
+        """The mesh that this one was refined from, and how often; itself and 0 if it was not."""
+        return self.coarse or self, self.halvings
 
     @property
     def n_nodes(self) -> int:
@@ -154,11 +161,21 @@ def refine(mesh: Mesh) -> Mesh:
     Child i < 3 lies at vertex i; vertex i of the middle one is the midpoint opposite vertex i, so that
     every child is its parent halved, the middle one also turned by 180 degrees.
     """
-    n, v = mesh.n_nodes, mesh.triangles
+    triangles, edges = split(mesh.triangles, mesh.n_nodes)
+    points = np.concatenate([mesh.points, mesh.points[edges].mean(axis=1)])
+    refined = _with_boundary(mesh.polygon, points, triangles, "refined mesh")
+    coarse, halvings = mesh.origin
+    return replace(refined, coarse=coarse, halvings=halvings + 1)
+
+
+def split(triangles: Integers, n: int) -> tuple[Integers, Integers]:
+    """The children (4 t, 3) of triangles (t, 3) of n nodes, as `refine` says, and their edges (e, 2), low node first.
+
+    The midpoint of edge k is node n + k; the edges are in lexical order.
+    """
+    v = triangles
     opposite = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
     edges, number = np.unique(opposite.min(axis=0) * n + opposite.max(axis=0), return_inverse=True)
-    low, high = np.divmod(edges, n)
-    points = np.concatenate([mesh.points, 0.5 * (mesh.points[low] + mesh.points[high])])
     m = n + number.reshape(-1, 3)
     children = [
         (v[:, 0], m[:, 2], m[:, 1]),
@@ -166,8 +183,9 @@ def refine(mesh: Mesh) -> Mesh:
         (m[:, 1], m[:, 0], v[:, 2]),
         tuple(m.T),
     ]
-    triangles = np.stack([np.column_stack(child) for child in children], axis=1).reshape(-1, 3)
-    return _with_boundary(mesh.polygon, points, triangles, "refined mesh")
+    return np.stack([np.column_stack(child) for child in children], axis=1).reshape(-1, 3), np.column_stack(
+        np.divmod(edges, n)
+    )
 
 
 def write(
