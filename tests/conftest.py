@@ -17,9 +17,9 @@ from matplotlib.transforms import Bbox
 from unilateral.discrete import Discrete, with_solution
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
 from unilateral.norms.exact import Exact, cell_means, ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
@@ -48,7 +48,7 @@ def load(name: str, polygon: str = "square", side: int = 0) -> Case:
 @cache
 def condensed(polygon: str, n: int) -> Condensed:
     """A structured mesh with h = 1/n, factorised."""
-    return condense(meshes.structured(named(polygon), 1 / n))
+    return condense(structured(named(polygon), 1 / n))
 
 
 @cache

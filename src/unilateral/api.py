@@ -26,8 +26,10 @@ from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named
+from unilateral.geometry.structured import natural_kind, structured
 from unilateral.problems import case as cases
 from unilateral.problems import problem as problems
 from unilateral.problems import problem_file
@@ -41,7 +43,7 @@ from unilateral.solvers.iterate import Stop
 Formula = str | float
 Given = Formula | Function | None
 AnyProblem = Case | problems.Problem | Sampled
-KINDS = {"structured": meshes.structured, "unstructured": meshes.unstructured}
+KINDS = {"structured": structured, "unstructured": meshes.unstructured}
 """Of meshes that are made for a polygon and a size h."""
 
 
@@ -119,7 +121,7 @@ def _function(given: Given, where: str) -> Function:
 
 def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     """The triangles in a file of any of meshio's formats; by default their boundary is the polygon."""
-    return meshes.read(path, polygon)
+    return read(path, polygon)
 
 
 def solve(
@@ -175,7 +177,7 @@ def _mesh(problem: AnyProblem, h: float | None, given: Mesh | str) -> Mesh:
             raise InputError(f"the mesh has {nodes}; at most {LARGEST_BOUNDARY} are possible")
         same = np.array_equal(given.polygon.vertices, polygon.vertices)
         return given if same else meshes.from_arrays(polygon, given.points, given.triangles)
-    return KINDS[given or meshes.natural_kind(polygon)](polygon, _checked(problem, "h", h))
+    return KINDS[given or natural_kind(polygon)](polygon, _checked(problem, "h", h))
 
 
 def _checked(problem: AnyProblem, name: str, size: float | None) -> float:

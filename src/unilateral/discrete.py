@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from skfem.quadrature import get_quadrature_tri
 
+from unilateral.arrays import Array
 from unilateral.bounds.source import Source, enclosed
 from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import h1_norm
 from unilateral.fem.p1 import load as p1_load
-from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.quadrature import boundary_rule, symmetric
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -26,7 +25,6 @@ from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import Stop, iterate, joined
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
-Array = NDArray[np.float64]
 FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 AIM = 0.5
@@ -172,10 +170,9 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
 def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
     """The problem whose f and g are known in points: by Gauss rules, whose errors nobody knows."""
     mesh, cells = spaces.mesh, spaces.partition
-    reference, weights = get_quadrature_tri(SAMPLED)
-    hats = np.stack([1 - reference.sum(axis=0), *reference], axis=1)
+    hats, weights = symmetric(SAMPLED)
     f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
-    load = p1_load(mesh, 2 * mesh.areas[:, None] * ((f * weights) @ hats))
+    load = p1_load(mesh, mesh.areas[:, None] * ((f * weights) @ hats))
     rule = boundary_rule(mesh.polygon, cells.points)
     means = rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
     return with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means)

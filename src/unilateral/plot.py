@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
-Array = NDArray[np.float64]
 CONTACT = "tab:red"
 
 
@@ -19,9 +18,8 @@ def figure(mesh: Mesh, u_h: Array, partition: Partition, multiplier: Array, gap:
     top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
     field = top.tripcolor(*mesh.points.T, mesh.triangles, u_h, shading="gouraud")
     page.colorbar(field, ax=top, label="$u_h$")
-    s, polygon, side = partition.points, partition.polygon, partition.side
-    ends = (polygon.at(side, each - polygon.starts[side]) for each in (s[:-1], s[1:]))
-    for first, last in zip(*(each[multiplier > 0] for each in ends), strict=True):
+    s, polygon = partition.points, partition.polygon
+    for first, last in zip(*(each[multiplier > 0] for each in partition.ends), strict=True):
         top.plot(*np.stack([first, last]).T, color=CONTACT, linewidth=3, solid_capstyle="butt")
     top.set(aspect="equal", xlabel="x", ylabel="y", title="$u_h$; red: cells with $\\lambda_H > 0$")
     bottom.stairs(multiplier, s, color=CONTACT, label="$\\lambda_H$")

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unilateral import discrete
 from unilateral.accuracy.search import Search
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.files import replacing
-from unilateral.geometry.mesh import Mesh, write
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.errors import Errors, errors
 from unilateral.norms.exact import exact
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 class Bounds(NamedTuple):
@@ -110,12 +109,10 @@ class Solution:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
         import pandas as pd
 
-        s, partition = self.partition.points, self.partition
-        start = partition.polygon.at(partition.side, s[:-1] - partition.polygon.starts[partition.side])
-        end = partition.polygon.at(partition.side, s[1:] - partition.polygon.starts[partition.side])
+        s, (start, end) = self.partition.points, self.partition.ends
         return pd.DataFrame(
             {
-                "side": partition.side,
+                "side": self.partition.side,
                 "start": s[:-1],
                 "end": s[1:],
                 **dict(zip(("x_start", "y_start"), start.T, strict=True)),
@@ -147,7 +144,8 @@ class Solution:
         """
         ending = Path(path).suffix
         if ending == ".vtu":
-            write(self.mesh, path, {"multiplier": self._on_edges()}, {"u": self.u})
+            on_edges = self.partition.means(self.multiplier, self.mesh.s)
+            write(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
         elif ending == ".csv":
             with replacing(path) as temporary:
                 self.cells().to_csv(temporary, index=False)
@@ -162,8 +160,3 @@ class Solution:
         from unilateral.plot import figure
 
         return figure(self.mesh, self.u, self.partition, self.multiplier, self.gap)
-
-    def _on_edges(self) -> Array:
-        """(nb,) the means of lambda_H on the boundary edges."""
-        integral = np.append(0.0, np.cumsum(self.partition.lengths * self.multiplier))
-        return np.diff(np.interp(self.mesh.s, self.partition.points, integral)) / np.diff(self.mesh.s)

@@ -10,9 +10,9 @@ from conftest import condensed, coupled, discrete, load
 
 from unilateral.discrete import solve
 from unilateral.fem.condense import dissected
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 from unilateral.norms.exact import cell_means, ritz_projection
 from unilateral.study.runs import algorithm as experiments
 from unilateral.study.runs import algorithm_cost as trials
@@ -24,7 +24,7 @@ STEPS = 400
 @cache
 def tried():
     cases = [load(name) for name in ("full_contact", "natural")]
-    mesh, cells = meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
     return experiments.algorithm(mesh, cells, cases, SHARES, STEPS)
 
 
@@ -107,19 +107,19 @@ def test_the_printed_lagrangian_doubles_the_multiplier():
 
 
 def test_two_multipliers_at_equal_sizes_and_one_at_others():
-    equal = trials.uniqueness(meshes.structured(square(), 1 / 8), partitions.uniform(square(), 1 / 8))
+    equal = trials.uniqueness(structured(square(), 1 / 8), partitions.uniform(square(), 1 / 8))
     assert float(equal["violation"]) < 1e-12
     assert float(equal["same_u"]) < 1e-12
     assert float(equal["multiplier_distance"]) == pytest.approx(
         0.5 * 2
     )  # (-1)^e / 2 on a boundary of length 4
-    finer = trials.uniqueness(meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8))
+    finer = trials.uniqueness(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8))
     assert float(finer["violation"]) > 1e-3
 
 
 def test_the_counts_and_the_iterates_of_both_ways():
     sizes = (1 / 8, 1 / 16)
-    on = [meshes.structured(square(), h) for h in sizes]
+    on = [structured(square(), h) for h in sizes]
     cells = [partitions.uniform(square(), 2 * h) for h in sizes]
     found = trials.elimination(on, cells, 20)
     assert float(found["difference"]) < 1e-12
@@ -136,7 +136,7 @@ def test_the_counts_and_the_iterates_of_both_ways():
 def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
     """At H = 2h both are at least the error; at H = h the residual's is infinite, the energy's holds."""
     cases = [load(name) for name in ("full_contact", "natural")]
-    mesh = meshes.structured(square(), 1 / 16)
+    mesh = structured(square(), 1 / 16)
     stable = trials.certificates(mesh, partitions.uniform(square(), 1 / 8), cases, [10, 200])
     singular = trials.certificates(mesh, partitions.uniform(square(), 1 / 16), cases, [10, 200])
     for found in (stable, singular):
@@ -149,7 +149,7 @@ def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
 def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
     """In full contact, in the energy: half of S's square root is A_3^{-1/2} B^T, so sigma^{1/2} weighs y."""
     case = [load("full_contact")]
-    mesh, cells = meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
     found = trials.certificates(mesh, cells, case, [50])
     sigma, y = spectrum()
     weighted = np.sqrt(sigma) * y
@@ -162,13 +162,13 @@ def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
 def test_the_split_of_the_error_holds_up_to_quadrature():
     """Galerkin orthogonality; with another norm in its last term it is off by more than a hundredth."""
     cases = [load(name) for name in ("full_contact", "thirds")]
-    found = trials.split(meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8), cases)
+    found = trials.split(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8), cases)
     assert np.all(found["split_defect"] <= 1e-4)  # full_contact has no kink, thirds the edge of its cutoff
     assert np.all(found["split_defect_elsewhere"] >= 1e-2)
 
 
 def test_the_first_term_of_the_residual_s_bound_is_no_bound():
     cells = partitions.uniform(square(), 1 / 8)
-    found = trials.certificates(meshes.structured(square(), 1 / 16), cells, [load("natural")], [10])
+    found = trials.certificates(structured(square(), 1 / 16), cells, [load("natural")], [10])
     assert np.all(found["first_term_index"] < 1)
     assert np.all(found["residual_index"] >= 1)

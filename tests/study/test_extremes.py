@@ -23,6 +23,7 @@ from unilateral.fem.spaces import DualOperator, mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured, tensor
 from unilateral.norms.exact import cell_means, exact, ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
@@ -459,7 +460,7 @@ def test_no_loss_of_constants_is_near_where_it_is_refused(kind: str, monkeypatch
 
 
 def test_rectangles_between_ticks() -> None:
-    mesh = meshes.tensor(np.array([0, 1e-4, 0.5, 1]))
+    mesh = tensor(np.array([0, 1e-4, 0.5, 1]))
     assert mesh.n_nodes == 16
     assert mesh.areas.sum() == pytest.approx(1, rel=1e-15)
     assert mesh.areas.min() == pytest.approx(0.5e-8, rel=1e-12)
@@ -611,7 +612,7 @@ def test_thin_domains_are_told_from_small_ones() -> None:
 
 def test_ends_of_cells_next_to_mesh_vertices_do_no_harm() -> None:
     """The operator changes by what the cells change, down to the last bit of an arc length."""
-    mesh, cells = meshes.structured(square(), 1 / 8), uniform(square(), 1 / 4)
+    mesh, cells = structured(square(), 1 / 8), uniform(square(), 1 / 4)
     inside = ~np.isin(cells.points, square().starts)
     D = mixed_spaces(condense(mesh), cells).operator.D
     for distance in (1e-8, 1e-12, 1e-15):

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.norms.infsup import resolution
 from unilateral.study.runs.families import boundary_nodes, mesh_of, partition_of
 
@@ -148,7 +148,7 @@ def test_explicit_nodes():
 def test_structured_meshes():
     cells = partition_of(square(), {"H": "1/4"})
     mesh = mesh_of(cells, {"kind": "structured"}, "3/2")
-    assert_array_equal(mesh.points, meshes.structured(square(), 1 / 6).points)
+    assert_array_equal(mesh.points, structured(square(), 1 / 6).points)
 
 
 @pytest.mark.parametrize(
@@ -193,10 +193,10 @@ def test_partitions_refused(spec, message):
         ({"kind": "structured", "h": 1}, 1, "is not one of"),
         ({"kind": "equal"}, "two", "edges_per_cell: 'two' is unknown"),
         ({"nodes": "0, 1"}, 1, "boundary nodes: nodes: '0, 1' is not a list"),
-        ({"nodes": [0, 1, 2]}, 1, "boundary nodes: vertex 3 .* is missing"),
-        ({"nodes": [0, 1, 2, 3, 4]}, 1, "node 4 at arc length 4 is out of order"),
-        ({"nodes": [0, 1, 2, 3, 2.5]}, 1, "node 3 at arc length 3 is out of order"),
-        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1, "node 0 at arc length -0.5 is out of order"),
+        ({"nodes": [0, 1, 2]}, 1, "vertex 3 .* is missing"),
+        ({"nodes": [0, 1, 2, 3, 4]}, 1, r"point 5 \(4\) is not greater"),
+        ({"nodes": [0, 1, 2, 3, 2.5]}, 1, r"point 4 \(2.5\) is not greater"),
+        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1, r"point 0 \(-0.5\) lies outside"),
     ],
 )
 def test_meshes_refused(spec, K, message):

@@ -15,14 +15,14 @@ from conftest import coupled
 from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.formulas.formula import pos
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.problems.polar import harmonic
+from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.iterate import Stop
 from unilateral.study.judge import surfaces
 from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, transition
@@ -125,7 +125,7 @@ ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
 
 @cache
 def measured() -> xr.Dataset:
-    mesh, cells = meshes.structured(SQUARE, 1 / 8), partitions.uniform(SQUARE, 1 / 4)
+    mesh, cells = structured(SQUARE, 1 / 8), partitions.uniform(SQUARE, 1 / 4)
     return measure(mesh, cells, AT, (ALPHAS, GAMMAS), Stop())
 
 
@@ -238,7 +238,7 @@ def two_level_rates(at_third: bool) -> xr.Dataset:
     """alpha = 1/2, gamma = 1 on three levels."""
     levels = []
     for H in LEVELS[1:4]:
-        mesh, cells = meshes.structured(SQUARE, float(H) / 2), partitions.uniform(SQUARE, float(H))
+        mesh, cells = structured(SQUARE, float(H) / 2), partitions.uniform(SQUARE, float(H))
         at = [R(1, 3)] if at_third else places(H, 8)
         levels.append(measure(mesh, cells, at, ([R(1, 2)], [R(1)]), Stop()))
     return surfaces.rates_over(surfaces.along_levels(levels))

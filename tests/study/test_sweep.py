@@ -8,8 +8,9 @@ import pytest
 from conftest import discrete, load
 
 from unilateral.discrete import solve
-from unilateral.geometry import mesh, partition
+from unilateral.geometry import partition
 from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.study.runs import scene as module
@@ -23,7 +24,7 @@ CELLS = (2, 4, 8, 16)
 
 def swept(names=NAMES, **options):
     cells, cases = [partition.uniform(SQUARE, 1 / m) for m in CELLS], [load(name) for name in names]
-    return sweep(mesh.structured(SQUARE, 1 / 8), cases, cells, gram(names), **options)
+    return sweep(structured(SQUARE, 1 / 8), cases, cells, gram(names), **options)
 
 
 @cache
@@ -55,7 +56,7 @@ def test_without_limits_all_pairs_are_solved():
 def test_a_pair_with_beta_above_0_needs_the_dual_norm():
     cells = [partition.uniform(SQUARE, 1 / 4)]
     with pytest.raises(ValueError, match="needs the dual norm"):
-        sweep(mesh.structured(SQUARE, 1 / 8), [load("natural")], cells, None)
+        sweep(structured(SQUARE, 1 / 8), [load("natural")], cells, None)
 
 
 def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):

@@ -7,9 +7,9 @@ import pytest
 import xarray as xr
 from conftest import load
 
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.study.runs.scene import sweep
 from unilateral.study.runs.totals import totals
@@ -18,7 +18,7 @@ from unilateral.study.text import error_tables
 
 @pytest.fixture(scope="module")
 def found() -> xr.Dataset:
-    mesh, cases = meshes.structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
+    mesh, cases = structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
     cells = [partitions.uniform(square(), H) for H in (1 / 2, 1 / 4)]
     gram = dual_norm(cells[1], cases).gram(cases)
     solved, _ = sweep(mesh, cases, cells, gram, (2.0, 2.0))

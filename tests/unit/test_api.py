@@ -16,8 +16,9 @@ from conftest import DATA, ROOT
 import unilateral as ul
 from unilateral import api
 from unilateral.fem.p1 import h1_norm
-from unilateral.geometry.mesh import structured, write
+from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}

@@ -8,8 +8,9 @@ import xarray as xr
 
 from unilateral.errors import InputError, StorageError
 from unilateral.files import replacing
-from unilateral.geometry import mesh
+from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 from unilateral.study import tables
 from unilateral.study.figures.style import figure_in
 from unilateral.study.text import marks
@@ -26,7 +27,7 @@ def document(path):
 
 
 WRITERS = {
-    "mesh.vtu": lambda path: mesh.write(mesh.structured(square(), 1), path),
+    "mesh.vtu": lambda path: write(structured(square(), 1), path),
     "errors.nc": lambda path: tables.save(xr.Dataset({"x": [1.0]}), path, "scene"),
     "rates.csv": lambda path: tables.save_csv(pd.DataFrame({"x": [1.0]}), path),
     "rates.svg": figure,

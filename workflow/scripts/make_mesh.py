@@ -2,12 +2,12 @@
 
 from sentences import speak_plainly
 
-from unilateral.geometry import mesh
+from unilateral.geometry.mesh_files import write
 from unilateral.study.scenes import coarsest_mesh
 
 
 def main(scene, path):
-    mesh.write(coarsest_mesh(scene), path)
+    write(coarsest_mesh(scene), path)
 
 
 if __name__ == "__main__":

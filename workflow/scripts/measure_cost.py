@@ -3,7 +3,7 @@
 from sentences import speak_plainly
 
 from unilateral.formulas.formula import real
-from unilateral.geometry import mesh
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.study import tables
 from unilateral.study.runs.cost import measure as cost
@@ -18,7 +18,7 @@ def main(norm, scene, study, job, results, timings):
     limits = cost.Limits(study["stops"], study["max_steps"], study["costly_steps"])
     found = [
         cost.measure(
-            mesh.structured(domain(scene), real(h, "cost.jobs.h")), problems, gram, planned, sizes, limits
+            structured(domain(scene), real(h, "cost.jobs.h")), problems, gram, planned, sizes, limits
         )
         for h in job["h"]
     ]

@@ -3,7 +3,8 @@
 from sentences import speak_plainly
 
 from unilateral.formulas.formula import number
-from unilateral.geometry import mesh, partition, polygon
+from unilateral.geometry import partition, polygon
+from unilateral.geometry.structured import structured
 from unilateral.solvers.iterate import Stop
 from unilateral.study import tables
 from unilateral.study.runs import sharpness
@@ -14,7 +15,7 @@ def main(study, stop, level, path):
     h = H * number(study["h_over_H"], "sharpness.h_over_H")
     exponents = [[number(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")]
     found = sharpness.measure(
-        mesh.structured(domain, float(h)),
+        structured(domain, float(h)),
         partition.uniform(domain, float(H)),
         sharpness.places(H, study["positions"]),
         exponents,

@@ -3,7 +3,8 @@
 from sentences import speak_plainly
 
 from unilateral.formulas.formula import real
-from unilateral.geometry import mesh, partition
+from unilateral.geometry import partition
+from unilateral.geometry.structured import structured
 from unilateral.study import tables
 from unilateral.study.runs import algorithm as experiments
 from unilateral.study.runs import algorithm_cost as trials
@@ -13,7 +14,7 @@ from unilateral.study.scenes import cases, domain
 def main(study, steps, certificates, singular, uniqueness, unique, elimination, split):
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
-    on, cells = mesh.structured(polygon, h), partition.uniform(polygon, H)
+    on, cells = structured(polygon, h), partition.uniform(polygon, H)
     problems = cases(study)
     shares = [float(share) for share in study["shares"]]
     tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm")
@@ -24,7 +25,7 @@ def main(study, steps, certificates, singular, uniqueness, unique, elimination, 
     for size, path in ((h, uniqueness), (H, unique)):
         tables.save(trials.uniqueness(on, partition.uniform(polygon, size)), path, "algorithm")
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
-    meshes = [mesh.structured(polygon, size) for size in sizes]
+    meshes = [structured(polygon, size) for size in sizes]
     partitions = [partition.uniform(polygon, size * H / h) for size in sizes]
     found = trials.elimination(meshes, partitions, study["compared_steps"])
     tables.save(found, elimination, "algorithm")

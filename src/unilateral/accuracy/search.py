@@ -14,9 +14,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from unilateral.accuracy.budget import LARGEST_BOUNDARY, affordable_H
 from unilateral.accuracy.level import Goal, Level, standing, target
 from unilateral.discrete import AIM, FIRST, with_data
@@ -28,10 +25,10 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import natural_kind, structured
 from unilateral.problems.data import Data
 from unilateral.solvers.iterate import Stop
 
-Array = NDArray[np.float64]
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
 NOT_CONVERGED = "the iteration did not converge (--max-steps, --rho, --algorithm)"
@@ -99,7 +96,7 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
     levels, a mesh cannot be made.
     """
     stop = stop or Stop()
-    kind = kind or meshes.natural_kind(problem.polygon)
+    kind = kind or natural_kind(problem.polygon)
     begin = time.perf_counter()
     done: list[Level] = []
     H: float | None = float(problem.polygon.lengths.max())
@@ -139,14 +136,8 @@ def _nested(H: float, kind: str) -> float:
 def two_edges_per_cell(partition: Partition, kind: str) -> Mesh:
     """A mesh with two equal boundary edges in every cell, h = H/2."""
     if kind == "structured":
-        return meshes.structured(partition.polygon, partition.H / 2)
+        return structured(partition.polygon, partition.H / 2)
     return meshes.with_boundary(partition.polygon, partitions.refine(partition).points[:-1])
-
-
-def prolonged(lambda_H: Array, partition: Partition, finer: Partition) -> Array:
-    """(m,) means on the cells of another partition of lambda_H, which is constant on those of the first."""
-    integral = np.append(0.0, np.cumsum(partition.lengths * lambda_H))
-    return np.diff(np.interp(finer.points, partition.points, integral)) / finer.lengths
 
 
 def _solved(
@@ -163,7 +154,7 @@ def _solved(
     in_norm = spaces.beta if goal.norm == "hm12" else 1.0
     start, tolerance = None, FIRST * discrete.first_residual
     if before is not None:
-        start = prolonged(before.solved.lambda_H, before.partition, partition)[spaces.cells]
+        start = before.partition.means(before.solved.lambda_H, partition.points)[spaces.cells]
         if math.isfinite(before.solved.total(goal.norm)):
             tolerance = AIM * SHARE * before.target * in_norm or tolerance
     solved = discrete.iterated(tolerance, stop, start)

@@ -24,16 +24,13 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import comb
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle import ORDER, Obstacle
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 PARTS = 8
 """Of an edge: intervals on which the sign of p - v is asked for."""
 DEAR = 16.0

@@ -12,17 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 import skfem
-from numpy.typing import NDArray
 from skfem.helpers import div, dot, grad
 
-from unilateral.fem.condense import elimination_order
+from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.sparse import elimination_order
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_io import longest_edges
 from unilateral.norms.reference import Factor, boundary_facets, hdiv, normal_fluxes
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 DEGREE = 4
 """Of the products of two functions of P2 or RT1."""
 ROUNDING = 2.0**-45
@@ -74,7 +70,7 @@ class Hypercircle:
 
         ||q|| is at most ||grad v|| and the defect.
         """
-        flat = 2 * self.mesh.areas / longest_edges(self.mesh.points, self.mesh.triangles)
+        flat = 2 * self.mesh.areas / self.mesh.longest_edges
         source = math.sqrt(float(self.mesh.areas @ np.max(self.source**2, axis=1)))
         steep = 1 / float(flat.min())
         return ROUNDING * (self.norm(v) * (1 + steep) + defect * steep + source)

@@ -10,14 +10,13 @@ from collections.abc import Mapping
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import cross
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 TINY = 1e-300
 """Of a triangle's area: what underflows times that."""
 SMALL = 1 / 8
@@ -63,7 +62,7 @@ def sides(
     return steps, wrong
 
 
-def _is_small(vertices: Array, kink: Kink) -> NDArray[np.bool_]:
+def _is_small(vertices: Array, kink: Kink) -> Mask:
     return _diameter(vertices) <= (SMALL * kink.radius or np.inf)
 
 
@@ -82,7 +81,7 @@ def _size(size: float, kink: Kink) -> float:
     return size + float(np.abs(kink.centre).max()) + kink.radius
 
 
-def _wrong_area(vertices: Array, kink: Kink, inside: NDArray[np.bool_]) -> Array:
+def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
     """(k,) what has not the value of a step that a piece is given, that `inside` a circle or outside.
 
     0 for a line, along which pieces are cut.
@@ -90,8 +89,7 @@ def _wrong_area(vertices: Array, kink: Kink, inside: NDArray[np.bool_]) -> Array
     if not kink.radius:
         return np.zeros(len(vertices))
     disc = area_in_disc(vertices - np.array(kink.centre), kink.radius)
-    (x0, y0), (x1, y1) = (vertices[:, i].T - vertices[:, 0].T for i in (1, 2))
-    area = 0.5 * np.abs(x0 * y1 - x1 * y0)
+    area = 0.5 * np.abs(cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
     return np.clip(np.where(inside, area - disc, disc), 0.0, area)
 
 
@@ -104,28 +102,24 @@ def area_in_disc(vertices: Array, radius: float) -> Array:
     t = (np.clip((-b + sign * root) / a, 0.0, 1.0)[..., None] for sign in (-1, 1))
     enter, leave = (start + fraction * d for fraction in t)
     sectors = _angle(start, enter) + _angle(leave, end)
-    return np.abs(0.5 * (radius**2 * sectors + _cross(enter, leave)).sum(axis=1))
+    return np.abs(0.5 * (radius**2 * sectors + cross(enter, leave)).sum(axis=1))
 
 
 def shares(corners: Array) -> Array:
     """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
-    (x0, y0), (x1, y1) = ((corners[:, i] - corners[:, 0])[:, 1:].T for i in (1, 2))
-    return np.asarray(np.abs(x0 * y1 - x1 * y0))
+    b, c = ((corners[:, i] - corners[:, 0])[:, 1:] for i in (1, 2))
+    return np.abs(cross(b, c))
 
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.sum(a * b, axis=-1))
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
 def _angle(a: Array, b: Array) -> Array:
-    return np.asarray(np.arctan2(_cross(a, b), _dot(a, b)))
+    return np.asarray(np.arctan2(cross(a, b), _dot(a, b)))
 
 
-def _along(corners: Array, owner: Index, level: Array, crossed: NDArray[np.bool_]) -> tuple[Array, Index]:
+def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
     """The pieces, those crossed each cut in three by the chord between two of its edges."""
     above, s = level[crossed] >= 0, level[crossed]
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)

@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.jumps import cut, rounding, shares, sides
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 ORDER = 4
 GAPS = 8.0
 """Times the rounding of coordinates: how wide gaps between pieces are at most."""

@@ -20,19 +20,15 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
-from skfem.quadrature import get_quadrature_tri
 
+from unilateral.arrays import Array
 from unilateral.bounds.pieces import ORDER, Pieces, areas, known_at_points, polynomials
+from unilateral.fem.quadrature import symmetric
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_io import longest_edges
 from unilateral.problems.data import Data
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
@@ -78,7 +74,7 @@ class Source:
 
 def poincare(mesh: Mesh) -> Array:
     """(m,) the constants C of ||w - mean w||_T <= C |w|_{1,T}."""
-    return longest_edges(mesh.points, mesh.triangles) / J
+    return mesh.longest_edges / J
 
 
 def enclosed(mesh: Mesh, data: Data) -> Source:
@@ -127,10 +123,9 @@ def _rest(mesh: Mesh, pieces: Pieces) -> Array:
 def _moments() -> Array:
     """(3 + m, m) means on a piece of monomials times its three hats, then times each other."""
     of = basis(2, ORDER)
-    points, weights = get_quadrature_tri(2 * ORDER)
-    values = np.prod((2 * points[None] - 1) ** of.exponents[..., None], axis=1)
-    hats = np.stack([1 - points.sum(axis=0), *points])
-    return 2 * (np.concatenate([hats, values]) * weights) @ values.T
+    points, weights = symmetric(2 * ORDER)
+    values = np.prod((2 * points.T[1:] - 1) ** of.exponents[..., None], axis=1)
+    return (np.concatenate([points.T, values]) * weights) @ values.T
 
 
 def _quadratic(c: Array) -> Array:

@@ -35,19 +35,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.bounds.feasible import Constraint, constraint
 from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.source import Source
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, oscillation_bound
 from unilateral.problems.obstacle import Obstacle
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 PUSH = 0.5
 """Of H_i lambda_i: what lies less than that above g counts as contact. Only the sharpness depends on it."""
 SUMS = 1e-9
@@ -146,9 +144,9 @@ class EdgeFlux(NamedTuple):
 
 
 def _on_edges(mesh: Mesh, cells: Partition, lambda_H: Array) -> EdgeFlux:
-    points, lengths, nb = np.union1d(cells.points, mesh.s), np.diff(mesh.s), len(mesh.boundary)
+    lengths, nb = np.diff(mesh.s), len(mesh.boundary)
+    points, cell, edge = overlay(cells.points, mesh.s)
     middle = 0.5 * (points[1:] + points[:-1])
-    cell, edge = (np.searchsorted(s, middle) - 1 for s in (cells.points, mesh.s))
     share, arm = np.diff(points) / lengths[edge], 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
     value = lambda_H[cell]
     mean = np.bincount(edge, share * value, nb)

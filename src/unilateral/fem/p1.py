@@ -6,28 +6,24 @@ import math
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
-
-Array = NDArray[np.float64]
+from unilateral.geometry.partition import Partition, overlay
 
 
-def gradients(mesh: Mesh) -> tuple[Array, Array]:
-    """Gradients (m, 3, 2) of the barycentric functions of each triangle, and the areas (m,)."""
+def gradients(mesh: Mesh) -> Array:
+    """Gradients (m, 3, 2) of the barycentric functions of each triangle."""
     corners = mesh.points[mesh.triangles]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    first, second = opposite[:, 1], opposite[:, 2]
-    twice_area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     turned = np.stack([-opposite[..., 1], opposite[..., 0]], axis=-1)
-    return turned / twice_area[:, None, None], 0.5 * twice_area
+    return turned / (2 * mesh.areas)[:, None, None]
 
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
-    slopes, areas = gradients(mesh)
+    slopes, areas = gradients(mesh), mesh.areas
     stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
     return _assemble(mesh, stiffness), _assemble(mesh, mass)
@@ -41,8 +37,7 @@ def load(mesh: Mesh, moments: Array) -> Array:
 
 def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
     """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
-    slopes, _ = gradients(mesh)
-    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
+    return load(mesh, moments + np.einsum("tid,td->ti", gradients(mesh), gradient_integrals))
 
 
 def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
@@ -53,13 +48,9 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
     """
     if not np.array_equal(mesh.polygon.vertices, partition.polygon.vertices):
         raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
-    points = np.union1d(partition.points, mesh.s)
-    left, right = points[:-1], points[1:]
-    cell = np.clip(np.searchsorted(partition.points, left, side="right") - 1, 0, partition.n_cells - 1)
-    nb = len(mesh.boundary)
-    edge = np.clip(np.searchsorted(mesh.s, left, side="right") - 1, 0, nb - 1)
-    length = right - left
-    position = (0.5 * (left + right) - mesh.s[edge]) / np.diff(mesh.s)[edge]
+    points, cell, edge = overlay(partition.points, mesh.s)
+    nb, length = len(mesh.boundary), np.diff(points)
+    position = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / np.diff(mesh.s)[edge]
     values = np.concatenate([length * (1 - position), length * position])
     columns = np.concatenate([edge, (edge + 1) % nb])
     return sp.coo_array((values, (np.tile(cell, 2), columns)), shape=(partition.n_cells, nb)).tocsr()
@@ -78,11 +69,10 @@ def boundary_mass(mesh: Mesh) -> sp.csr_array:
 
 def h1_norm(mesh: Mesh, v: Array) -> float:
     """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel."""
-    slopes, areas = gradients(mesh)
     nodal = v[mesh.triangles]
-    of_gradient = np.sum(np.einsum("tid,ti->td", slopes, nodal) ** 2, axis=1)
+    of_gradient = np.sum(np.einsum("tid,ti->td", gradients(mesh), nodal) ** 2, axis=1)
     of_value = (nodal.sum(axis=1) ** 2 + (nodal**2).sum(axis=1)) / 12
-    return math.sqrt(float(areas @ (of_gradient + of_value)))
+    return math.sqrt(float(mesh.areas @ (of_gradient + of_value)))
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

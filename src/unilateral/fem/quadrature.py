@@ -16,16 +16,15 @@ from math import lcm
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral.fem.splitting import Irregular, split_triangles
+from unilateral.arrays import Array, Index
+from unilateral.fem.splitting import split_triangles
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 GAUSS = 16
 DEGREE = 8
 FINE_DEGREE = 5
@@ -76,7 +75,7 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     offset = sign * tau**k
     s = p[:, None] + offset
     weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
-    side = np.searchsorted(polygon.starts, middle, side="right") - 1
+    side = polygon.sides_of(middle)
     interval = np.searchsorted(cuts, middle, side="right") - 1
     t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
     return BoundaryRule(
@@ -133,7 +132,7 @@ class TriangleRule:
         return self.origin + self.offset
 
 
-def triangle_rules(mesh: Mesh, case: Irregular, degree: int | None = None) -> Iterator[TriangleRule]:
+def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterator[TriangleRule]:
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
     Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE.
@@ -154,7 +153,7 @@ def triangle_rules(mesh: Mesh, case: Irregular, degree: int | None = None) -> It
     ):
         for start in range(0, len(index), BLOCK):
             block = slice(start, start + BLOCK)
-            yield _place(mesh, corners[block], index[block], *_symmetric(exact))
+            yield _place(mesh, corners[block], index[block], *symmetric(exact))
     for apart in split.singular:
         rule = _place(mesh, apart.corners, apart.parent, *_duffy(of_pieces, apart.grading))
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point
@@ -163,7 +162,7 @@ def triangle_rules(mesh: Mesh, case: Irregular, degree: int | None = None) -> It
 
 
 @cache
-def _symmetric(degree: int) -> tuple[Array, Array]:
+def symmetric(degree: int) -> tuple[Array, Array]:
     """Barycentric points (q, 3) and weights (q,) with sum 1."""
     points, weights = get_quadrature_tri(degree)
     return np.column_stack([1 - points.sum(axis=0), *points]), 2 * weights

@@ -1,10 +1,11 @@
 """Partial elimination by macro-elements, for meshes made by uniform refinement (the paper, section 5).
 
-A macro-element is a triangle of a coarser mesh, with m = 2^k edges of the mesh on each side. It consists of four
-with m/2 edges: itself halved, and the middle one is turned by 180 degrees, which changes no entry of the matrix of
-(., .)_1. So one condensed matrix of size 3m/2, used four times, gives that of size 3m, and only the nodes
-on the sides of the middle one are eliminated. Triangles of the coarsest mesh that are congruent share all of it.
-These are then joined two by two, and what lies inside is eliminated, until A_3 on the boundary is left.
+A macro-element is a triangle of a coarser mesh, with m = 2^k edges of the mesh on each side. It consists of
+four with m/2 edges. Each is the whole one halved. The middle one is turned by 180 degrees, too, which changes
+no entry of the matrix of (., .)_1. So one condensed matrix of size 3m/2, used four times, gives that of
+size 3m, and only the nodes on the sides of the middle one are eliminated. Triangles of the coarsest mesh
+share all of it if they are congruent. These are then joined two by two, and what lies inside is eliminated,
+until A_3 on the boundary is left.
 
 Each elimination is a `Stage`. With the blocks of a matrix K on its inner (i) and outer (o) nodes and
 W = K_ii^{-1} K_io, a load goes to the outer nodes as b_o - W^T b_i, and the solution comes back as
@@ -17,13 +18,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
+from unilateral.arrays import Array, Index
 from unilateral.geometry.mesh import Mesh, split
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 CONGRUENT = 1e-13
 """Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
 
@@ -32,12 +31,12 @@ CONGRUENT = 1e-13
 class Stage:
     """Inner nodes eliminated from p parts of each of s shapes.
 
-    `inner` (s, p, i) and `outer` (s, p, o) are nodes, `factor` (s, i, i) is the lower Cholesky factor of K_ii, and
-    `W` is (s, i, o).
+    `inner` (s, p, i) and `outer` (s, p, o) are nodes, `factor` (s, i, i) is the lower Cholesky factor of
+    K_ii, and `W` is (s, i, o).
     """
 
-    inner: Ints
-    outer: Ints
+    inner: Index
+    outer: Index
     factor: Array
     W: Array
 
@@ -48,7 +47,7 @@ class Stage:
             load -= np.bincount(self.outer.ravel(), part.ravel(), len(load))
 
     def expand(self, x: Array) -> None:
-        """Puts the solution in the place of the loads in the inner nodes of x (k, n); the outer ones are solved."""
+        """Replaces the loads in the inner nodes of x (k, n) by the solution; the outer ones hold it."""
         for inner, outer, factor, W in zip(self.inner, self.outer, self.factor, self.W, strict=True):
             loads = x[:, inner].reshape(-1, len(factor)).T
             own = cho_solve((factor, True), loads, check_finite=False).T
@@ -57,17 +56,21 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A union of coarse triangles: its nodes (o,) that are left, how many triangles met there (o,), its matrix (o, o)."""
+    """A union of coarse triangles, condensed to the nodes (o,) that are left, with the matrix K (o, o).
 
-    nodes: Ints
-    met: Ints
+    `met` (o,) says how many of its triangles meet at each node.
+    """
+
+    nodes: Index
+    met: Index
     K: Array
 
 
-class Elimination:
-    """The stages of a mesh, first to last, and `A_3` (nb, nb) on its boundary nodes."""
+class Recursive:
+    """The stages of a refined mesh; A_3 (nb, nb) on its boundary nodes, and its upper Cholesky factor."""
 
     def __init__(self, mesh: Mesh) -> None:
+        self.boundary = mesh.boundary
         self.stages: list[Stage] = []
         nodes, matrices = self._macro_elements(mesh)
         uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
@@ -80,20 +83,21 @@ class Elimination:
         root = self._joined(parts, mesh.points, uses)
         order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
         self.A_3 = root.K[np.ix_(order, order)]
+        self.cholesky = cholesky(self.A_3)
 
-    def reduce(self, loads: Array) -> None:
-        """Moves loads (k, n) to the boundary, in place."""
+    def solve(self, rhs: Array) -> Array:
+        """A^{-1} rhs for rhs (n,) or (n, k)."""
+        x = np.array(np.atleast_2d(rhs.T), dtype=float)
         for stage in self.stages:
-            stage.reduce(loads)
-
-    def expand(self, x: Array) -> None:
-        """From reduced loads (k, n), and the solution on the boundary, to the solution, in place."""
+            stage.reduce(x)
+        x[:, self.boundary] = cho_solve((self.cholesky, False), x[:, self.boundary].T).T
         for stage in reversed(self.stages):
             stage.expand(x)
+        return x.T.reshape(rhs.shape)
 
-    def _macro_elements(self, mesh: Mesh) -> tuple[Ints, Array]:
-        """The nodes (s, p, 3m) around the coarse triangles, and the matrices (s, 3m, 3m) of each shape."""
-        coarse, halvings = mesh.origin
+    def _macro_elements(self, mesh: Mesh) -> tuple[Index, Array]:
+        """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
+        coarse, halvings = mesh.coarse or mesh, mesh.halvings
         triangles = by_shape(coarse.points, coarse.triangles)
         K = element_matrices(coarse.points[triangles[:, 0]] / 2.0**halvings)
         lines = boundary_lines(triangles, coarse.n_nodes, halvings)
@@ -104,8 +108,8 @@ class Elimination:
             nodes = around
         return nodes, K
 
-    def _of_four(self, K: Array, children: Ints, outer: Ints) -> Array:
-        """The matrices (s, 3m, 3m) on the nodes `outer` (s, p, 3m), from K of each of four `children` (s, p, 4, 3m/2)."""
+    def _of_four(self, K: Array, children: Index, outer: Index) -> Array:
+        """The matrices (s, 3m, 3m) on the nodes `outer` (s, p, 3m); K is that of each of four `children`."""
         example = children[0, 0]
         different, first = np.unique(example, return_index=True)
         first = first[np.isin(different, outer[0, 0], invert=True)]
@@ -117,7 +121,7 @@ class Elimination:
             whole[:, child[:, None], child] += K
         return self._eliminated(whole, inner, outer)
 
-    def _joined(self, parts: list[Part], points: Array, uses: Ints) -> Part:
+    def _joined(self, parts: list[Part], points: Array, uses: Index) -> Part:
         """The union of all parts, halved across its longer extent, and each half first joined in itself."""
         if len(parts) == 1:
             return parts[0]
@@ -139,12 +143,12 @@ class Elimination:
         nodes, met = nodes[order], met[order]
         return Part(nodes[i:], met[i:], self._eliminated(K, nodes[None, None, :i], nodes[None, None, i:])[0])
 
-    def _eliminated(self, K: Array, inner: Ints, outer: Ints) -> Array:
+    def _eliminated(self, K: Array, inner: Index, outer: Index) -> Array:
         """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes, as a stage more."""
         i = inner.shape[-1]
         if i == 0:
             return K
-        factor, W, schur = np.linalg.cholesky(K[:, :i, :i]), K[:, :i, i:].copy(), K[:, i:, i:].copy()
+        factor, W, schur = cholesky(K[:, :i, :i], lower=True), K[:, :i, i:].copy(), K[:, i:, i:].copy()
         for L, Y, S in zip(factor, W, schur, strict=True):
             Y[:] = solve_triangular(L, Y, lower=True, check_finite=False)
             S -= Y.T @ Y
@@ -153,8 +157,11 @@ class Elimination:
         return schur
 
 
-def by_shape(points: Array, triangles: Ints) -> Ints:
-    """(s, p, 3): triangles (p, 3), corners turned so that all are one shape, perhaps turned by 180 degrees, else (p, 1, 3)."""
+def by_shape(points: Array, triangles: Index) -> Index:
+    """Triangles (t, 3) as (1, t, 3), their corners in such an order that all are alike, else as (t, 1, 3).
+
+    Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
+    """
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
     for turn in range(3):
@@ -172,7 +179,7 @@ def element_matrices(corners: Array) -> Array:
     return sides @ np.swapaxes(sides, 1, 2) / (4 * area) + area / 12 * (np.ones((3, 3)) + np.eye(3))
 
 
-def boundary_lines(triangles: Ints, n: int, halvings: int) -> Iterator[Ints]:
+def boundary_lines(triangles: Index, n: int, halvings: int) -> Iterator[Index]:
     """The nodes (s, p, 3m) around the triangles of each level, m = 1, 2, ..., anticlockwise from a corner.
 
     They are numbered as by `refine` from triangles (s, p, 3) of n nodes; part j of a level has the parts
@@ -185,7 +192,7 @@ def boundary_lines(triangles: Ints, n: int, halvings: int) -> Iterator[Ints]:
         edges.append((n, ends))
         n += len(ends)
     yield levels.pop()
-    along: Ints = np.empty((0, 2), dtype=np.intp)
+    along: Index = np.empty((0, 2), dtype=np.intp)
     finer, m = along, n
     while levels:
         n, ends = edges.pop()
@@ -203,6 +210,6 @@ def boundary_lines(triangles: Ints, n: int, halvings: int) -> Iterator[Ints]:
         yield line.reshape(*line.shape[:2], -1)
 
 
-def edge_number(edges: Ints, n: int, a: Ints, b: Ints) -> Ints:
+def edge_number(edges: Index, n: int, a: Index, b: Index) -> Index:
     """The rows of the edges (e, 2) from a to b or from b to a, of n nodes, in the order of `split`."""
     return np.searchsorted(edges @ [n, 1], np.minimum(a, b) * n + np.maximum(a, b))

@@ -9,15 +9,14 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg import eigvalsh, solve_triangular
 
+from unilateral.arrays import Array, Index
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
-Array = NDArray[np.float64]
 SINGULAR = 1e-12
 """lambda_min / lambda_max of S below which beta counts as 0."""
 STEKLOV_GUARD = 0.5
@@ -79,7 +78,7 @@ class MixedSpaces:
 
     condensed: Condensed
     partition: Partition
-    cells: NDArray[np.intp]
+    cells: Index
     B: sp.csr_array
     operator: DualOperator
 

@@ -3,25 +3,22 @@
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh. Pieces
 that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than KINK_SIZE of the
 shortest side (but no side counts as shorter than SHORTEST of the longest) and than KINK_SHARE of a circle's
-radius. Towards a singular point pieces are
-quartered until they are small against their distance from it; the piece that contains the point is split
-there into pieces that have it as their first corner, after it is small against the distance of other points.
+radius. Towards a singular point pieces are quartered until they are small against their distance from it; the
+piece that contains the point is split there into pieces that have it as their first corner, after it is small
+against the distance of other points.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from unilateral.geometry.curves import Kink, Singular
+from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.plane import cross
+from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
 KINK_SHARE = 1 / 64
@@ -30,22 +27,6 @@ SHORTEST = 1 / 64
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
-
-
-class Irregular(Protocol):
-    """A problem on a polygon that says where it is not smooth."""
-
-    @property
-    def polygon(self) -> Polygon: ...
-
-    def kinks(self) -> list[Kink]:
-        """The curves in Omega across which u is only finitely smooth."""
-
-    def flux_singular(self) -> list[Singular]:
-        """The points of sides at which u in Omega behaves like a fractional power."""
-
-    def singular(self) -> list[Singular]:
-        """The points of the sides at which u, lambda or g are not smooth."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +51,7 @@ class Split:
     singular: list[Apart]
 
 
-def split_triangles(mesh: Mesh, case: Irregular) -> Split:
+def split_triangles(mesh: Mesh, case: Case) -> Split:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
     corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
     points, kinks = _singular_points(case), case.kinks()
@@ -117,11 +98,8 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
     return corners, parent
 
 
-def _singular_points(case: Irregular) -> list[tuple[Array, int]]:
-    polygon = case.polygon
-    points = case.flux_singular()
-    sides, t = np.array([p.side for p in points], dtype=np.intp), np.array([p.t for p in points])
-    return list(zip(polygon.at(sides, t * polygon.lengths[sides]), (p.grading for p in points), strict=True))
+def _singular_points(case: Case) -> list[tuple[Array, int]]:
+    return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular()]
 
 
 def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
@@ -139,15 +117,11 @@ def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
 def _barycentric(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
     """(k, 3) barycentric coordinates of a point of the plane in the pieces."""
     a, b, c = np.moveaxis(_vertices(mesh, corners, parent) - point, 1, 0)
-    areas = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)
+    areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
     return areas / areas.sum(axis=1, keepdims=True)
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> NDArray[np.bool_]:
+def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
     return np.all(_barycentric(mesh, corners, parent, point) > -ON_CORNER, axis=1)
 
 

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import sympy
 
+from unilateral.arrays import Array
 from unilateral.formulas import interval
 from unilateral.formulas.formula import pos
-from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.interval import Interval
 from unilateral.formulas.positive import rounded
 from unilateral.formulas.taylor import (
     EPS,

@@ -14,14 +14,12 @@ from functools import lru_cache
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.formulas import grammar
-from unilateral.formulas.grammar import MAX_DENOMINATOR as MAX_DENOMINATOR
 from unilateral.formulas.positive import pos, positive_power
 
-Array = NDArray[np.float64]
 Compiled = Callable[..., list[Array]]
 
 

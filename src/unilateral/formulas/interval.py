@@ -9,11 +9,10 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.formula import positive_power
 
-Array = NDArray[np.float64]
 Interval = tuple[Array, Array]
 ULPS = 8
 LARGE = 1e308
@@ -90,7 +89,7 @@ def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
     low, high = outward(np.minimum(*ends), np.maximum(*ends))
     near = NEAR_EXTREMUM * (1 + np.abs(lower) + np.abs(upper))
 
-    def holds(phase: float) -> NDArray[np.bool_]:
+    def holds(phase: float) -> Mask:
         first = np.ceil((lower - near - phase) / (2 * np.pi))
         return ~(first * 2 * np.pi + phase > upper + near)
 

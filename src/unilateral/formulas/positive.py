@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 from sympy.core.evalf import PrecisionExhausted
 from sympy.core.function import ArgumentIndexError
 
-Array = NDArray[np.float64]
+from unilateral.arrays import Array
+
 DIGITS = 2000
 
 

@@ -15,13 +15,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product as cartesian
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas import interval
-from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.interval import Interval
 
 EPS = 2.0**-52
 TINY = 1e-300
@@ -34,10 +34,10 @@ class Basis(NamedTuple):
     """Monomials (m, d) by degree (m,); `first` (n + 2,) is where each degree begins; `times` per monomial:
     those with which it makes one of degree at most n, and which."""
 
-    exponents: NDArray[np.intp]
-    degree: NDArray[np.intp]
-    first: NDArray[np.intp]
-    times: tuple[tuple[slice, NDArray[np.intp]], ...]
+    exponents: Index
+    degree: Index
+    first: Index
+    times: tuple[tuple[slice, Index], ...]
 
     @property
     def order(self) -> int:
@@ -84,7 +84,7 @@ class Model:
         values = interval.product(self.range, interval.outward(np.array([number]), np.array([number])))
         return settled(self.basis, number * self.c, rad, values)
 
-    def on(self, boxes: NDArray[Any]) -> Model:
+    def on(self, boxes: Index | Mask) -> Model:
         """The model on some of the boxes, by a mask or an index."""
         return Model(
             self.basis, self.c[:, boxes], self.rad[boxes], (self.range[0][boxes], self.range[1][boxes])
@@ -111,7 +111,7 @@ def number(like: Model, value: Array | float) -> Model:
     return constant(like.basis, interval.outward(values, values))
 
 
-def joined(parts: Sequence[tuple[Model, NDArray[np.intp]]]) -> Model:
+def joined(parts: Sequence[tuple[Model, Index]]) -> Model:
     """One model of all boxes from those on parts of them, each with its index."""
     models, places = zip(*parts, strict=True)
     order = np.argsort(np.concatenate(places))
@@ -120,7 +120,7 @@ def joined(parts: Sequence[tuple[Model, NDArray[np.intp]]]) -> Model:
     return Model(models[0].basis, c, rad, (lower, upper))
 
 
-def by_part(parts: Sequence[tuple[Callable[..., Model], NDArray[np.bool_]]], *arguments: Model) -> Model:
+def by_part(parts: Sequence[tuple[Callable[..., Model], Mask]], *arguments: Model) -> Model:
     """Functions of models, each on its part of the boxes, and 0 on the rest."""
     found, rest = [], np.ones(len(arguments[0].rad), dtype=bool)
     for of, where in parts:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
+from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Kink:
         moved = points - np.array(self.centre)
         if self.radius:
             return np.hypot(moved[:, 0], moved[:, 1]) - self.radius
-        return moved[:, 0] * self.tangent[1] - moved[:, 1] * self.tangent[0]
+        return cross(moved, np.array(self.tangent))
 
     def crossings(self, polygon: Polygon) -> list[Singular]:
         """Where the curve crosses the sides, as points with a kink; a side along it is not crossed."""

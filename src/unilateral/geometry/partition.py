@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
-from unilateral.geometry.polygon import Array, Polygon
+from unilateral.geometry.polygon import Polygon
 
 VERTEX_TOLERANCE = 1e-12
 
@@ -29,7 +30,7 @@ class Partition:
     points: Array
 
     def __post_init__(self) -> None:
-        points = _as_points(self.points)
+        points = np.array(self.points, dtype=float)
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
         _check(self.polygon, points)
@@ -44,11 +45,23 @@ class Partition:
         return np.diff(self.points)
 
     @cached_property
-    def side(self) -> NDArray[np.intp]:
+    def side(self) -> Index:
         """(m,) the side of the polygon each cell lies on."""
-        return np.searchsorted(self.polygon.starts, self.points[:-1], side="right") - 1
+        return self.polygon.sides_of(self.points[:-1])
 
-    def cells_of(self, finer: Array) -> NDArray[np.intp]:
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """(m, 2), (m, 2) the places where the cells start and end."""
+        starts = self.polygon.starts[self.side]
+        first, last = (self.polygon.at(self.side, s - starts) for s in (self.points[:-1], self.points[1:]))
+        return first, last
+
+    def means(self, values: Array, points: Array) -> Array:
+        """(k,) means between arc lengths `points` (k + 1,) of what has the values (m,) on the cells."""
+        integral = np.append(0.0, np.cumsum(self.lengths * values))
+        return np.diff(np.interp(points, self.points, integral)) / np.diff(points)
+
+    def cells_of(self, finer: Array) -> Index:
         """(k,) the cell that contains each interval between the points (k + 1,) of a finer partition.
 
         Raises InputError if a point of this one is not, up to round-off, among them.
@@ -62,7 +75,7 @@ class Partition:
             )
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
-    def has_inside(self, s: Array) -> NDArray[np.bool_]:
+    def has_inside(self, s: Array) -> Mask:
         """(m,) whether an arc length of s (k,) lies inside the cell and not, up to round-off, at an end."""
         cell = np.searchsorted(self.points, s, side="right") - 1
         to_end = np.abs(s[:, None] - self.points).min(axis=1)
@@ -81,6 +94,13 @@ class Partition:
         return self.H / float(self.lengths.min())
 
 
+def overlay(one: Array, other: Array) -> tuple[Array, Index, Index]:
+    """The arc lengths (k + 1,) of two divisions of the boundary, and in which part (k,) of each it lies."""
+    points = np.union1d(one, other)
+    of_one, of_other = (np.searchsorted(s, points[:-1], side="right") - 1 for s in (one, other))
+    return points, of_one, of_other
+
+
 def uniform(polygon: Polygon, H: float) -> Partition:
     """Every side cut into equal cells, as few as keep them no longer than H."""
     return Partition(polygon, polygon.divided(polygon.counts(H)))
@@ -91,7 +111,7 @@ def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
 
     Raises InputError if the points miss a vertex, do not increase strictly, or leave [0, perimeter].
     """
-    snapped = _as_points(points)
+    snapped = np.array(points, dtype=float)
     if snapped.size:
         distance = np.abs(snapped[None] - polygon.starts[:, None])
         vertex = np.flatnonzero(distance.min(axis=1) <= VERTEX_TOLERANCE * polygon.perimeter)
@@ -128,23 +148,8 @@ def refine(partition: Partition) -> Partition:
     return Partition(partition.polygon, np.sort(np.concatenate([points, middles])))
 
 
-def _as_points(points: ArrayLike) -> Array:
-    try:
-        array = np.array(points, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError("partition: the points are not a list of numbers; give arc lengths") from error
-    if array.ndim != 1:
-        raise InputError(
-            f"partition: the points have the shape {array.shape}; give a plain list of arc lengths"
-        )
-    return array
-
-
 def _check(polygon: Polygon, points: Array) -> None:
-    if not np.all(np.isfinite(points)):
-        first = np.flatnonzero(~np.isfinite(points))[0]
-        raise InputError(f"partition: point {first} is {points[first]}; arc lengths have to be finite")
-    outside = np.flatnonzero((points < 0) | (points > polygon.perimeter))
+    outside = np.flatnonzero(~((points >= 0) & (points <= polygon.perimeter)))
     if outside.size:
         first = outside[0]
         raise InputError(

@@ -8,11 +8,12 @@ from importlib import resources
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
+from unilateral.geometry.plane import cross, first_crossing
 
-Array = NDArray[np.float64]
 MAX_VERTICES = 1000
 """With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
@@ -80,27 +81,43 @@ class Polygon:
     def angles(self) -> Array:
         """(n,) interior angles at the vertices, in radians."""
         before = np.roll(self.tangents, 1, axis=0)
-        turn = np.arctan2(_cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
+        turn = np.arctan2(cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
         return np.pi - turn
 
     @cached_property
     def area(self) -> float:
         moved = self.vertices - self.vertices[0]
-        return 0.5 * float(np.sum(_cross(moved, np.roll(moved, -1, axis=0))))
+        return 0.5 * float(np.sum(cross(moved, np.roll(moved, -1, axis=0))))
 
     @cached_property
     def diameter(self) -> float:
         return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
 
+    def sides_of(self, s: Array) -> Index:
+        """(k,) the sides on which the arc lengths s (k,) of the perimeter lie, at a vertex the later one."""
+        return np.searchsorted(self.starts, s, side="right") - 1
+
+    def contains(self, points: Array) -> Mask:
+        """(...) whether the points (..., 2) lie inside: a ray to the right crosses an odd number of sides."""
+        (x0, y0), (x1, y1) = self.vertices.T, np.roll(self.vertices, -1, axis=0).T
+        x, y = points[..., :1], points[..., 1:]
+        with np.errstate(all="ignore"):
+            crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        return np.asarray(crossed.sum(axis=-1) % 2 == 1)
+
+    def point(self, side: int, t: float) -> Array:
+        """(2,) the point that lies t side lengths along a side."""
+        return self.at(np.array([side]), np.array([t * self.lengths[side]]))[0]
+
     def arc_length(self, side: int, t: float) -> float:
         """Of the point that lies t side lengths along a side; exact at its ends."""
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
-    def at(self, side: NDArray[np.intp], t: Array) -> Array:
+    def at(self, side: Index, t: Array) -> Array:
         """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
         return self.vertices[side] + t[:, None] * self.tangents[side]
 
-    def counts(self, size: float) -> NDArray[np.intp]:
+    def counts(self, size: float) -> Index:
         """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
 
         A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
@@ -116,7 +133,7 @@ class Polygon:
             )
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
-    def divided(self, counts: NDArray[np.intp]) -> Array:
+    def divided(self, counts: Index) -> Array:
         """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
@@ -147,10 +164,6 @@ def _named() -> dict[str, list[list[int]]]:
     return found
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
 def _as_vertices(vertices: ArrayLike, name: str) -> Array:
     try:
         return np.array(vertices, dtype=float)
@@ -165,8 +178,7 @@ def _check(v: Array, name: str) -> None:
         raise InputError(f"polygon '{name}': {TOO_MANY.format(len(v))}")
     if not np.all(np.isfinite(v)):
         raise InputError(f"polygon '{name}' has a vertex that is not finite")
-    after = np.roll(v, -1, axis=0)
-    repeated = np.flatnonzero(np.all(v == after, axis=1))
+    repeated = np.flatnonzero(np.all(v == np.roll(v, -1, axis=0), axis=1))
     if repeated.size:
         raise InputError(
             f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}"
@@ -176,37 +188,9 @@ def _check(v: Array, name: str) -> None:
             f"polygon '{name}' is too large or too small, and squares of areas leave double precision; "
             f"it has to be at least {SMALLEST:g} wide or high, its coordinates at most {LARGEST:g}"
         )
-    crossing = _first_crossing(v, after)
+    crossing = first_crossing(v)
     if crossing is not None:
         raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
     moved = v - v[0]
-    if np.sum(_cross(moved, np.roll(moved, -1, axis=0))) <= 0:
+    if np.sum(cross(moved, np.roll(moved, -1, axis=0))) <= 0:
         raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")
-
-
-def _first_crossing(v: Array, after: Array) -> tuple[int, int] | None:
-    """The first pair of sides that meet elsewhere than in a vertex they share, or None."""
-    for i in range(len(v) - 1):
-        crossed = np.flatnonzero(_meets_later(v, after, i))
-        if crossed.size:
-            return i, i + 1 + int(crossed[0])
-    return None
-
-
-def _meets_later(v: Array, after: Array, i: int) -> NDArray[np.bool_]:
-    """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
-    n, j = len(v), np.arange(i + 1, len(v))
-    a, b, c, d = v[i], after[i], v[j], after[j]
-    abc, abd = _cross(b - a, c - a), _cross(b - a, d - a)
-    cda, cdb = _cross(d - c, a - c), _cross(d - c, b - c)
-    proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
-    touching = np.zeros(len(j), dtype=bool)
-    for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
-        touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
-    follows = j == i + 1
-    shared = np.where(follows[:, None], b, a)
-    other_i, other_j = np.where(follows[:, None], a, b), np.where(follows[:, None], d, c)
-    folded = (_cross(other_i - shared, other_j - shared) == 0) & (
-        np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
-    )
-    return np.where(follows | ((i == 0) & (j == n - 1)), folded, proper | touching)

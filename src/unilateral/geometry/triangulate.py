@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import gmsh
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from unilateral.geometry.polygon import Polygon
+from unilateral.arrays import Array, Index
+from unilateral.geometry.partition import Partition
 
-Array = NDArray[np.float64]
 OPTIONS = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
@@ -17,14 +16,13 @@ OPTIONS = {
 }
 
 
-def triangulate(polygon: Polygon, s: Array, growth: float | None = None) -> tuple[Array, NDArray[np.intp]]:
-    """Points (n, 2) and anticlockwise triangles (m, 3), the boundary nodes exactly those at arc lengths s.
+def triangulate(edges: Partition, growth: float | None = None) -> tuple[Array, Index]:
+    """Points (n, 2) and anticlockwise triangles (m, 3), the boundary edges exactly those.
 
-    `s` (nb,) starts at 0 and contains the vertices. The triangles' size follows the boundary edges' or,
-    with `growth`, is the smallest over the boundary of the edges' length plus `growth` times the distance.
+    The triangles' size follows the boundary edges' or, with `growth`, is the smallest over the boundary of
+    the edges' length plus `growth` times the distance.
     """
-    side = np.searchsorted(polygon.starts, s, side="right") - 1
-    exact = polygon.at(side, s - polygon.starts[side])
+    polygon, exact = edges.polygon, edges.ends[0]
     scale = polygon.diameter
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
@@ -32,7 +30,7 @@ def triangulate(polygon: Polygon, s: Array, growth: float | None = None) -> tupl
             gmsh.option.setNumber(option, value)
         nodes = _boundary((exact - polygon.vertices[0]) / scale)
         if growth is not None:
-            _set_sizes(nodes, np.diff(s, append=polygon.perimeter) / scale, growth)
+            _set_sizes(nodes, edges.lengths / scale, growth)
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         cells = gmsh.model.mesh.getElementsByType(2)[1]

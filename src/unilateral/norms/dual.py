@@ -21,16 +21,15 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import oscillation_bound
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
 
@@ -172,12 +171,10 @@ class DualNorm:
         found = self._functionals(rule, flux[:, None] - mu_H.T[cell])
         return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
 
-    def _rule(self, partition: Partition, case: Case | None) -> tuple[BoundaryRule, NDArray[np.intp]]:
+    def _rule(self, partition: Partition, case: Case | None) -> tuple[BoundaryRule, Index]:
         """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
-        cuts = np.union1d(self.spaces.mesh.s, partition.points)
+        cuts, edge, cell = overlay(self.spaces.mesh.s, partition.points)
         rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())
-        middle = 0.5 * (cuts[1:] + cuts[:-1])
-        cell, edge = (np.searchsorted(s, middle) - 1 for s in (partition.points, self.spaces.mesh.s))
         return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
 
     def _functionals(self, rule: BoundaryRule, values: Array) -> Functionals:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from unilateral.arrays import Array
 from unilateral.fem.spaces import MixedSpaces
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import Exact
@@ -25,7 +23,7 @@ class Errors(NamedTuple):
     l2: float
 
 
-def errors(exact: Exact, spaces: MixedSpaces, mu: NDArray[np.float64]) -> Errors:
+def errors(exact: Exact, spaces: MixedSpaces, mu: Array) -> Errors:
     """The errors of (u(mu), mu) for mu (m,)."""
     found = exact.errors(spaces, mu)
     if spaces.operator.singular:

@@ -17,8 +17,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import gradients, h1_load, load
@@ -28,7 +28,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
 SMALLEST, LARGEST = 1e-152, 1e152
 """Of u, so that squares of errors down to 1e-3 of it are normal numbers, and none overflows."""
 
@@ -109,7 +108,7 @@ def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -
 def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass."""
     nodal = v_h[mesh.triangles]
-    slope_of_v = np.einsum("ti,tid->td", nodal, gradients(mesh)[0])
+    slope_of_v = np.einsum("ti,tid->td", nodal, gradients(mesh))
     m = len(mesh.triangles)
     of_f, of_difference, gradient = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 2))
     square = u_square = 0.0
@@ -150,7 +149,7 @@ class CellMeans:
     lambda_means: Array
     gap_means: Array
     g_means: Array
-    has_transition: NDArray[np.bool_]
+    has_transition: Mask
     lambda_norm: float
     projection_error: float
     size: float

@@ -6,9 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Array, Polygon
+from unilateral.geometry.polygon import Polygon
 from unilateral.norms.oscillation import distance_to_other_sides
 
 HALVINGS = 8
@@ -90,7 +91,7 @@ def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
     while True:
         ends = np.append(s, polygon.perimeter)
         lengths, middle = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
-        side = np.searchsorted(polygon.starts, middle, side="right") - 1
+        side = polygon.sides_of(middle)
         points = polygon.at(side, middle - polygon.starts[side])
         candidates = np.flatnonzero(distance_to_other_sides(polygon, points, side) < lengths)
         distance = np.linalg.norm(points[candidates, None] - points, axis=2)

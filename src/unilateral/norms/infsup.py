@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from unilateral.arrays import Array, Index
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.dual import Bounds
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 ZERO = 1e-12
 TIE = 1e-3
 """Relative difference of beta^2 below which symmetry classes count as equally bad."""
@@ -118,9 +116,7 @@ class Resolution(NamedTuple):
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
     """The measures of h/H that a cell of T_H sees."""
-    points = np.union1d(mesh.s, partition.points)
-    middle = 0.5 * (points[1:] + points[:-1])
-    cell, edge = (np.searchsorted(s, middle) - 1 for s in (partition.points, mesh.s))
+    points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)
     edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
     longest = np.zeros(partition.n_cells)

@@ -22,13 +22,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
 MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
 REACH = math.sqrt(5) / 2
@@ -36,7 +35,7 @@ REACH = math.sqrt(5) / 2
 
 
 def oscillation_bound(
-    mesh: Mesh, triangle: NDArray[np.intp], squared_norms: Array, on_square: Array | float = ON_SQUARE
+    mesh: Mesh, triangle: Index, squared_norms: Array, on_square: Array | float = ON_SQUARE
 ) -> Array:
     """Bounds (k,) of ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge.
 
@@ -57,16 +56,14 @@ def has_square(mesh: Mesh) -> Mask:
     return distance > REACH * (lengths + lengths.max())
 
 
-def distance_to_other_sides(polygon: Polygon, points: Array, side: NDArray[np.intp]) -> Array:
+def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Array:
     """(k,) the distance of points (k, 2) on the sides (k,) from the other sides."""
-    offset = points[:, None] - polygon.vertices
-    along = np.clip(np.sum(offset * polygon.tangents, axis=2), 0.0, polygon.lengths)
-    distance = np.linalg.norm(offset - along[..., None] * polygon.tangents, axis=2)
+    distance = segment_distances(points, polygon.vertices, np.roll(polygon.vertices, -1, axis=0))
     distance[np.arange(len(points)), side] = np.inf
     return np.asarray(distance.min(axis=1))
 
 
-def trace_constants(mesh: Mesh, triangle: NDArray[np.intp]) -> Array:
+def trace_constants(mesh: Mesh, triangle: Index) -> Array:
     """(nb,) the triangles' constants, doubled where two edges share a triangle."""
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
     off = mesh.triangles[triangle].sum(axis=1) - start - end

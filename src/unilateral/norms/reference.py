@@ -12,18 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 import skfem
-from numpy.typing import NDArray
 from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
-from unilateral.fem.condense import check_constants, elimination_order, factorise
+from unilateral.arrays import Array, Index
+from unilateral.fem.condense import check_constants
+from unilateral.fem.sparse import elimination_order, factorise
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.grading import boundary_nodes
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 EDGES_PER_CELL = 8
 GROWTH = 0.45
 BLOCK = 16

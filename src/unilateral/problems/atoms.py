@@ -1,28 +1,29 @@
 """Atoms: the building blocks of manufactured solutions, each with a known trace, flux and regularity.
 
 A *smooth* atom is a formula in x, y; a *tensor* atom is -d l(t) chi(d), in coordinates along a side and
-away from it; the *polar* ones have their own module. Lengths are in units
-of the side's length L and values in units of L, so that an atom's flux does not depend on L:
-u = L v(x / L), and -Delta u + u = (-Delta v) / L + L v.
+away from it; the *polar* ones have their own module. Lengths are in units of the side's length L and values
+in units of L, so that an atom's flux does not depend on L: u = L v(x / L), and
+-Delta u + u = (-Delta v) / L + L v.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
+ON_SIDE = 1e-12
+"""Of a side: a distance from it up to which a point counts as on it."""
 T, D, X, Y = (sympy.Symbol(name, real=True) for name in ("t", "d", "x", "y"))
 
 
@@ -38,16 +39,22 @@ class Along(NamedTuple):
         return (self.anchor - t) + self.offset
 
 
+class Regularity(NamedTuple):
+    """Of an atom: u in H2, Lipschitz on the sides; lambda in L2, bounded; finitely many ends of contact."""
+
+    in_H2: bool = True
+    lipschitz: bool = True
+    flux_in_L2: bool = True
+    flux_bounded: bool = True
+    finite: bool = True
+
+
 @dataclass(frozen=True, eq=False)
 class Smooth:
     """A formula in x, y; the case's `u` where no atom is needed."""
 
     u: sympy.Expr
-    in_H2: bool = field(default=True, init=False)
-    lipschitz: bool = field(default=True, init=False)
-    flux_in_L2: bool = field(default=True, init=False)
-    flux_bounded: bool = field(default=True, init=False)
-    finite: bool = field(default=True, init=False)
+    regularity = Regularity()
 
     @cached_property
     def _f(self) -> sympy.Expr:
@@ -100,7 +107,7 @@ class Local:
 
     @cached_property
     def centre(self) -> Array:
-        return self.polygon.at(np.array([self.side]), np.array([self.t * self.length]))[0]
+        return self.polygon.point(self.side, self.t)
 
     @cached_property
     def frame(self) -> Array:
@@ -122,9 +129,19 @@ class Local:
         along, into = (x.scaled(a / self.length) + y.scaled(b / self.length) for a, b in self.frame)
         return along, into
 
+    def local_inside(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
+        """The same, a rounding error outside the side as one inside: arctan2(-0.0, -1) is -pi."""
+        along, into = self.local(points, offset)
+        return along, np.where(np.abs(into) < ON_SIDE, np.abs(into), into)
+
     def to_xy(self, along: Array, into: Array) -> Array:
         """(k, 2) vectors from their components along the side and into Omega."""
         return np.column_stack([along * self.frame[0, i] + into * self.frame[1, i] for i in range(2)])
+
+    def polar_to_xy(self, theta: Array, radial: Array, angular: Array) -> Array:
+        """(k, 2) vectors from their components away from the centre and across, towards larger theta."""
+        cos, sin = np.cos(theta), np.sin(theta)
+        return self.to_xy(radial * cos - angular * sin, radial * sin + angular * cos)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +150,7 @@ class Tensor(Local):
 
     profile: sympy.Expr
     cutoff: sympy.Expr
-    in_H2: bool = field(default=True, init=False)
-    lipschitz: bool = field(default=True, init=False)
-    flux_in_L2: bool = field(default=True, init=False)
-    flux_bounded: bool = field(default=True, init=False)
-    finite: bool = field(default=True, init=False)
+    regularity = Regularity()
 
     @cached_property
     def _v(self) -> sympy.Expr:

@@ -8,24 +8,25 @@ atoms whose cutoff ends contact; what even ones remove carries a gap, with slope
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.formulas.formula import Compiled, compile_numpy, pos
 from unilateral.formulas.interval import total
 from unilateral.formulas.taylor import EPS, Model, settled
 from unilateral.geometry.curves import Kink, Singular
-from unilateral.problems.atoms import Along, Array, Local, T
-from unilateral.problems.polar import ON_SIDE, THETA, Polar, R, harmonic
+from unilateral.problems.atoms import Along, Local, Regularity, T
+from unilateral.problems.harmonic import harmonic
+from unilateral.problems.polar import THETA, Polar, R
 
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)
 """What is left is no part of the set, which has measure 0; its gap must not outweigh that of the removed."""
-Part = tuple[NDArray[np.intp], float, Array, list[Array]]
+Part = tuple[Index, float, Array, list[Array]]
 
 
 def divided(keep: sympy.Expr, generations: int) -> tuple[list[Interval], list[Interval], list[Interval]]:
@@ -59,11 +60,7 @@ class Cantor(Local):
     keep: sympy.Expr
     generations: int
     alpha: sympy.Expr
-    in_H2: bool = field(default=True, init=False)
-    lipschitz: bool = field(default=True, init=False)
-    flux_in_L2: bool = field(default=True, init=False)
-    flux_bounded: bool = field(default=True, init=False)
-    finite: bool = field(default=False, init=False)
+    regularity = Regularity(finite=False)
 
     @cached_property
     def _contact(self) -> Array:
@@ -90,22 +87,16 @@ class Cantor(Local):
             theta = np.arctan2(y[inside], x[inside])
             yield points[inside], length, theta, self._unit(r[inside] / length, theta)
 
-    def _place(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
-        along, into = self.local(points, offset)
-        return along, np.where(np.abs(into) < ON_SIDE, np.abs(into), into)
-
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        along, into = self._place(points, offset)
+        along, into = self.local_inside(points, offset)
         value, gradient, alpha = np.zeros(len(along)), np.zeros((len(along), 2)), float(self.alpha)
         for index, length, theta, (v, v_r, v_theta, _) in self._parts(along, into):
             value[index] += self.length * length ** (1 + alpha) * v
-            cos, sin = np.cos(theta), np.sin(theta)
-            slope = self.to_xy(v_r * cos - v_theta * sin, v_r * sin + v_theta * cos)
-            gradient[index] += length**alpha * slope
+            gradient[index] += length**alpha * self.polar_to_xy(theta, v_r, v_theta)
         return value, gradient
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
-        along, into = self._place(points, offset)
+        along, into = self.local_inside(points, offset)
         found, alpha = np.zeros(len(along)), float(self.alpha)
         for index, length, _, (v, _, _, laplacian) in self._parts(along, into):
             found[index] += self.length * length ** (1 + alpha) * v

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
 from unilateral import declarations
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError, shown
 from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks
@@ -29,8 +29,6 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.case_parts import Atom, Builder, constants_of
 from unilateral.problems.obstacle import Obstacle, enclosed, places
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ class Case:
         """f on the boxes of x and y."""
         return reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
 
-    def obstacle_model(self, side: NDArray[np.intp], t: Model) -> Model:
+    def obstacle_model(self, side: Index, t: Model) -> Model:
         """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = places(self.polygon, side, t)
         u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
@@ -87,7 +85,7 @@ class Case:
         return enclosed(self.polygon, self.obstacle_model, cuts=self.singular())
 
     def boundary(
-        self, side: NDArray[np.intp], s: Array, near: tuple[Array, Array] | None = None
+        self, side: Index, s: Array, near: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array, Array]:
         """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides.
 
@@ -139,7 +137,7 @@ class Case:
     @property
     def flux_in_L2(self) -> bool:
         """Whether lambda is square integrable; errors of lambda in L2 are NaN if not."""
-        return all(atom.flux_in_L2 for atom in self.atoms)
+        return all(atom.regularity.flux_in_L2 for atom in self.atoms)
 
     def flux_singular(self) -> list[Singular]:
         """The points of sides at which lambda, and u in Omega, behave like a fractional power."""

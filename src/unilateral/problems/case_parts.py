@@ -17,7 +17,8 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
 from unilateral.problems.cantor import Cantor
 from unilateral.problems.cantor import gap as cantor_gap
-from unilateral.problems.polar import Polar, corner, harmonic
+from unilateral.problems.harmonic import corner, harmonic
+from unilateral.problems.polar import Polar
 
 RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
 Atom = Smooth | Tensor | Polar | Cantor

@@ -9,35 +9,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.problems.case import Case
 
-Array = NDArray[np.float64]
 SAMPLES = 2001
 ROUND_OFF = 1e-12
 VANISHES = 1e-14
 """Less than the slowest function here, a cutoff's (8 s)^4, has at a sample's distance from its zero."""
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """What was found: the hypotheses, and the contact set as (side, start, end) in side lengths."""
+class Certificate(NamedTuple):
+    """What was found: the hypotheses by name, and the contact set as (side, start, end) in side lengths."""
 
-    j: bool
-    jj: bool
-    jjj: bool
+    hypotheses: dict[str, bool]
     contact: tuple[tuple[int, float, float], ...]
     lambda_max: float
     gap_max: float
 
-    @property
-    def hypotheses(self) -> dict[str, bool]:
-        return {"j": self.j, "jj": self.jj, "jjj": self.jjj}
+
+class _Sample(NamedTuple):
+    """u, lambda and the gap in points t of a side, all (k,)."""
+
+    side: int
+    t: Array
+    u: Array
+    flux: Array
+    gap: Array
 
 
 def certify(case: Case) -> Certificate:
@@ -46,42 +49,51 @@ def certify(case: Case) -> Certificate:
     Raises InputError, with the point, where lambda < 0, u < g, lambda (u - g) is not 0, both vanish on
     an interval, or g jumps at a vertex; and where the declared hypotheses are not the derived ones.
     """
-    contact: list[tuple[int, float, float]] = []
-    largest_flux, largest_gap, size = 0.0, 0.0, _size(case)
-    for side in range(case.polygon.n_sides):
-        t = _sample(case, side)
-        flux, gap = _on_side(case, side, t, size)
-        largest_flux, largest_gap = max(largest_flux, flux.max()), max(largest_gap, gap.max())
-        contact += [(side, float(a), float(b)) for a, b in _contact(case, side)]
+    samples = [_sample(case, side) for side in range(case.polygon.n_sides)]
+    size = _size(case, samples)
+    for sample in samples:
+        _check(case, sample, size)
     _continuous_at_vertices(case)
-    result = Certificate(
-        j=all(atom.in_H2 for atom in case.atoms),
-        jj=all(atom.lipschitz for atom in case.atoms)
-        and all(k >= 1 for side in case.gap_kinks for _, k in side),
-        jjj=all(atom.finite for atom in case.atoms),
-        contact=tuple(contact),
-        lambda_max=float(largest_flux) if all(atom.flux_bounded for atom in case.atoms) else math.inf,
-        gap_max=float(largest_gap),
+    known = [atom.regularity for atom in case.atoms]
+    lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
+    hypotheses = {
+        "j": all(each.in_H2 for each in known),
+        "jj": all(each.lipschitz for each in known) and lipschitz_gap,
+        "jjj": all(each.finite for each in known),
+    }
+    _as_declared(case, hypotheses)
+    bounded = all(each.flux_bounded for each in known)
+    return Certificate(
+        hypotheses,
+        tuple((sample.side, a, b) for sample in samples for a, b in _contact(case, sample.side)),
+        lambda_max=max(0.0, *(float(sample.flux.max()) for sample in samples)) if bounded else math.inf,
+        gap_max=max(0.0, *(float(sample.gap.max()) for sample in samples)),
     )
-    _as_declared(case, result)
-    return result
 
 
-def _size(case: Case) -> float:
+def _sample(case: Case, side: int) -> _Sample:
+    """Midpoints of a uniform grid, and geometric sequences about the singular points, inside the side."""
+    uniform = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    near = np.logspace(-9, -2, 36)
+    points = [p.t + sign * near for p in case.singular() if p.side == side for sign in (-1, 1)]
+    t = np.unique(np.concatenate([uniform, *points]))
+    t = t[(t > 0) & (t < 1)]
+    with np.errstate(all="ignore"):
+        return _Sample(side, t, *case.boundary(np.full(len(t), side), t * case.polygon.lengths[side]))
+
+
+def _size(case: Case, samples: list[_Sample]) -> float:
     """What 0 is compared with: the largest |u|, gap and, times the diameter, typical |lambda| of a side."""
-    sizes = []
-    for side in range(case.polygon.n_sides):
-        t = _sample(case, side)
-        with np.errstate(all="ignore"):
-            u, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
-        sizes += [np.max(np.abs(u)), np.max(np.abs(gap)), case.polygon.diameter * np.median(np.abs(flux))]
+    sizes = [
+        (np.max(np.abs(u)), np.max(np.abs(gap)), case.polygon.diameter * np.median(np.abs(flux)))
+        for _, _, u, flux, gap in samples
+    ]
     return float(np.max(np.nan_to_num(sizes, posinf=0.0)))
 
 
-def _on_side(case: Case, side: int, t: Array, size: float) -> tuple[Array, Array]:
-    """lambda and the gap at the samples, or an InputError with the first point that fails."""
-    with np.errstate(all="ignore"):
-        _, flux, gap = case.boundary(np.full(len(t), side), t * case.polygon.lengths[side])
+def _check(case: Case, sample: _Sample, size: float) -> None:
+    """InputError with the first point that fails."""
+    side, t, _, flux, gap = sample
     least = size / case.polygon.diameter
     scale_flux, scale_gap = max(least, np.max(np.abs(flux))), max(size, np.max(np.abs(gap)))
     typical = max(least, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else least
@@ -98,16 +110,6 @@ def _on_side(case: Case, side: int, t: Array, size: float) -> tuple[Array, Array
             k = int(np.flatnonzero(bad)[0])
             values = f"lambda = {flux[k]:.6g}, u - g = {gap[k]:.6g}"
             raise InputError(f"{_place(case, side, t[k])}: {what} ({values})")
-    return flux, gap
-
-
-def _sample(case: Case, side: int) -> Array:
-    """Points in (0, 1): midpoints of a uniform grid, and geometric sequences about the singular points."""
-    uniform = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    near = np.logspace(-9, -2, 36)
-    points = [p.t + sign * near for p in case.singular() if p.side == side for sign in (-1, 1)]
-    t = np.unique(np.concatenate([uniform, *points]))
-    return t[(t > 0) & (t < 1)]
 
 
 def _contact(case: Case, side: int) -> list[tuple[float, float]]:
@@ -116,7 +118,7 @@ def _contact(case: Case, side: int) -> list[tuple[float, float]]:
     middles = 0.5 * (ends[1:] + ends[:-1])
     _, _, gap = case.boundary(np.full(len(middles), side), middles * case.polygon.lengths[side])
     merged: list[tuple[float, float]] = []
-    for start, end in zip(ends[:-1][gap == 0], ends[1:][gap == 0], strict=True):
+    for start, end in zip(ends[:-1][gap == 0].tolist(), ends[1:][gap == 0].tolist(), strict=True):
         if merged and merged[-1][1] == start:
             start = merged.pop()[0]
         merged.append((start, end))
@@ -136,14 +138,13 @@ def _continuous_at_vertices(case: Case) -> None:
 
 
 def _place(case: Case, side: int, t: float) -> str:
-    x, y = case.polygon.at(np.array([side]), np.array([t * case.polygon.lengths[side]]))[0]
+    x, y = case.polygon.point(side, t)
     return f"case '{case.name}' on '{case.polygon.name}' at ({x:.6g}, {y:.6g}), side {side}, t = {t:.6g}"
 
 
-def _as_declared(case: Case, found: Certificate) -> None:
-    declared = case.declaration["hypotheses"]
-    for name, value in found.hypotheses.items():
-        if declared[name] != value:
+def _as_declared(case: Case, hypotheses: dict[str, bool]) -> None:
+    for name, value in hypotheses.items():
+        if case.declaration["hypotheses"][name] != value:
             found_out = f"({name}) {'holds' if value else 'does not hold'}, declared otherwise"
             raise InputError(f"case '{case.name}', field hypotheses.{name}: {found_out}")
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Index
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink
@@ -34,7 +33,7 @@ class Data(Protocol):
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
         """f on the boxes of x and y, on which the steps have those values, NaN for both."""
 
-    def obstacle_model(self, side: NDArray[np.intp], t: Model) -> Model:
+    def obstacle_model(self, side: Index, t: Model) -> Model:
         """g on intervals of the sides (k,), t the arc length in side lengths."""
 
     @property

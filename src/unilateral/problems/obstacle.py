@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS, Model, affine, basis, number
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 ObstacleModel = Callable[[Index, Model], Model]
 """g on intervals of the sides (k,), from the arc length in side lengths."""
 ORDER = 7
@@ -46,7 +44,7 @@ class _Pieces(NamedTuple):
     lower: Array
     upper: Array
 
-    def of(self, kept: NDArray[np.bool_] | Index) -> _Pieces:
+    def of(self, kept: Mask | Index) -> _Pieces:
         side, start, end = self.side[kept], self.start[kept], self.end[kept]
         return _Pieces(side, start, end, self.c[:, kept], self.rad[kept], self.lower[kept], self.upper[kept])
 
@@ -156,7 +154,7 @@ def _first_intervals(
     return side[:-1][within], t[:-1][within], t[1:][within]
 
 
-def _only_rounded(model: ObstacleModel, pieces: _Pieces) -> NDArray[np.bool_]:
+def _only_rounded(model: ObstacleModel, pieces: _Pieces) -> Mask:
     """Where g is hardly better known in the middle of a piece than on all of it: shorter ones are in vain."""
     middle = 0.5 * (pieces.start + pieces.end)
     at_points = _on_intervals(model, pieces.side, middle, middle)
@@ -173,7 +171,7 @@ def _together(pieces: Sequence[_Pieces]) -> _Pieces:
     return _Pieces(*(np.concatenate(each, axis=-1) for each in zip(*pieces, strict=True)))
 
 
-def _too_wide(pieces: _Pieces, least: float) -> NDArray[np.bool_]:
+def _too_wide(pieces: _Pieces, least: float) -> Mask:
     """Where g is not known up to SHARP times its spread above `least`, or its depth below."""
     held = np.isfinite(pieces.lower)
     at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)

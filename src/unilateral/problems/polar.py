@@ -8,22 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
-from unilateral.errors import InputError
+from unilateral.arrays import Array
 from unilateral.formulas.elementary import evaluate, real_power
-from unilateral.formulas.formula import MAX_DENOMINATOR, Compiled, compile_numpy, pos
+from unilateral.formulas.formula import Compiled, compile_numpy, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
-from unilateral.geometry.polygon import Polygon
-from unilateral.problems.atoms import Along, Array, Local
+from unilateral.problems.atoms import Along, Local, Regularity
 
-ON_SIDE = 1e-12
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
@@ -60,25 +56,20 @@ class Polar(Local):
 
     def value_model(self, x: Model, y: Model) -> Model:
         """u on the boxes of x and y."""
-        return self._in_support(self._value, x, y)
+        return self._in_support(x, y, lambda phi, eta, _: (phi * eta).scaled(self.length))
 
     def source_model(self, x: Model, y: Model) -> Model:
         """-Delta u + u on the boxes of x and y."""
-        return self._in_support(self._source, x, y)
+        scale = self.length
+        return self._in_support(
+            x, y, lambda phi, eta, laplacian: phi * (eta.scaled(scale) + laplacian.scaled(-1 / scale))
+        )
 
-    def _in_support(self, of: Callable[[Model, Model], Model], x: Model, y: Model) -> Model:
+    def _in_support(self, x: Model, y: Model, of: Callable[[Model, Model, Model], Model]) -> Model:
         along, into = self.local_models(x, y)
-        limit = np.inf if self.cutoff is None else float(self.cutoff)
         nearest = (np.maximum(0.0, np.maximum(z.range[0], -z.range[1])) for z in (along, into))
-        return by_part([(of, np.hypot(*nearest) < limit)], along, into)
-
-    def _value(self, along: Model, into: Model) -> Model:
-        phi, cut_off, _ = self._models(along, into)
-        return (phi * cut_off).scaled(self.length)
-
-    def _source(self, along: Model, into: Model) -> Model:
-        phi, cut_off, of_laplacian = self._models(along, into)
-        return phi * (cut_off.scaled(self.length) + of_laplacian.scaled(-1 / self.length))
+        inside = np.hypot(*nearest) < self._reach
+        return by_part([(lambda along, into: of(*self._models(along, into)), inside)], along, into)
 
     def _models(self, along: Model, into: Model) -> tuple[Model, Model, Model]:
         """The harmonic factor phi of v, the cutoff eta, and Delta v / phi.
@@ -95,34 +86,32 @@ class Polar(Local):
         return phi, evaluate(pos(1 - Q, 4), {Q: q}), evaluate(laplacian, {Q: q})
 
     def _polar(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
-        """rho (k,) and theta (k,) in [0, 2 pi); a rounding error outside the sides counts as on them."""
-        along, into = self.local(points, offset)
-        into = np.where(np.abs(into) < ON_SIDE, np.abs(into), into)  # arctan2(-0.0, -1) is -pi
+        """rho (k,) and theta (k,) in [0, 2 pi)."""
+        along, into = self.local_inside(points, offset)
         theta = np.arctan2(into, along)
         return np.hypot(along, into), np.where(theta < 0, theta + 2 * np.pi, theta)
 
-    def _inside(self, r: Array) -> NDArray[np.intp] | slice:
-        """The points (k,) in the support, but for the centre; a slice if these are all."""
-        limit = np.inf if self.cutoff is None else float(self.cutoff)
-        inside = (r < limit) & (r > 0)
-        return slice(None) if inside.all() else np.flatnonzero(inside)
+    @property
+    def _reach(self) -> float:
+        return np.inf if self.cutoff is None else float(self.cutoff)
+
+    def _in_disc(self, of: Compiled, r: Array, theta: Array) -> list[Array]:
+        """Functions of r and theta, (k,) each, 0 outside the support and at the centre."""
+        inside = (r < self._reach) & (r > 0)
+        if inside.all():
+            return of(r, theta)
+        values = of(r[inside], theta[inside])
+        found = np.zeros((len(values), len(r)))
+        found[:, inside] = values
+        return [*found]
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         r, theta = self._polar(points, offset)
-        inside = self._inside(r)
-        value, gradient = np.zeros(len(r)), np.zeros((len(r), 2))
-        v, v_r, v_theta = self._values[0](r[inside], theta[inside])
-        cos, sin = np.cos(theta[inside]), np.sin(theta[inside])
-        value[inside] = self.length * v
-        gradient[inside] = self.to_xy(v_r * cos - v_theta * sin, v_r * sin + v_theta * cos)
-        return value, gradient
+        v, v_r, v_theta = self._in_disc(self._values[0], r, theta)
+        return self.length * v, self.polar_to_xy(theta, v_r, v_theta)
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
-        r, theta = self._polar(points, offset)
-        inside = self._inside(r)
-        result = np.zeros(len(r))
-        result[inside] = self._values[1](r[inside], theta[inside])[0]
-        return result
+        return self._in_disc(self._values[1], *self._polar(points, offset))[0]
 
     @property
     def at_vertex(self) -> bool:
@@ -142,37 +131,22 @@ class Polar(Local):
         else:
             distance = along.minus(1.0) * (self.polygon.lengths[side] / self.length)
         r, first = np.abs(distance), distance >= 0
-        inside = self._inside(r)
-        theta = np.where(first, 0.0, float(self.omega))[inside]
-        value, flux = np.zeros(len(r)), np.zeros(len(r))
-        v, _, v_theta = self._values[0](r[inside], theta)
-        value[inside], flux[inside] = self.length * v, np.where(first[inside], -v_theta, v_theta)
-        return value, flux
+        v, _, v_theta = self._in_disc(self._values[0], r, np.where(first, 0.0, float(self.omega)))
+        return self.length * v, np.where(first, -v_theta, v_theta)
 
-    @property
-    def in_H2(self) -> bool:
-        return bool(self.beta > 1)
-
-    @property
-    def lipschitz(self) -> bool:
-        """Whether u is, on the sides; its trace there is like cos(beta (theta - theta_0)) rho^beta."""
-        ends = (sympy.cos(self.beta * (theta - self.theta_0)) for theta in (0, self.omega))
-        return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
-
-    @property
-    def finite(self) -> bool:
-        """Whether contact begins and ends at finitely many points."""
-        return True
-
-    @property
-    def flux_in_L2(self) -> bool:
-        return bool(self.beta > sympy.Rational(1, 2))
-
-    @property
-    def flux_bounded(self) -> bool:
-        """On the sides, where it is like sin(beta (theta - theta_0)) rho^(beta - 1)."""
-        ends = (sympy.sin(self.beta * (theta - self.theta_0)) for theta in (0, self.omega))
-        return bool(self.beta >= 1) or all(sympy.simplify(end) == 0 for end in ends)
+    @cached_property
+    def regularity(self) -> Regularity:
+        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
+        ends = [self.beta * (theta - self.theta_0) for theta in (0, self.omega)]
+        no_trace, no_flux = (
+            all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin)
+        )
+        return Regularity(
+            in_H2=bool(self.beta > 1),
+            lipschitz=bool(self.beta >= 1) or no_trace,
+            flux_in_L2=bool(2 * self.beta > 1),
+            flux_bounded=bool(self.beta >= 1) or no_flux,
+        )
 
     def kinks(self) -> list[Kink]:
         if self.cutoff is None:
@@ -187,58 +161,3 @@ class Polar(Local):
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
-
-
-def harmonic(
-    polygon: Polygon,
-    side: int,
-    t: sympy.Expr,
-    alpha: sympy.Expr,
-    cutoff: sympy.Expr | None = None,
-    times: sympy.Expr = sympy.S.One,
-) -> Polar:
-    """The atom with flux times * s_+^alpha on its side: C rho^(1+alpha) cos((1+alpha)(pi - theta)).
-
-    C = 1 / ((1 + alpha) sin(alpha pi)), alpha > -1 not an integer. Raises InputError for other alpha,
-    and where it has no cutoff and Omega reaches behind its side, so that theta would not be unique.
-    """
-    if alpha.is_integer or alpha <= -1:
-        raise InputError(f"a harmonic atom needs alpha > -1 that is not an integer, not {alpha}")
-    factor = times / ((1 + alpha) * sympy.sin(alpha * sympy.pi))
-    atom = Polar(polygon, side, float(t), 1 + alpha, sympy.pi, factor, cutoff)
-    if cutoff is None and np.any(atom.local(polygon.vertices)[1] < -ON_SIDE):
-        raise InputError(f"a harmonic atom on side {side} of '{polygon.name}' needs a cutoff")
-    return atom
-
-
-def corner(
-    polygon: Polygon,
-    side: int,
-    kind: str,
-    alpha: sympy.Expr | None = None,
-    cutoff: sympy.Expr | None = None,
-    times: sympy.Expr = sympy.S.One,
-) -> Polar:
-    """An atom at the vertex of angle omega at which the side begins, by its kind.
-
-    `free`: rho^(pi/omega) cos(pi theta/omega), without flux on both sides. `held`:
-    -rho^(pi/omega) sin(pi theta/omega), without trace, lambda = (pi/omega) rho^(pi/omega - 1) on both.
-    `transition`: lambda = rho^alpha on the side that begins there and 0 on the one before.
-    Raises InputError where omega is no simple fraction of pi, or the transition would need a logarithm.
-    """
-    share = sympy.Rational(Fraction(polygon.angles[side] / np.pi).limit_denominator(MAX_DENOMINATOR))
-    if abs(float(share) * np.pi - polygon.angles[side]) > ON_SIDE:
-        raise InputError(
-            f"the angle at vertex {side} of '{polygon.name}' is no fraction of pi with a denominator of at "
-            f"most {MAX_DENOMINATOR}, as an atom there needs"
-        )
-    omega = share * sympy.pi
-    if kind != "transition":
-        beta, theta_0, factor = (1 / share, sympy.S.Zero, 1) if kind == "free" else (1 / share, omega / 2, -1)
-    elif alpha is None or ((1 + alpha) * share).is_integer or alpha <= -1:
-        raise InputError(
-            f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
-        )
-    else:
-        beta, theta_0, factor = 1 + alpha, omega, -1 / ((1 + alpha) * sympy.sin(omega * (1 + alpha)))
-    return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega)

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Index
 from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.formula import pos
 from unilateral.formulas.positive import rounded
@@ -20,8 +20,6 @@ from unilateral.problems.atoms import X, Y
 from unilateral.problems.obstacle import Obstacle, enclosed, places
 from unilateral.problems.ranges import range_in
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 FAR = 1e-100
 """Coefficients that differ by that factor make a line that is nowhere near, or a circle that is too large."""
 

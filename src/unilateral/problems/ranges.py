@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy
-from unilateral.formulas.interval import Array, Interval
+from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
-from unilateral.geometry.mesh_io import segment_distances
+from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import X, Y
 
@@ -67,7 +67,7 @@ def _variable(boxes: Array, axis: int) -> Model:
     return affine(basis(2, ORDER), 0.5 * (lower + upper), arms, (lower, upper))
 
 
-def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _part(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
     centres, half = boxes.mean(axis=2), 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices
@@ -75,17 +75,8 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[NDArray[np.bool_], NDArray[np
     away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
     rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
     near = np.concatenate(away) <= half * (1 + 1e-9) + rounding
-    inside = _inside(polygon, centres)
+    inside = polygon.contains(centres)
     return near | inside, inside
-
-
-def _inside(polygon: Polygon, points: Array) -> NDArray[np.bool_]:
-    """Which of the points (k, 2) lie in the polygon: a ray from them crosses an odd number of sides."""
-    (x0, y0), (x1, y1) = polygon.vertices.T, np.roll(polygon.vertices, -1, axis=0).T
-    x, y = points[:, :1], points[:, 1:]
-    with np.errstate(all="ignore"):
-        crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-    return np.asarray(crossed.sum(axis=1) % 2 == 1)
 
 
 def _quarters(boxes: Array) -> Array:

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.geometry.polygon import Polygon
 
-Array = NDArray[np.float64]
 Function = Callable[[Array, Array], Array]
 
 
@@ -31,7 +30,7 @@ class Sampled:
         """f (...) at points (..., 2)."""
         return _values(self.f, points)
 
-    def obstacle(self, side: NDArray[np.intp], s: Array) -> Array:
+    def obstacle(self, side: Index, s: Array) -> Array:
         """g (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
         points, found = self.polygon.at(side, s), np.zeros(len(s))
         for i in np.unique(side).tolist():

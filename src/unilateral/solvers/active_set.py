@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 from scipy.optimize import nnls
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import (
     DualResult,
@@ -24,8 +24,6 @@ from unilateral.solvers.uzawa import (
     warn_unless_converged,
 )
 
-Array = NDArray[np.float64]
-
 
 def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:
     """lambda_H (m,) for the offset F(0) (m,), one of them where it is not unique, with its bound.
@@ -33,7 +31,7 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
     The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, or the
     solver gives up (lambda_H is then 0), the result warns and has converged False.
     """
-    check_offset(operator, offset, tolerance)
+    check_offset(offset, tolerance)
     try:
         lambda_H = _least_distance(operator, offset)
     except RuntimeError:

@@ -6,15 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
 
-Array = NDArray[np.float64]
 ALGORITHMS = ("auto", *STEPS, "active_set")
 
 

@@ -13,14 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.steps import STEPS, Step
 
-Array = NDArray[np.float64]
 Apply = Callable[[Array, Array], object]
 Observe = Callable[[Array, Array, Array], None]
 DIVERGED = 1e300
@@ -89,26 +88,27 @@ def uzawa(
 ) -> DualResult:
     """lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
-    `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) to 0. Another `method` of
+    `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) >= 0 to 0. Another `method` of
     `steps.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
     to S y; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step of the loop.
     A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
-    Raises InputError for an offset, a start, a rho, a tolerance or a method that cannot be meant, and for
-    data or a start from which the first residual is not below DIVERGED.
+    Raises InputError for an offset, a rho or a tolerance that cannot be meant, for "newton" where S is
+    singular, and for data or a start from which the first residual is not below DIVERGED.
     """
-    check_offset(operator, offset, tolerance)
-    step = _step_of(method, operator)
-    y = np.sqrt(operator.H_i) * _checked_start(operator, start)
-    if rho is not None and not 0 < rho < math.inf:
-        raise InputError(f"the step rho = {rho} must be positive and finite")
+    check_offset(offset, tolerance)
+    if method == "newton" and operator.singular:
+        raise InputError("the method newton needs a regular S, with h/H small; take active_set")
+    step, root = STEPS[method], np.sqrt(operator.H_i)
     if rho is None:
         rho = step.share / operator.lambda_max
-    iteration = _Iteration(operator, offset, rho, apply, observe)
+    if not 0 < rho < math.inf:
+        raise InputError(f"the step rho = {rho} must be positive and finite")
+    y = np.zeros(len(root)) if start is None else root * start
+    iteration = _Iteration(operator, root * offset, rho, apply, observe)
     advance = step(operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
-    lambda_H = y / np.sqrt(operator.H_i)
-    result = DualResult(lambda_H, steps, iteration.applications, bound, bound <= tolerance, rho, method)
+    result = DualResult(y / root, steps, iteration.applications, bound, bound <= tolerance, rho, method)
     warn_unless_converged(result, tolerance)
     return result
 
@@ -127,16 +127,10 @@ class _Iteration:
     """The loop and its buffers: F = S y + b is the scaled gap, R = min(y, rho F) the scaled residual."""
 
     def __init__(
-        self,
-        operator: DualOperator,
-        offset: Array,
-        rho: float,
-        apply: Apply | None,
-        observe: Observe | None,
+        self, operator: DualOperator, b: Array, rho: float, apply: Apply | None, observe: Observe | None
     ) -> None:
-        self.operator, self.rho, self.observe = operator, rho, observe
+        self.operator, self.b, self.rho, self.observe = operator, b, rho, observe
         self.apply = apply or _Held(operator.S)
-        self.b = np.sqrt(operator.H_i) * offset
         self.per_residual = math.inf if operator.singular else 1 / (rho * math.sqrt(operator.lambda_min))
         self.applications = 0
 
@@ -151,8 +145,11 @@ class _Iteration:
             if self.observe:
                 self.observe(y, F, R)
             size = dnrm2(R)  # scaled: the square of a tiny R would be 0
-            if step == 0:
-                _check_range(size)
+            if step == 0 and not size < DIVERGED:
+                raise InputError(
+                    f"the first residual, {size:.3g}, is not below {DIVERGED:g}; scale the data to about 1, "
+                    "start from smaller numbers, or take a smaller rho"
+                )
             last = step == max_steps or not size < DIVERGED
             if last or self.operator.singular or size * self.per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
@@ -193,14 +190,6 @@ class _Held:
         np.dot(part, self.columns, out=out)
 
 
-def _check_range(first: float) -> None:
-    if not first < DIVERGED:
-        raise InputError(
-            f"the first residual, {first:.3g}, is not below {DIVERGED:g}; scale the data to about 1, start "
-            "from smaller numbers, or take a smaller rho"
-        )
-
-
 def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
     """In units of the largest number, for the square of a tiny one would be 0."""
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
@@ -215,11 +204,10 @@ def energy_norm(matrix: Array, R: Array, unit: float) -> float:
     return unit * math.sqrt(max(float(R / unit @ (matrix @ (R / unit))), 0.0)) if unit > 0 else 0.0
 
 
-def check_offset(operator: DualOperator, offset: Array, tolerance: float) -> None:
+def check_offset(offset: Array, tolerance: float) -> None:
     """InputError unless the offset (m,) is finite and not too small, and the tolerance is not negative."""
-    m = len(operator.H_i)
-    if np.shape(offset) != (m,) or not np.all(np.isfinite(offset)):
-        raise InputError(f"the offset must hold {m} finite numbers, one for each cell of T_H")
+    if not np.all(np.isfinite(offset)):
+        raise InputError(f"the offset must hold {len(offset)} finite numbers, one for each cell of T_H")
     largest = float(np.max(np.abs(offset), initial=0))
     if 0 < largest < LEAST:
         raise InputError(
@@ -228,20 +216,3 @@ def check_offset(operator: DualOperator, offset: Array, tolerance: float) -> Non
         )
     if not tolerance >= 0:
         raise InputError(f"the tolerance {tolerance} must be a number that is not negative")
-
-
-def _step_of(method: str, operator: DualOperator) -> type[Step]:
-    if method not in STEPS:
-        raise InputError(f"the method '{method}' is unknown; the known ones are {', '.join(STEPS)}")
-    if method == "newton" and operator.singular:
-        raise InputError("the method newton needs a regular S, with h/H small; take active_set")
-    return STEPS[method]
-
-
-def _checked_start(operator: DualOperator, start: Array | None) -> Array:
-    m = len(operator.H_i)
-    if start is None:
-        return np.zeros(m)
-    if np.shape(start) != (m,) or not np.all(np.isfinite(start)) or np.min(start) < 0:
-        raise InputError(f"the start must hold {m} finite numbers >= 0, one for each cell of T_H")
-    return np.asarray(start, dtype=float)

@@ -9,8 +9,10 @@ from unilateral.errors import InputError, StorageError
 from unilateral.formulas.formula import real
 from unilateral.geometry import mesh, partition, polygon
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import structured
 from unilateral.problems import case
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
@@ -21,14 +23,14 @@ def domain(scene: Mapping[str, Any]) -> Polygon:
 
 
 def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
-    make = {"structured": mesh.structured, "unstructured": mesh.unstructured}[scene["mesh"]["kind"]]
+    make = {"structured": structured, "unstructured": mesh.unstructured}[scene["mesh"]["kind"]]
     return make(domain(scene), real(scene["mesh"]["h"], "mesh.h"))
 
 
 def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
     """The coarsest mesh from its file. Raises StorageError for one that is damaged."""
     try:
-        return mesh.read(path, domain(scene))
+        return read(path, domain(scene))
     except InputError as error:
         raise StorageError(f"{error}; 'snakemake -j2 -f {path}' makes it anew") from None
 

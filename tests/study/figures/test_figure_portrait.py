@@ -10,8 +10,8 @@ import pytest
 from conftest import discrete
 
 from unilateral.discrete import solve
-from unilateral.geometry.mesh import structured
 from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
 from unilateral.study.figures import portrait
 
 Tables = dict[str, pd.DataFrame]

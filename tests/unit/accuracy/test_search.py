@@ -13,13 +13,14 @@ from conftest import DATA, load
 
 from unilateral.accuracy.budget import limits, wanted_H
 from unilateral.accuracy.level import Goal, standing, unknowable
-from unilateral.accuracy.search import SHARE, levels, prolonged, two_edges_per_cell
+from unilateral.accuracy.search import SHARE, levels, two_edges_per_cell
 from unilateral.bounds import source
 from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import ritz_projection
 from unilateral.problems import problem_file
@@ -37,7 +38,7 @@ def problem(name):
 def on_level(of, cells_per_side):
     """The problem with that many cells on the longest side, H = 2h."""
     cells = partitions.uniform(of.polygon, of.polygon.lengths.max() / cells_per_side)
-    return discretise(of, two_edges_per_cell(cells, meshes.natural_kind(of.polygon)), cells)
+    return discretise(of, two_edges_per_cell(cells, natural_kind(of.polygon)), cells)
 
 
 def finer(discrete, u_h, lambda_H, times):
@@ -147,11 +148,11 @@ def test_the_next_size_follows_the_observed_rate():
 def test_prolongation_keeps_the_integral_and_nested_values():
     cells = partitions.uniform(named("lshape"), 1 / 3)
     values = np.random.default_rng(1).random(cells.n_cells)
-    assert prolonged(values, cells, partitions.refine(cells)) == pytest.approx(
+    assert cells.means(values, partitions.refine(cells).points) == pytest.approx(
         np.repeat(values, 2), rel=1e-12
     )
     other = partitions.uniform(named("lshape"), 1 / 5)
-    found = prolonged(values, cells, other)
+    found = cells.means(values, other.points)
     assert other.lengths @ found == pytest.approx(cells.lengths @ values, rel=1e-13)
     assert values.min() <= found.min() <= found.max() <= values.max()
 
@@ -161,7 +162,7 @@ def test_prolongation_keeps_the_integral_and_nested_values():
 )
 def test_every_cell_has_two_edges(polygon):
     cells = partitions.uniform(polygon, 1 / 3)
-    kinds = [meshes.natural_kind(polygon), "unstructured"]
+    kinds = [natural_kind(polygon), "unstructured"]
     for mesh in (two_edges_per_cell(cells, kind) for kind in kinds):
         assert mesh.s == pytest.approx(partitions.refine(cells).points, abs=1e-12)
 
@@ -232,7 +233,7 @@ def test_waves_of_f_are_integrated(tmp_path, h):
     """
     for n in (20, 64, 160, 320):
         of = declared(tmp_path, f=f"1 + cos({2 * n}*pi*x)", g=-1)
-        mesh, cells = meshes.structured(square(), h), partitions.uniform(square(), 2 * h)
+        mesh, cells = structured(square(), h), partitions.uniform(square(), 2 * h)
         solved = solve(discretise(of, mesh, cells))
         error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
         assert error <= min(solved.bound.u, solved.bound.unknown + 1e-12)
@@ -262,7 +263,7 @@ def test_jumps_of_f_are_integrated_where_they_are(tmp_path):
         free_sides=[0, 1, 2],
     )
     exact = (12 * math.sinh(1) - sum(math.sinh(1 - place) for place in places)) / math.cosh(1)
-    mesh, cells = meshes.structured(square(), 1 / 50), partitions.uniform(square(), 1 / 25)
+    mesh, cells = structured(square(), 1 / 50), partitions.uniform(square(), 1 / 25)
     solved = solve(discretise(of, mesh, cells), Stop(tolerance=1e-5))
     error = math.sqrt(1 / math.tanh(1)) * abs(exact - cells.lengths @ solved.lambda_H)
     assert error < 2e-4 < solved.bound.lambda_ < 3e-3
@@ -323,13 +324,13 @@ def test_a_scene_on_structured_meshes_needs_no_gmsh(tmp_path):
     cells, table = partitions.uniform(square(), 1 / 4), tmp_path / "dual_norm.nc"
     dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
     solve = (
-        "import xarray; from unilateral.geometry import mesh, partition, polygon; "
+        "import xarray; from unilateral.geometry import partition, polygon, structured; "
         "from unilateral.norms import dual; "
         "from unilateral.problems import case; from unilateral.study.runs import scene; "
         "domain = polygon.square(); cases = [case.load('natural', domain)]; "
         "cells = partition.uniform(domain, 1 / 4); "
         f"gram = dual.Gram.of_table(xarray.open_dataset({str(table)!r})); "
-        "scene.sweep(mesh.structured(domain, 1 / 8), cases, [cells], gram)"
+        "scene.sweep(structured.structured(domain, 1 / 8), cases, [cells], gram)"
     )
     assert gmsh_is_imported_after(solve, "dual.dual_norm(cells, cases)") == [False, True]
 

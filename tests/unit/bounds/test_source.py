@@ -17,7 +17,9 @@ from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import compile_numpy, parse, pos
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
+from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import curve
 
@@ -82,7 +84,7 @@ def test_no_peak_is_missed(width, place):
     """
     a, b = (sympy.Rational(str(c)) for c in place)
     of = Source(f"exp(-((x - {a})**2 + (y - {b})**2)*{1 / width**2:.0f})")
-    found = enclosed(meshes.structured(square(), 1 / 2), of)
+    found = enclosed(structured(square(), 1 / 2), of)
     share = (0.5 if b == 0 else 1.0) * np.pi * width**2
     assert 0.99 * share <= found.moments.sum() <= 1.01 * share
     total = np.hypot(np.linalg.norm(found.oscillation), norm_of_linear(found))
@@ -100,17 +102,17 @@ def norm_of_linear(found):
 
 def test_what_cannot_be_enclosed_is_said():
     """A wave of length 1/1600 on a mesh of 1/4 takes more pieces than there are: f = 0 up to 1 is all."""
-    found = enclosed(meshes.structured(square(), 1 / 4), Source("cos(3200*pi*x)"))
+    found = enclosed(structured(square(), 1 / 4), Source("cos(3200*pi*x)"))
     assert found.unknown == pytest.approx(1, rel=1e-9)
     assert found.distance <= 1 + 1e-9
-    resolved = enclosed(meshes.structured(square(), 1 / 4), Source("cos(32*pi*x)"))
+    resolved = enclosed(structured(square(), 1 / 4), Source("cos(32*pi*x)"))
     assert resolved.unknown < 1e-3
 
 
 def test_terms_that_cancel_leave_their_rounding():
     """1e10 (x - y)^2, expanded and taken away again: what is left is x, up to 1e10 units of rounding."""
     of = Source("1e10*(x - y)**2 - 1e10*x**2 + 2e10*x*y - 1e10*y**2 + x")
-    found = enclosed(meshes.structured(square(), 1 / 4), of)
+    found = enclosed(structured(square(), 1 / 4), of)
     assert 1e-7 < found.unknown < 1e-2
     assert np.abs(found.f_h - found.mesh.points[found.mesh.triangles][..., 0]).max() < 1e-4
 
@@ -147,7 +149,7 @@ def test_both_parts_of_the_distance_are_needed():
 
     Control: without the oscillation, and without the rest, the bound is smaller than that.
     """
-    mesh, of = meshes.structured(square(), 1 / 2), Source("4*cos(4*pi*x)*cos(4*pi*y)")
+    mesh, of = structured(square(), 1 / 2), Source("4*cos(4*pi*x)*cos(4*pi*y)")
     found = enclosed(mesh, of)
     rest = found.rest + 0.6 * np.sqrt(mesh.areas)
     moved = source.Source(mesh, found.f_h + 0.6, found.moments, found.oscillation, rest)
@@ -169,9 +171,7 @@ def dual(of, found):
         at = where(x.ravel(), y.ravel())
         a, b, c = (mesh.points[mesh.triangles[at]][:, i] for i in range(3))
         p = np.stack([x.ravel(), y.ravel()], axis=1)
-        l1, l2 = (
-            jumps._cross(*edges) / jumps._cross(b - a, c - a) for edges in ((p - a, c - a), (b - a, p - a))
-        )
+        l1, l2 = (cross(*edges) / cross(b - a, c - a) for edges in ((p - a, c - a), (b - a, p - a)))
         f_h = np.sum(found.f_h[at] * np.stack([1 - l1 - l2, l1, l2], axis=1), axis=1)
         return (of.value(x, y)[0] - f_h.reshape(x.shape)) * w
 
@@ -200,7 +200,7 @@ def test_areas_in_a_disc():
 @pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
 def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
-    mesh = meshes.structured(square(), 1 / 64)
+    mesh = structured(square(), 1 / 64)
     corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
     pieces, owner = jumps.cut(mesh, corners, np.arange(len(corners)), {X: kink})
     shares = np.abs(np.linalg.det(pieces))
@@ -215,7 +215,7 @@ def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
 def test_a_step_has_the_value_of_its_side_whatever_cancels():
     """The argument is x - 1/3, written so that rounding hides it: int f = 2/3, exactly."""
     a = "(x + 3000000)**3 - (x + 2999999)**3 - 3*(x + 2999999)**2 - 3*(x + 2999999) - 1 + x - 1/3"
-    found = enclosed(meshes.structured(square(), 1 / 4), Source(f"pos({a}, 0)"))
+    found = enclosed(structured(square(), 1 / 4), Source(f"pos({a}, 0)"))
     assert found.moments.sum() == pytest.approx(2 / 3, abs=1e-9)
     assert found.unknown < 1e-9
 
@@ -240,7 +240,7 @@ def test_jumps_that_touch_leave_no_flat_piece():
     lines = " + ".join(f"pos({k}*(x - 1/3) - {24 - k}*(y - 1/3), 0)" for k in range(1, 24))
     for text in ("pos(1/16 - (x - 1/2)**2 - (y - 1/2)**2, 0) + pos(x - 1/4, 0)", lines):
         for h in (1 / 3, 1 / 7):
-            found = enclosed(meshes.structured(square(), h), Source(text))
+            found = enclosed(structured(square(), h), Source(text))
             assert np.all(np.isfinite(found.f_h))
             assert found.moments.sum() == pytest.approx(found.f_h.mean(axis=1) @ found.mesh.areas, rel=1e-12)
 
@@ -248,7 +248,7 @@ def test_jumps_that_touch_leave_no_flat_piece():
 def test_what_is_wanted_is_not_judged_by_what_is_unknown():
     """f has values up to 5 in a hundredth of the square; no piece is good enough because others are bad."""
     of = Source("((100*x-31)**4 + (100*y-47)**4)*exp(-(100*x-31)**2-(100*y-47)**2)")
-    found = enclosed(meshes.structured(square(), 1 / 2), of)
+    found = enclosed(structured(square(), 1 / 2), of)
     assert found.resolved
     assert found.unknown <= 0.05 * np.linalg.norm(found.oscillation)
 
@@ -260,7 +260,7 @@ def test_a_flat_part_is_not_left_out(k):
     The integral is that of x, 1/2, and the peak's, 1 but for less than 1e-40; 1e-5 of it is far from none.
     """
     of = Source(f"{k**2}*exp(-{k}*(x + y)) + x + pos({100 / k!r} - x - y, 0)")
-    found = enclosed(meshes.structured(square(), 1 / 2), of)
+    found = enclosed(structured(square(), 1 / 2), of)
     assert found.moments.sum() == pytest.approx(1.5, abs=1e-5)
 
 

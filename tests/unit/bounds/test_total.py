@@ -29,6 +29,7 @@ from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import DualNorm, dual_norm
 from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
@@ -136,7 +137,7 @@ def test_the_identity_holds_for_any_v_and_any_flux(name):
 
 def test_the_best_flux_is_the_best_for_every_v():
     """Adding any other flux with q.n = 0 makes the defect larger, by its own norm: Pythagoras."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
     spaces, rng = spaces_of(problem, mesh), np.random.default_rng(1)
     flux = rng.standard_normal((len(mesh.boundary), 2))
     q, zero = spaces.best_flux(flux), hypercircle(mesh, np.zeros((len(mesh.triangles), 3)))
@@ -319,7 +320,7 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
 def test_cells_shorter_than_edges():
     """lambda_H jumps four times inside every edge: without what oscillates the bound would be too small."""
     problem = Manufactured(square(), "0.5*(x - 0.45)**2 + 0.5*(y - 0.55)**2")
-    mesh, cells = meshes.structured(square(), 1 / 4), partitions.uniform(square(), 1 / 16)
+    mesh, cells = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 16)
     lambda_H = cell_means(problem, cells).lambda_means * np.tile([0.2, 1.8, 1.8, 0.2], cells.n_cells // 4)
     bound, _ = bound_on(problem, mesh, cells, lambda_H)
     lower = float(dual_norm(cells, [problem]).of_error(problem, lambda_H[None]).lower[0])
@@ -336,7 +337,7 @@ class OnlyTopAndBottom(Manufactured):
 def test_free_sides_have_no_obstacle():
     """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
     problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
-    mesh, cells = meshes.structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
     lambda_H = cell_means(problem, cells).lambda_means
     lambda_H[cells.side % 2 == 1] = 0
     bound, u_h = bound_on(problem, mesh, cells, lambda_H, free=(1, 3))
@@ -348,7 +349,7 @@ def test_free_sides_have_no_obstacle():
 def test_nothing_but_free_sides():
     """Neumann's problem: only d = v - u_h and what f - f_h does are left beside eta."""
     problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
-    mesh, cells = meshes.structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
     bound, u_h = bound_on(problem, mesh, cells, np.zeros(cells.n_cells), free=(0, 1, 2, 3))
     error = h1_error(problem, mesh, u_h)
     assert error <= bound.u <= 1.3 * error
@@ -366,7 +367,7 @@ def test_a_mesh_of_one_triangle():
 def test_what_the_linear_part_of_f_leaves_out():
     """u = cos(8 pi x), a wave per edge: without the data's share the bound is below the error."""
     problem = Manufactured(square(), "cos(8*pi*x)", "10")
-    mesh, cells = meshes.structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    mesh, cells = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
     bound, u_h = bound_on(problem, mesh, cells, np.zeros(cells.n_cells))
     error = h1_error(problem, mesh, u_h)
     assert bound.u - bound.data < error <= bound.u
@@ -441,7 +442,7 @@ def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(monkeypatch):
 
 
 def test_bad_input():
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
     cells = partitions.uniform(square(), 1 / 2)
     u_h, lambda_H = np.zeros(mesh.n_nodes), np.ones(cells.n_cells)
     with pytest.raises(InputError, match="another polygon"):
@@ -462,7 +463,7 @@ def test_what_the_flux_leaves_of_lambda_is_its_norm():
     q.n >= 0 is linear; where it is not lambda_H's linear part, only the mean is kept, with the larger
     constant.
     """
-    mesh, cells = meshes.structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
+    mesh, cells = structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
     lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
     found = bounds._on_edges(mesh, cells, lambda_H)
     x, limited = (np.arange(20_000) + 0.5) / 20_000, []
@@ -494,7 +495,7 @@ def test_the_constants_on_squares_cannot_be_smaller():
 
 def test_the_slack_counts_twice(monkeypatch):
     """By the identity eta^2 has 2 <q.n, v - g> in it: a slack of 1/2 adds 1 to it."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
     cells, own, found = partitions.uniform(square(), 1 / 2), feasible.Constraint.missing, []
     lambda_H = cell_means(problem, cells).lambda_means
     for more in (0.0, 0.5):
@@ -507,7 +508,7 @@ def test_the_slack_counts_twice(monkeypatch):
 
 def test_rounding_goes_outward_in_sums():
     """d . (load - A v) where all of it cancels, against rational numbers; control: without the allowance."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.structured(square(), 1 / 4)
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
     spaces, rng = spaces_of(problem, mesh), np.random.default_rng(1)
     below = 0
     for _ in range(5):
@@ -524,7 +525,7 @@ def test_rounding_goes_outward_in_sums():
 
 def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     """v = 1e6 + x, f_h = v and q = grad v: exactly 0, but for what derivatives of v lose."""
-    mesh = meshes.structured(square(), 1 / 16)
+    mesh = structured(square(), 1 / 16)
     v = 1e6 + mesh.points[:, 0]
     spaces = hypercircle(mesh, v[mesh.triangles])
     q = spaces.rt.project(lambda x: np.stack([np.ones_like(x[0]), 0 * x[0]]))
@@ -561,7 +562,7 @@ def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
 
 def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
-    mesh = meshes.structured(square(), 1 / 2)
+    mesh = structured(square(), 1 / 2)
     problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
     spaces = spaces_of(problem, mesh)
     g = constraint(problem.enclosed(), mesh, spaces.on_edges, spaces.p2.N, every)

@@ -13,6 +13,7 @@ from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 
 TRIANGLE = Polygon(np.array([[0.0, 0.0], [3.0, 0.1], [0.4, 2.0]]), "triangle")
 
@@ -50,7 +51,7 @@ CASES = {
 @pytest.fixture(params=CASES)
 def pair(request: pytest.FixtureRequest) -> tuple[meshes.Mesh, partitions.Partition]:
     polygon, h, partition = CASES[request.param]
-    make = meshes.unstructured if polygon is TRIANGLE else meshes.structured
+    make = meshes.unstructured if polygon is TRIANGLE else structured
     return make(polygon, h), partition
 
 
@@ -102,7 +103,7 @@ def test_first_moments_are_exact(pair: tuple[meshes.Mesh, partitions.Partition])
 
 
 def test_nearly_coinciding_points_change_the_coupling_by_their_distance() -> None:
-    mesh = meshes.structured(square(), 1 / 4)
+    mesh = structured(square(), 1 / 4)
     exact = coupling(mesh, partitions.uniform(square(), 1 / 4)).toarray()
     for distance in (1e-15, -1e-15, 1e-12, -1e-12, 1e-8, -1e-8):
         moved = coupling(mesh, nearly_coinciding(distance)).toarray()
@@ -112,12 +113,12 @@ def test_nearly_coinciding_points_change_the_coupling_by_their_distance() -> Non
 @pytest.mark.parametrize("other", [named("lshape"), Polygon(2 * square().vertices)])
 def test_another_polygon_is_refused(other: Polygon) -> None:
     with pytest.raises(InputError, match="another polygon"):
-        coupling(meshes.structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))
+        coupling(structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))
 
 
 def test_boundary_mass_integrates_squares_of_linear_functions() -> None:
     """On the square's boundary the integrals of 1, x, x^2 are 4, 2, 1/3 + 1 + 1/3 (by hand)."""
-    mesh = meshes.structured(square(), 1 / 8)
+    mesh = structured(square(), 1 / 8)
     M = boundary_mass(mesh)
     one, x = np.ones(len(mesh.boundary)), mesh.points[mesh.boundary, 0]
     assert one @ (M @ one) == pytest.approx(4, rel=1e-14)

@@ -22,15 +22,16 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import named, square
+from unilateral.geometry.structured import structured
 from unilateral.norms.exact import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 
 NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]
 MESHES: dict[str, Callable[[], Mesh]] = {
-    "structured": lambda: meshes.structured(square(), 1 / 8),
+    "structured": lambda: structured(square(), 1 / 8),
     "gmsh": lambda: meshes.unstructured(square(), 0.2),
-    "lshape": lambda: meshes.structured(named("lshape"), 1 / 4),
+    "lshape": lambda: structured(named("lshape"), 1 / 4),
 }
 PLACES = [(name, mesh) for name in NAMES for mesh in MESHES if (name, mesh) != ("natural", "lshape")]
 

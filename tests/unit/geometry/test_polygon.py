@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
-from unilateral.geometry import polygon as polygons
+from unilateral.geometry import plane
 from unilateral.geometry.polygon import Polygon, named, names, square
 
 ROUND_OFF = 1e-14
@@ -61,8 +61,8 @@ def regular(n: int) -> np.ndarray:
 def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch):
     """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
     compared = []
-    compare = polygons._meets_later
-    monkeypatch.setattr(polygons, "_meets_later", lambda *given: compared.append(given) or compare(*given))
+    compare = plane._meets_later
+    monkeypatch.setattr(plane, "_meets_later", lambda *given: compared.append(given) or compare(*given))
     with pytest.raises(InputError, match=r"polygon 'polygon': it has 1001 vertices; at most 1000 are read"):
         Polygon(regular(1001))
     assert compared == []

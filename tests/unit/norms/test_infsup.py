@@ -19,7 +19,7 @@ from unilateral.fem.spaces import dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.triangulate import triangulate
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Bounds, dual_norm
 from unilateral.norms.infsup import infsup, of_runs, resolution, worst_multiplier
 
@@ -51,8 +51,7 @@ def uniform(polygon, m):
 
 def with_nodes(polygon, counts):
     """The mesh with so many equal boundary edges on the sides."""
-    where = polygon.divided(np.array(counts))
-    return meshes.from_arrays(polygon, *triangulate(polygon, where[:-1]))
+    return meshes.with_boundary(polygon, polygon.divided(np.array(counts))[:-1])
 
 
 def own_cells(mesh):
@@ -61,8 +60,8 @@ def own_cells(mesh):
 
 
 EQUAL_POINTS = {
-    "square": lambda: meshes.structured(square(), 1 / 8),
-    "lshape": lambda: meshes.structured(named("lshape"), 1 / 4),
+    "square": lambda: structured(square(), 1 / 8),
+    "lshape": lambda: structured(named("lshape"), 1 / 4),
     "gmsh lshape": lambda: with_nodes(named("lshape"), [3, 4, 5, 3, 8, 7]),
     "gmsh rectangle": lambda: meshes.unstructured(RECTANGLE, 0.15),
 }
@@ -111,7 +110,7 @@ def test_beta_grows_along_nested_spaces_to_1(polygon):
     1 - beta^2 is the greatest relative error of P1 in energy: O(h^{4/3}) at the re-entrant vertex, O(h^2) up
     to logarithms on the square; so it is more than halved with h, once a cell has two edges.
     """
-    mesh, cells = meshes.structured(named(polygon), 1 / 4), uniform(polygon, 3)
+    mesh, cells = structured(named(polygon), 1 / 4), uniform(polygon, 3)
     found = []
     for _ in range(4):
         found.append(infsup(operator(mesh, cells), gram(cells)))
@@ -140,7 +139,7 @@ def test_the_bounds_of_beta_are_close(polygon, n, m):
 @pytest.mark.parametrize(("polygon", "n", "m", "fine"), [("square", 4, 2, 32), ("lshape", 3, 2, 24)])
 def test_beta_against_dense_algebra(polygon, n, m, fine):
     """D by the full matrix of V_h, G from uniform P2, which is a lower bound of the form within 1 %."""
-    mesh, cells = meshes.structured(named(polygon), 1 / n), uniform(polygon, m)
+    mesh, cells = structured(named(polygon), 1 / n), uniform(polygon, m)
     A = np.sum([M.toarray() for M in stiffness_and_mass(mesh)], axis=0)
     B = np.zeros((cells.n_cells, mesh.n_nodes))
     B[:, mesh.boundary] = coupling(mesh, cells).toarray()
@@ -188,7 +187,7 @@ def test_beta_is_at_most_1():
 def test_beta_0_against_a_search_of_minima(polygon):
     """beta_0 H^{1/2} ||mu||_0 <= sup <mu, v>/||v||_1: the generalised eigenvalue, and no mu goes below."""
     cells = partitions.shifted(named(polygon), 1 / 4, 0.6)
-    op = operator(meshes.structured(named(polygon), 1 / 18), cells)
+    op = operator(structured(named(polygon), 1 / 18), cells)
     found = infsup(op, gram(cells)).beta_0
     assert found**2 == pytest.approx(eigh(op.D, cells.H * np.diag(op.H_i), eigvals_only=True)[0], rel=1e-10)
     mu = np.random.default_rng(0).standard_normal((1000, len(op.H_i)))
@@ -275,6 +274,6 @@ def test_the_resolution_against_brute_force(seed):
 
 
 def test_the_resolution_of_uniform_meshes_is_H_over_h():
-    mesh = meshes.structured(square(), 1 / 12)
+    mesh = structured(square(), 1 / 12)
     assert_allclose(resolution(mesh, uniform("square", 4)), (3, 3, 2, 45), rtol=1e-12)
     assert_allclose(resolution(mesh, uniform("square", 24)), (0.5, 0.5, 0, 45), rtol=1e-12)

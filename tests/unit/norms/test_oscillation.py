@@ -15,6 +15,7 @@ from test_dual import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_b
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.norms import dual as dual_norms
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.oscillation import (
@@ -37,7 +38,7 @@ TRIANGLES = {
     "equilateral": [[0, 0], [1, 0], [0.5, sqrt(3) / 2]],
 }
 MESHES = {
-    "structured": lambda: meshes.structured(named("lshape"), 1 / 16),
+    "structured": lambda: structured(named("lshape"), 1 / 16),
     "thin": lambda: meshes.unstructured(WEDGE, 0.02),
     "slit": lambda: meshes.unstructured(SLIT, 0.1),
     "graded": lambda: reference_spaces(partitions.uniform(WEDGE, 0.3), [0.1, 1.3]).mesh,
@@ -110,7 +111,7 @@ def test_payne_and_weinberger_alone_would_be_too_small():
 
 def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
-    mesh = meshes.structured(square(), 1.0)
+    mesh = structured(square(), 1.0)
     edge = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
     triangle = np.array([next(t for t, v in enumerate(mesh.triangles) if set(e) < set(v)) for e in edge])
     np.testing.assert_allclose(trace_constants(mesh, triangle), 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
@@ -160,7 +161,7 @@ def test_a_wave_per_edge_is_bounded_sharply(n):
     Its norm is (coth(q) / (2 q))^{1/2}, q^2 = 1 + (2 pi n)^2. The squares' share is sharp, but for the 1 in
     q^2, less than 1e-3.
     """
-    mesh = meshes.structured(square(), 1 / n)
+    mesh = structured(square(), 1 / n)
     edges = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
     triangle = np.argmax([np.isin(mesh.triangles, edge).sum(axis=1) == 2 for edge in edges], axis=1)
     squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
@@ -176,7 +177,7 @@ def test_a_wave_per_edge_is_bounded_sharply(n):
 def test_half_a_wave_per_edge_needs_the_greater_constant():
     """cos(pi n x) is orthogonal to constants on the edges; the constant for waves is too small."""
     n = 16
-    mesh = meshes.structured(square(), 1 / n)
+    mesh = structured(square(), 1 / n)
     edges = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
     triangle = np.argmax([np.isin(mesh.triangles, edge).sum(axis=1) == 2 for edge in edges], axis=1)
     squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]

@@ -15,8 +15,8 @@ from skfem.models.poisson import laplace, mass
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.mesh import structured
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.norms import grading, reference
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.grading import boundary_nodes

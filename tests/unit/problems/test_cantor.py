@@ -13,14 +13,14 @@ from sympy import Rational as Q
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.formulas.formula import compile_numpy
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.cantor import DUST, Cantor, divided, gap
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.problems.polar import harmonic
+from unilateral.problems.harmonic import harmonic
 
 KEEP = Q(9, 20)
 LARGE = Polygon(2 * square().vertices, "large")
@@ -107,7 +107,7 @@ def test_the_kept_intervals_are_shorter_than_a_quarter_of_the_finest_cell():
 def test_the_energy_by_green_s_formula(n):
     """To 1e-4, on meshes that see little and much of the set: f has a kink at every cutoff's end."""
     energy = load_of_u = 0.0
-    for rule in triangle_rules(meshes.structured(square(), 1 / n), load()):
+    for rule in triangle_rules(structured(square(), 1 / n), load()):
         u, du = load().value_and_gradient(rule.origin, rule.offset)
         energy += float(rule.weight.ravel() @ (np.sum(du**2, axis=1) + u**2))
         load_of_u += float(rule.weight.ravel() @ (load().source(rule.origin, rule.offset) * u))

@@ -14,9 +14,9 @@ import yaml
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along, D, Smooth, T, Tensor, X, Y
 from unilateral.problems.case import Case
@@ -40,7 +40,7 @@ def load(name: str, polygon: str, side: int) -> Case:
 
 def inside(polygon: Polygon, n: int) -> np.ndarray:
     """(n, 2) pseudo-random points of the polygon, by rejection from the centroids of a fine mesh."""
-    mesh = meshes.structured(polygon, 1 / 64)
+    mesh = structured(polygon, 1 / 64)
     centroids = mesh.points[mesh.triangles].mean(axis=1)
     return np.random.default_rng(1).permutation(centroids)[:n]
 
@@ -222,7 +222,7 @@ def weak_defect(case: Case, v: sympy.Expr, h: float, source: float = 1.0) -> flo
     """|int grad u . grad v + u v - source f v - int lambda v|, in units of the first integral's scale."""
     w = Smooth(v)
     defect, scale = 0.0, 0.0
-    for rule in triangle_rules(meshes.structured(case.polygon, h), case, 14):
+    for rule in triangle_rules(structured(case.polygon, h), case, 14):
         (u, du), (value, dv) = case.value_and_gradient(rule.points), w.value_and_gradient(rule.points)
         energy = np.sum(du * dv, axis=1) + u * value
         defect += rule.weight.ravel() @ (energy - source * case.source(rule.points) * value)

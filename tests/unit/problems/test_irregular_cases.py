@@ -12,14 +12,15 @@ import yaml
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule, triangle_rules
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
-from unilateral.problems.polar import Polar, corner, harmonic
+from unilateral.problems.harmonic import corner, harmonic
+from unilateral.problems.polar import Polar
 
 POLYGONS = {"square": square(), "lshape": named("lshape")}
 ALPHA = {
@@ -107,11 +108,7 @@ def test_what_is_bounded_on_the_sides(
 
     So with beta < 1 a trace is Lipschitz, or a flux bounded, only if it vanishes on both sides.
     """
-    assert atom.lipschitz == lipschitz
-    assert atom.flux_bounded == flux_bounded
-    assert atom.flux_in_L2 == flux_in_L2
-    assert atom.in_H2 == in_H2
-    assert atom.finite
+    assert atom.regularity == (in_H2, lipschitz, flux_in_L2, flux_bounded, True)
 
 
 @pytest.mark.parametrize(("alpha", "refused"), [("-1/3", True), ("1/3", True), ("0", False), ("-1", True)])
@@ -137,8 +134,8 @@ def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off: float, refused: bool) 
 
 def test_a_linear_transition_is_bounded() -> None:
     """r cos(theta - omega), though it vanishes on one side only."""
-    assert polar("transition", "0").lipschitz
-    assert polar("transition", "0").flux_bounded
+    assert polar("transition", "0").regularity.lipschitz
+    assert polar("transition", "0").regularity.flux_bounded
 
 
 def test_an_atom_at_a_vertex_of_sides_of_two_lengths() -> None:
@@ -234,7 +231,7 @@ def test_energies_by_green_s_formula(name: str) -> None:
     """||u||_1^2 = (f, u) + <lambda, u>: for `rough` |grad u|^2 is like r^(-1.9), lambda u like r^(-0.9)."""
     case = load(name)
     energy = load_of_u = 0.0
-    for rule in triangle_rules(meshes.structured(case.polygon, 1 / 12), case, 14):
+    for rule in triangle_rules(structured(case.polygon, 1 / 12), case, 14):
         u, du = case.value_and_gradient(rule.origin, rule.offset)
         energy += float(rule.weight.ravel() @ (np.sum(du**2, axis=1) + u**2))
         load_of_u += float(rule.weight.ravel() @ (case.source(rule.origin, rule.offset) * u))
@@ -250,7 +247,7 @@ def squared_gradient(case: Case, *where: np.ndarray) -> np.ndarray:
 def test_energies_feel_a_rounded_distance() -> None:
     """Control: for `rough` 1e-16^0.1 = 2.5 % of the energy lie nearer to the point than round-off."""
     case = load("rough")
-    rules = list(triangle_rules(meshes.structured(square(), 1 / 12), case, 14))
+    rules = list(triangle_rules(structured(square(), 1 / 12), case, 14))
     with np.errstate(all="ignore"):
         rounded, exact = (
             sum(rule.weight.ravel() @ squared_gradient(case, *where(rule)) for rule in rules)

@@ -10,8 +10,9 @@ from unilateral.discrete import discretise
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.mesh import structured, unstructured
+from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
 from unilateral.solvers.iterate import Stop, iterate

@@ -14,9 +14,9 @@ from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import DualOperator, dual_operator
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
 from unilateral.solvers import active_set as module
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import uzawa
@@ -36,7 +36,7 @@ OFFSETS = {
 
 @cache
 def condensed(name: str) -> Condensed:
-    return condense(meshes.structured(named(name), 1 / 8))
+    return condense(structured(named(name), 1 / 8))
 
 
 @cache
@@ -176,6 +176,6 @@ def test_a_tolerance_below_rounding_is_reported() -> None:
 def test_bad_input_is_refused() -> None:
     of = operator("square", 2)
     with pytest.raises(InputError, match="offset must hold 16"):
-        active_set(of, np.zeros(3), 1e-6)
+        active_set(of, np.full(16, math.nan), 1e-6)
     with pytest.raises(InputError, match="tolerance"):
         active_set(of, np.zeros(16), math.nan)

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from unilateral.discrete import Solution, discretise, solve
 from unilateral.formulas.formula import real
-from unilateral.geometry.mesh import Mesh, structured
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
 from unilateral.problems.case import Case, load
 from unilateral.problems.certificate import certify
 from unilateral.study.figures.style import (

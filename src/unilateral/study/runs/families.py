@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
-from unilateral.geometry.polygon import Array, Polygon
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import structured
 
 Spec = Mapping[str, Any]
 Counts = NDArray[np.intp]
@@ -83,7 +85,7 @@ def boundary_nodes(partition: Partition, spec: Spec, edges_per_cell: object) -> 
 def mesh_of(partition: Partition, spec: Spec, edges_per_cell: object) -> Mesh:
     """{kind: structured}, its h = H / edges_per_cell; or a mesh by gmsh with the boundary nodes of `spec`."""
     if isinstance(spec, Mapping) and dict(spec) == {"kind": "structured"}:
-        return meshes.structured(partition.polygon, partition.H / _edges_per_cell(edges_per_cell))
+        return structured(partition.polygon, partition.H / _edges_per_cell(edges_per_cell))
     return meshes.with_boundary(partition.polygon, boundary_nodes(partition, spec, edges_per_cell))
 
 

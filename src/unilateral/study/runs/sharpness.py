@@ -27,7 +27,7 @@ from unilateral.norms.exact import Exact, cell_means, ritz_projection
 from unilateral.norms.infsup import infsup
 from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
-from unilateral.problems.polar import harmonic
+from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.iterate import Stop
 
 START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unilateral.discrete import Discrete, with_solution
-from unilateral.fem.condense import Condensed, condense, dissected
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.condense import by_sparse, matrix
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
@@ -60,7 +60,7 @@ class Measured:
     discrete: Discrete
     form: Gram
     c: int
-    alone: Condensed
+    alone: Sparse
     of_A: Mapping[str, operations.Factors]
 
     @property
@@ -155,13 +155,13 @@ class Shared:
 
     def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram) -> None:
         begin = time.perf_counter()
-        self.condensed = condense(mesh)
+        with_A_3 = dissected(matrix(mesh), mesh.boundary)
+        self.condensed = by_sparse(mesh, with_A_3)
         self.condensing = time.perf_counter() - begin
         begin = time.perf_counter()
-        stiffness_and_mass(mesh)  # for its time
-        self.alone = dissected(self.condensed)
+        self.alone = dissected(matrix(mesh))
         self.dissecting = time.perf_counter() - begin
-        eliminated = operations.factors(self.condensed.lu)
+        eliminated = operations.factors(with_A_3.lu)
         self.of_A = {"A": operations.factors(self.alone.lu), "A_3": eliminated, "S": eliminated}
         self.cases, self.gram = {case.name: (c, case) for c, case in enumerate(cases)}, gram
         self.problems: dict[str, RitzProjection] = {}

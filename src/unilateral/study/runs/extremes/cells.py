@@ -8,6 +8,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 from unilateral.study.runs.extremes.outcome import NOTHING, Axis, Budget, Row, crossing, predicted, within
 from unilateral.study.runs.extremes.problem import Array, Problem, full, made, on_square, posed, waves
 from unilateral.study.runs.extremes.shapes import SLACK
@@ -40,7 +41,7 @@ def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h, the points inside the sides moved by that fraction of a cell: cond(S) ~ fraction^-2."""
-    mesh = meshes.structured(square(), h)
+    mesh = structured(square(), h)
 
     def problem(fraction: float) -> Problem:
         return posed(mesh, shifted(square(), h, fraction), waves)
@@ -51,14 +52,14 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def short(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
-    mesh = meshes.structured(square(), h)
+    mesh = structured(square(), h)
     rows = attempts(values, lambda length: _with_short_cell(mesh, H, length), budget, _condition)
     return _by_law(rows, values, values[0] / values, budget)
 
 
 def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """The same, with lambda^0 = 1/length on that cell and 0 on all others."""
-    mesh = meshes.structured(square(), h)
+    mesh = structured(square(), h)
 
     def attempted(length: float) -> Row:
         of = _with_short_cell(mesh, H, length)
@@ -77,7 +78,7 @@ def _with_short_cell(mesh: Mesh, H: float, length: float) -> Problem:
 
 def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Points of T_H inside the sides that far from mesh vertices: D changes by at most twice that over H."""
-    mesh, aligned = meshes.structured(square(), h), uniform(square(), H)
+    mesh, aligned = structured(square(), h), uniform(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
     there = posed(mesh, aligned, waves).spaces.operator.D
 
@@ -122,7 +123,7 @@ def _contact_at_h(h: float, gap: float) -> Problem:
     partition = uniform(square(), h)
     free = (np.arange(partition.n_cells) % 2 == 1) & (gap > 0)
     lambda_H = full(partition)[0] * ~free
-    return made(meshes.structured(square(), h), partition, lambda_H, gap * free)
+    return made(structured(square(), h), partition, lambda_H, gap * free)
 
 
 def _distance(problem: Problem, found: Array, mu: Array) -> float:

@@ -6,9 +6,9 @@ import numpy as np
 
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.study.runs.extremes.outcome import Axis, Budget, Row, predicted, within
@@ -55,7 +55,7 @@ def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
         partition = uniform(square(), H)
         lambda_H, gap = waves(partition)
         kept = place(partition) > share
-        return made(meshes.structured(square(), h), partition, lambda_H * kept, gap * kept)
+        return made(structured(square(), h), partition, lambda_H * kept, gap * kept)
 
     rows = attempts(values, problem, budget, _held, start=1.0)
     return Axis(rows)
@@ -71,7 +71,7 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
     def attempted(size: float) -> Row:
         partition = uniform(square(), size)
         gap = 1 - np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi / partition.lengths
-        of = made(meshes.structured(square(), size * h / H), partition, np.zeros(len(gap)), gap)
+        of = made(structured(square(), size * h / H), partition, np.zeros(len(gap)), gap)
         there = (np.arange(len(gap)) == np.argmin(gap)).astype(float)
         return attempt(size, lambda _: of, budget, _smallest_gap, start=there)
 
@@ -80,7 +80,7 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = 0, g = -1 but for a hat of that width over H, 4 high: no cell is held from a width of H/2 on."""
-    mesh, partition = meshes.structured(square(), h), uniform(square(), H)
+    mesh, partition = structured(square(), h), uniform(square(), H)
     D = mixed_spaces(condense(mesh), partition).operator.D
     unit = square().area / square().perimeter
 
@@ -101,7 +101,7 @@ def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
         partition = uniform(square(), size)
         here = partition.side % 2 == 0
         lambda_H = full(partition)[0]
-        return made(meshes.structured(square(), size * h / H), partition, lambda_H * here, 1.0 * ~here)
+        return made(structured(square(), size * h / H), partition, lambda_H * here, 1.0 * ~here)
 
     rows = attempts(values, problem, budget, _held)
     return Axis(rows)
@@ -113,7 +113,7 @@ def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
     def problem(size: float) -> Problem:
         partition = uniform(square(), size)
         none = np.zeros(partition.n_cells)
-        return made(meshes.structured(square(), size * h / H), partition, none, none, 0.0)
+        return made(structured(square(), size * h / H), partition, none, none, 0.0)
 
     rows = attempts(values, problem, budget, _held, start=1.0)
     return Axis(predicted(rows, np.zeros(len(rows))))

@@ -19,10 +19,10 @@ from unilateral.discrete import Discrete, with_load
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
 
 Array = NDArray[np.float64]
 WAVES = 3
@@ -109,7 +109,7 @@ def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0
 
 def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> Problem:
     """The same on a structured mesh of the unit square and a uniform partition."""
-    return posed(meshes.structured(square(), h), uniform(square(), H), contact, times)
+    return posed(structured(square(), h), uniform(square(), H), contact, times)
 
 
 def _flux(mesh: Mesh, slope: float) -> Array:

@@ -13,6 +13,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import tensor
 from unilateral.study.runs.extremes.outcome import Axis, Budget, crossing, predicted, within
 from unilateral.study.runs.extremes.problem import Array, Contact, Problem, full, posed, waves
 from unilateral.study.runs.extremes.trial import attempts
@@ -62,7 +63,7 @@ def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     def of(ratio: float) -> Mesh:
         ticks = np.unique(np.append(np.arange(n + 1) / n, 1 / (n * ratio)))
-        return meshes.tensor(ticks)
+        return tensor(ticks)
 
     partition = uniform(square(), H)
     rows = attempts(values, lambda r: posed(of(r), partition, waves), budget, _condition)

@@ -1,0 +1,111 @@
+"""Meshes in files, by meshio."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
+from unilateral.files import replacing
+from unilateral.geometry.checks import boundary_edges, check_arrays
+from unilateral.geometry.mesh import Mesh, from_arrays
+from unilateral.geometry.plane import cross
+from unilateral.geometry.polygon import Polygon
+
+STRAIGHT = 1e-9
+"""The sine of the angle up to which a boundary runs on."""
+
+
+def write(
+    mesh: Mesh,
+    path: str | os.PathLike[str],
+    on_edges: Mapping[str, np.ndarray] | None = None,
+    at_nodes: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
+
+    Further data of boundary edges (nb,), NaN on triangles, and of nodes (n,) can be added. The file's ending
+    says the format, one of meshio's that can hold both; .vtu keeps every bit.
+    Raises InputError if the file cannot be written.
+    """
+    import meshio
+
+    n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    content = meshio.Mesh(
+        np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
+        [("triangle", mesh.triangles), ("line", lines)],
+        point_data=dict(at_nodes or {}),
+        cell_data={"side": [np.full(n, -1), mesh.side]}
+        | {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()},
+    )
+    with replacing(path) as temporary:
+        try:
+            with _quiet():
+                meshio.write(temporary, content)
+        except OSError:
+            raise
+        except Exception as error:
+            raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
+
+
+def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
+    """The mesh of the triangles in a file of any of meshio's formats, checked as by `from_arrays`.
+
+    Without a polygon it is the one that the triangles' boundary is.
+    """
+    import meshio
+
+    try:
+        with _quiet():
+            content = meshio.read(path)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{path}: no mesh can be read from this file ({_reason(error)})") from error
+    foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
+    if foreign:
+        raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
+    points = np.asarray(content.points, dtype=float)
+    if points.shape[1] == 3 and not np.any(points[:, 2]):
+        points = points[:, :2]
+    blocks = (block.data for block in content.cells if block.type == "triangle")
+    triangles = np.concatenate([np.empty((0, 3), int), *blocks])
+    return from_arrays(polygon or outline(points, triangles, str(path)), points, triangles, str(path))
+
+
+def outline(points: Array, triangles: Index, where: str) -> Polygon:
+    """The polygon that the triangles' boundary is, from the first of its corners in their order on.
+
+    Raises InputError for a boundary that is not one closed line.
+    """
+    check_arrays(points, triangles, where)
+    edges = boundary_edges(points, triangles, where)
+    after = np.full(len(points), -1)
+    after[edges[:, 0]] = edges[:, 1]
+    line = [int(edges[:, 0].min())]
+    while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
+        line.append(int(after[line[-1]]))
+    if len(line) < len(edges):
+        raise InputError(f"{where}: the triangles' boundary must be one closed line, for there are no holes")
+    corners = points[line]
+    d, e = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    turns = np.abs(cross(d, e)) > STRAIGHT * np.hypot(*d.T) * np.hypot(*e.T)
+    return Polygon(corners[turns], Path(where).stem)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps meshio's own messages off the terminal."""
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        yield
+
+
+def _reason(error: BaseException) -> str:
+    """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
+    if isinstance(error, SystemExit):
+        return "its content is not what its ending says"
+    return str(error).strip().rstrip(".") or type(error).__name__

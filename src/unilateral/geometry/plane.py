@@ -1,0 +1,61 @@
+"""Vectors, segments and triangles of the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array, Index, Mask
+
+
+def cross(a: Array, b: Array) -> Array:
+    """(...) the areas that the vectors a and b (..., 2) span, positive where b lies to the left of a."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
+    """(k, n) distances of the points (k, 2) from the segments between starts (n, 2) and ends (n, 2)."""
+    along = ends - starts
+    offset = points[:, None] - starts
+    t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
+    return np.hypot(*np.moveaxis(offset - t[..., None] * along, 2, 0))
+
+
+def signed_areas(points: Array, triangles: Index) -> Array:
+    """(m,) areas of the triangles, negative where the nodes run clockwise."""
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    return 0.5 * cross(b - a, c - a)
+
+
+def longest_edges(points: Array, triangles: Index) -> Array:
+    """(m,) the longest edge of each triangle."""
+    x, y = points[triangles].transpose(2, 0, 1)
+    return np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
+
+
+def first_crossing(v: Array) -> tuple[int, int] | None:
+    """The first two sides of a polygon with the vertices (n, 2) that meet elsewhere than in one of them."""
+    after = np.roll(v, -1, axis=0)
+    for i in range(len(v) - 1):
+        crossed = np.flatnonzero(_meets_later(v, after, i))
+        if crossed.size:
+            return i, i + 1 + int(crossed[0])
+    return None
+
+
+def _meets_later(v: Array, after: Array, i: int) -> Mask:
+    """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
+    n, j = len(v), np.arange(i + 1, len(v))
+    a, b, c, d = v[i], after[i], v[j], after[j]
+    abc, abd = cross(b - a, c - a), cross(b - a, d - a)
+    cda, cdb = cross(d - c, a - c), cross(d - c, b - c)
+    proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
+    touching = np.zeros(len(j), dtype=bool)
+    for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
+        touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
+    follows = j == i + 1
+    shared = np.where(follows[:, None], b, a)
+    other_i, other_j = np.where(follows[:, None], a, b), np.where(follows[:, None], d, c)
+    folded = (cross(other_i - shared, other_j - shared) == 0) & (
+        np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
+    )
+    return np.where(follows | ((i == 0) & (j == n - 1)), folded, proper | touching)

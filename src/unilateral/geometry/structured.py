@@ -1,0 +1,60 @@
+"""Structured meshes: rectangles, each cut from lower left to upper right."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.errors import InputError
+from unilateral.geometry.mesh import Mesh, conforming
+from unilateral.geometry.polygon import Polygon, square
+
+MOST_SQUARES = 1000
+"""Whole numbers up to which a polygon is taken to consist of unit squares."""
+
+
+def structured(polygon: Polygon, h: float) -> Mesh:
+    """Squares of side 1 / ceil(1 / h).
+
+    Raises InputError unless the polygon consists of unit squares between whole numbers.
+    """
+    if not _consists_of_squares(polygon):
+        raise InputError(
+            f"polygon '{polygon.name}' has no structured mesh, for that its sides have to be parallel to the "
+            "axes, between whole numbers; use an unstructured one"
+        )
+    n = int(square().counts(h)[0])
+    (left, right), (low, high) = ((int(x.min()), int(x.max())) for x in polygon.vertices.T)
+    middles = np.stack(np.meshgrid(np.arange(left, right) + 0.5, np.arange(low, high) + 0.5), axis=-1)
+    kept = polygon.contains(middles).repeat(n, axis=0).repeat(n, axis=1)
+    x, y = (np.arange(n * first, n * last + 1) / n for first, last in ((left, right), (low, high)))
+    return conforming(polygon, *_grid(x, y, kept))
+
+
+def natural_kind(polygon: Polygon) -> str:
+    """The kind of mesh that a polygon gets if nobody asks for another one."""
+    return "structured" if _consists_of_squares(polygon) else "unstructured"
+
+
+def _consists_of_squares(polygon: Polygon) -> bool:
+    whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
+    small = np.abs(polygon.vertices).max() <= MOST_SQUARES
+    return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
+
+
+def tensor(ticks: Array) -> Mesh:
+    """The rectangles of `square` between the ticks (n + 1,), 0 to 1, in x and y."""
+    n = len(ticks) - 1
+    return conforming(square(), *_grid(ticks, ticks, np.ones((n, n), dtype=bool)))
+
+
+def _grid(x: Array, y: Array, kept: Mask) -> tuple[Array, Index]:
+    """Points and triangles of the cells kept[j, i] of the grid with the ticks x (m,) and y (n,)."""
+    m = len(x)
+    j, i = np.nonzero(kept)
+    a = j * m + i
+    triangles = np.stack([a, a + 1, a + m + 1, a, a + m + 1, a + m], axis=1).reshape(-1, 3)
+    used = np.zeros(m * len(y), dtype=bool)
+    used[triangles] = True
+    points = np.column_stack([np.tile(x, len(y)), np.repeat(y, m)])
+    return points[used], (np.cumsum(used) - 1)[triangles]
