@@ -15,7 +15,7 @@ import skfem
 from skfem.helpers import div, dot, grad
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.fem.condense import elimination_order
+from unilateral.fem.sparse import elimination_order
 from unilateral.geometry.mesh import Mesh
 from unilateral.norms.reference import Factor, boundary_facets, hdiv, normal_fluxes
 

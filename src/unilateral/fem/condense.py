@@ -1,28 +1,29 @@
 """Partial elimination of the interior unknowns (the paper, section 5): A c = g becomes A_3 c'' = g''.
 
-The interior is ordered by nested dissection and the boundary comes last, so that one sparse LU
-factorisation carries the Schur complement A_3 in the last block of its factors.
+By macro-elements where the mesh was refined often enough, else by sparse elimination.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pymetis
 import scipy.sparse as sp
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
+from unilateral.fem.p1 import boundary_mass, load, stiffness_and_mass
+from unilateral.fem.recursive import Recursive
+from unilateral.fem.sparse import Sparse, dissected, last_block
 from unilateral.geometry.mesh import Mesh
 
-NONE = np.empty(0, dtype=np.intp)
 CONSTANTS = 1e-8
 """How accurately constants must be solved for; what is guaranteed is so up to this rounding of A_3."""
+REFINED = 3
+"""How often a mesh has to be refined for macro-elements to pay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,21 +31,22 @@ class Condensed:
     """The matrix A (n, n) of (., .)_1 on V_h, factorised, and its condensation to the boundary.
 
     `A_3` (nb, nb) is the Schur complement on `mesh.boundary`; `cholesky` (nb, nb) is its upper
-    triangular factor R with A_3 = R^T R; `lu` factorises A in the order `order` (n,) of the nodes.
+    triangular factor R with A_3 = R^T R.
     """
 
     mesh: Mesh
-    A: sp.csr_array
+    factors: Sparse | Recursive
     A_3: Array
     cholesky: Array
-    lu: SuperLU
-    order: Index
+
+    @cached_property
+    def A(self) -> sp.csr_array:
+        """(n, n)"""
+        return matrix(self.mesh)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
-        solution = np.empty_like(rhs, dtype=float)
-        solution[self.order] = self.lu.solve(np.asarray(rhs[self.order], dtype=float))
-        return solution
+        return self.factors.solve(rhs)
 
     def solve_boundary(self, rhs: Array) -> Array:
         """A_3^{-1} rhs for rhs (nb,) or (nb, k)."""
@@ -63,34 +65,34 @@ class Condensed:
         return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
 
+def matrix(mesh: Mesh) -> sp.csr_array:
+    """A (n, n), the matrix of (., .)_1 on V_h."""
+    stiffness, mass = stiffness_and_mass(mesh)
+    return stiffness + mass
+
+
 def condense(mesh: Mesh) -> Condensed:
     """Factorise A on the mesh and condense it to the boundary nodes.
 
     Raises InputError where the domain is so small that rounding loses the constants.
     """
-    stiffness, mass = stiffness_and_mass(mesh)
-    A = stiffness + mass
-    order = elimination_order(A, mesh.boundary)
-    lu = factorise(A, order)
-    check_constants(mesh, lu.solve(mass.sum(axis=1)[order]))
-    cholesky = last_block(lu, len(mesh.boundary))
-    return Condensed(mesh, A, cholesky.T @ cholesky, cholesky, lu, order)
+    if mesh.halvings < REFINED:
+        return by_sparse(mesh, dissected(matrix(mesh), mesh.boundary))
+    factors = Recursive(mesh)
+    check_constants(mesh, factors.solve(_of_one(mesh)))
+    return Condensed(mesh, factors, factors.A_3, factors.cholesky)
 
 
-def dissected(condensed: Condensed) -> Condensed:
-    """The same with A factorised by nested dissection of all nodes, as one would who does not eliminate."""
-    order = elimination_order(condensed.A)
-    return replace(condensed, lu=factorise(condensed.A, order), order=order)
+def by_sparse(mesh: Mesh, factors: Sparse) -> Condensed:
+    """From the factors of A with the boundary last. Raises InputError as `condense` does."""
+    check_constants(mesh, factors.solve(_of_one(mesh)))
+    cholesky = last_block(factors.lu, len(mesh.boundary))
+    return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky)
 
 
-def factorise(A: sp.csr_array, order: Index) -> SuperLU:
-    """The factors of A (n, n), in its precision, with the unknowns in that order."""
-    return splu(
-        A[order][:, order].tocsc(),
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+def _of_one(mesh: Mesh) -> Array:
+    """(n,) values of (1, phi_i)."""
+    return load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
 
 
 def check_constants(mesh: Mesh, found: Array) -> None:
@@ -105,33 +107,3 @@ def check_constants(mesh: Mesh, found: Array) -> None:
             f"{np.diff(mesh.s).min():.3g} is too small for double precision, or too thin; scale it to a "
             "diameter of about 1, or take longer edges"
         )
-
-
-def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
-    """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
-
-    Consecutive boundary nodes share an edge, so the elimination tree ends in their chain and SuperLU's
-    postordering leaves them last.
-    """
-    interior = np.delete(np.arange(A.shape[0]), boundary)
-    graph = A[interior][:, interior].tocoo()
-    off = graph.row != graph.col
-    if not np.any(off):
-        return np.concatenate([interior, boundary])
-    rows, neighbours = graph.row[off], graph.col[off]
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
-    dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))
-    return np.concatenate([interior[np.asarray(dissection)], boundary])
-
-
-def last_block(lu: SuperLU, size: int) -> Array:
-    """R (size, size) upper triangular with R^T R the Schur complement on the last `size` unknowns.
-
-    A = L U with U = diag(pivots) L^T, so R is the last block of U with its rows over the pivots' roots.
-    """
-    first = lu.shape[0] - size
-    last = np.arange(first, lu.shape[0])
-    if not (np.array_equal(lu.perm_c[first:], last) and np.array_equal(lu.perm_r, lu.perm_c)):
-        raise RuntimeError("SuperLU moved the boundary unknowns away from the end of the elimination")
-    block = lu.U[:, first:][first:].toarray()
-    return block / np.sqrt(np.diag(block))[:, None]

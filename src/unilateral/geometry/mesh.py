@@ -27,6 +27,7 @@ class Mesh:
     `points` (n, 2); `triangles` (m, 3), anticlockwise; `boundary` (nb,) the nodes along the boundary,
     anticlockwise from the polygon's vertex 0; `s` (nb + 1,) their arc lengths, exact at the polygon's
     vertices, the perimeter last. Boundary edge k joins boundary[k] and boundary[(k + 1) % nb].
+    A mesh that `refine` made, `halvings` times one after the other, knows the `coarse` one.
     """
 
     polygon: Polygon
@@ -34,6 +35,8 @@ class Mesh:
     triangles: Index
     boundary: Index
     s: Array
+    coarse: Mesh | None = None
+    halvings: int = 0
 
     @property
     def n_nodes(self) -> int:
@@ -147,16 +150,23 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 
 
 def refine(mesh: Mesh) -> Mesh:
-    """Uniform refinement: triangle k becomes 4k ... 4k + 3, the last of them the middle one.
+    """Uniform refinement, by `split`; the new mesh knows the one that it came from, over all refinements."""
+    triangles, edges = split(mesh.triangles, mesh.n_nodes)
+    points = np.concatenate([mesh.points, 0.5 * mesh.points[edges].sum(axis=1)])
+    refined = conforming(mesh.polygon, points, triangles)
+    return replace(refined, coarse=mesh.coarse or mesh, halvings=mesh.halvings + 1)
 
+
+def split(triangles: Index, n: int) -> tuple[Index, Index]:
+    """The children (4 t, 3) of triangles (t, 3) of n nodes, and the edges (e, 2), in lexical order.
+
+    The midpoint of edge k is node n + k. Triangle k becomes 4k ... 4k + 3, the last of them the middle one.
     Child i < 3 lies at vertex i; vertex i of the middle one is the midpoint opposite vertex i, so that
     every child is its parent halved, the middle one also turned by 180 degrees.
     """
-    n, v = mesh.n_nodes, mesh.triangles
+    v = triangles
     opposite = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
     edges, number = np.unique(opposite.min(axis=0) * n + opposite.max(axis=0), return_inverse=True)
-    low, high = np.divmod(edges, n)
-    points = np.concatenate([mesh.points, 0.5 * (mesh.points[low] + mesh.points[high])])
     m = n + number.reshape(-1, 3)
     children = [
         (v[:, 0], m[:, 2], m[:, 1]),
@@ -164,5 +174,5 @@ def refine(mesh: Mesh) -> Mesh:
         (m[:, 1], m[:, 0], v[:, 2]),
         tuple(m.T),
     ]
-    triangles = np.stack([np.column_stack(child) for child in children], axis=1).reshape(-1, 3)
-    return conforming(mesh.polygon, points, triangles)
+    halves = np.stack([np.column_stack(child) for child in children], axis=1).reshape(-1, 3)
+    return halves, np.column_stack(np.divmod(edges, n))

@@ -16,7 +16,8 @@ from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
-from unilateral.fem.condense import check_constants, elimination_order, factorise
+from unilateral.fem.condense import check_constants
+from unilateral.fem.sparse import elimination_order, factorise
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition

@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.fem.condense import Condensed, condense, dissected
+from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.ritz import h1_distance
@@ -97,7 +98,7 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
     counts = np.empty((3, len(meshes)))
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
         condensed = condense(mesh)
-        spaces, alone = mixed_spaces(condensed, partition), dissected(condensed)
+        spaces, alone = mixed_spaces(condensed, partition), dissected(condensed.A)
         m, nb, nnz = partition.n_cells, len(mesh.boundary), spaces.B.nnz
         counts[:, k] = (
             operations.apply_A(m, nb, nnz, operations.factors(alone.lu)),
@@ -112,7 +113,7 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
     return xr.Dataset({**table, "difference": ((), difference)}, coords=coordinates)
 
 
-def _by_both_ways(alone: Condensed, spaces: MixedSpaces, steps: int) -> float:
+def _by_both_ways(alone: Sparse, spaces: MixedSpaces, steps: int) -> float:
     """With f = 0 and g = 1, which is in contact everywhere."""
     H_i, condensed = spaces.partition.lengths, spaces.condensed
     boundary = condensed.mesh.boundary

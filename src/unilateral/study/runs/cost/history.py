@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
-from unilateral.fem.condense import Condensed
 from unilateral.fem.spaces import DualOperator, MixedSpaces
+from unilateral.fem.sparse import Sparse
 from unilateral.solvers.uzawa import Apply, energy_norm
 from unilateral.study.runs.cost.operations import newton_solve
 from unilateral.study.runs.cost.variants import REFRESH
@@ -84,14 +84,14 @@ class History:
         self.solving += newton_solve(int(np.count_nonzero(y > R)))
 
 
-def by_A(condensed: Condensed, spaces: MixedSpaces) -> Apply:
+def by_A(factors: Sparse, spaces: MixedSpaces) -> Apply:
     """y -> S y with a solve on all nodes: u of (5.1) without the partial elimination."""
-    root, boundary = np.sqrt(spaces.operator.H_i), condensed.mesh.boundary
-    load = np.zeros(condensed.mesh.n_nodes)
+    root, boundary = np.sqrt(spaces.operator.H_i), spaces.mesh.boundary
+    load = np.zeros(spaces.mesh.n_nodes)
 
     def apply(y: Array, out: Array) -> None:
         load[boundary] = spaces.B.T @ (y / root)
-        np.divide(spaces.B @ condensed.solve(load)[boundary], root, out=out)
+        np.divide(spaces.B @ factors.solve(load)[boundary], root, out=out)
 
     return apply
 

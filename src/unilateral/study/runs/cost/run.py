@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unilateral.discrete import Discrete, with_solution
-from unilateral.fem.condense import Condensed, condense, dissected
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.condense import Condensed, by_sparse, matrix
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
@@ -63,7 +63,7 @@ class Measured:
     discrete: Discrete
     form: Gram
     c: int
-    alone: Condensed
+    alone: Sparse
     of_A: Mapping[str, operations.Factors]
 
     @property
@@ -152,11 +152,9 @@ class Shared:
     """
 
     def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram, variants: Sequence[Variant]) -> None:
-        condensed, self.condensing = timed(partial(condense, mesh))
-        _, assembling = timed(partial(stiffness_and_mass, mesh))
-        alone, factorising = timed(partial(dissected, condensed))
-        self.dissecting = assembling + factorising
-        eliminated = operations.factors(condensed.lu)
+        (factors, condensed), self.condensing = timed(partial(_condensed, mesh))
+        alone, self.dissecting = timed(lambda: dissected(matrix(mesh)))
+        eliminated = operations.factors(factors.lu)
         of_A = {"A": operations.factors(alone.lu), "A_3": eliminated, "S": eliminated}
         ratios = {variant.H_over_h for variant in variants}
         self.coupled = {ratio: timed(partial(_spaces, condensed, ratio)) for ratio in ratios}
@@ -170,6 +168,12 @@ class Shared:
                 exact = Exact(problem, cell_means(case, spaces.partition))
                 discrete, form = with_solution(spaces, exact), gram.on(spaces.partition)
                 self.measured[case.name, ratio] = Measured(exact, discrete, form, c, alone, of_A)
+
+
+def _condensed(mesh: Mesh) -> tuple[Sparse, Condensed]:
+    """By sparse elimination, whose operations are counted."""
+    factors = dissected(matrix(mesh), mesh.boundary)
+    return factors, by_sparse(mesh, factors)
 
 
 def _spaces(condensed: Condensed, ratio: float) -> MixedSpaces:

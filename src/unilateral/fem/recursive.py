@@ -1,0 +1,215 @@
+"""Partial elimination by macro-elements, for meshes made by uniform refinement (the paper, section 5).
+
+A macro-element is a triangle of a coarser mesh, with m = 2^k edges of the mesh on each side. It consists of
+four with m/2 edges. Each is the whole one halved. The middle one is turned by 180 degrees, too, which changes
+no entry of the matrix of (., .)_1. So one condensed matrix of size 3m/2, used four times, gives that of
+size 3m, and only the nodes on the sides of the middle one are eliminated. Triangles of the coarsest mesh
+share all of it if they are congruent. These are then joined two by two, and what lies inside is eliminated,
+until A_3 on the boundary is left.
+
+Each elimination is a `Stage`. With the blocks of a matrix K on its inner (i) and outer (o) nodes and
+W = K_ii^{-1} K_io, a load goes to the outer nodes as b_o - W^T b_i, and the solution comes back as
+x_i = K_ii^{-1} b_i - W x_o.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from unilateral.arrays import Array, Index
+from unilateral.geometry.mesh import Mesh, split
+
+CONGRUENT = 1e-13
+"""Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Inner nodes eliminated from p parts of each of s shapes.
+
+    `inner` (s, p, i) and `outer` (s, p, o) are nodes, `factor` (s, i, i) is the lower Cholesky factor of
+    K_ii, and `W` is (s, i, o).
+    """
+
+    inner: Index
+    outer: Index
+    factor: Array
+    W: Array
+
+    def reduce(self, loads: Array) -> None:
+        """Moves the loads (k, n) of the inner nodes to the outer ones, in place."""
+        moved = loads[:, self.inner] @ self.W
+        for load, part in zip(loads, moved, strict=True):
+            load -= np.bincount(self.outer.ravel(), part.ravel(), len(load))
+
+    def expand(self, x: Array) -> None:
+        """Replaces the loads in the inner nodes of x (k, n) by the solution; the outer ones hold it."""
+        for inner, outer, factor, W in zip(self.inner, self.outer, self.factor, self.W, strict=True):
+            loads = x[:, inner].reshape(-1, len(factor)).T
+            own = cho_solve((factor, True), loads, check_finite=False).T
+            x[:, inner] = own.reshape(len(x), *inner.shape) - x[:, outer] @ W.T
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A union of coarse triangles, condensed to the nodes (o,) that are left, with the matrix K (o, o).
+
+    `met` (o,) says how many of its triangles meet at each node.
+    """
+
+    nodes: Index
+    met: Index
+    K: Array
+
+
+class Recursive:
+    """The stages of a refined mesh; A_3 (nb, nb) on its boundary nodes, and its upper Cholesky factor."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.boundary = mesh.boundary
+        self.stages: list[Stage] = []
+        nodes, matrices = self._macro_elements(mesh)
+        uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
+        uses[mesh.boundary] += 1  # these are never met often enough
+        parts = [
+            Part(line, np.ones_like(line), K)
+            for lines, K in zip(nodes, matrices, strict=True)
+            for line in lines
+        ]
+        root = self._joined(parts, mesh.points, uses)
+        order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
+        self.A_3 = root.K[np.ix_(order, order)]
+        self.cholesky = cholesky(self.A_3)
+
+    def solve(self, rhs: Array) -> Array:
+        """A^{-1} rhs for rhs (n,) or (n, k)."""
+        x = np.array(np.atleast_2d(rhs.T), dtype=float)
+        for stage in self.stages:
+            stage.reduce(x)
+        x[:, self.boundary] = cho_solve((self.cholesky, False), x[:, self.boundary].T).T
+        for stage in reversed(self.stages):
+            stage.expand(x)
+        return x.T.reshape(rhs.shape)
+
+    def _macro_elements(self, mesh: Mesh) -> tuple[Index, Array]:
+        """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
+        coarse, halvings = mesh.coarse or mesh, mesh.halvings
+        triangles = by_shape(coarse.points, coarse.triangles)
+        K = element_matrices(coarse.points[triangles[:, 0]] / 2.0**halvings)
+        lines = boundary_lines(triangles, coarse.n_nodes, halvings)
+        nodes = next(lines)
+        for around in lines:
+            shapes, parts, _ = around.shape
+            K = self._of_four(K, nodes.reshape(shapes, parts, 4, -1), around)
+            nodes = around
+        return nodes, K
+
+    def _of_four(self, K: Array, children: Index, outer: Index) -> Array:
+        """The matrices (s, 3m, 3m) on the nodes `outer` (s, p, 3m); K is that of each of four `children`."""
+        example = children[0, 0]
+        different, first = np.unique(example, return_index=True)
+        first = first[np.isin(different, outer[0, 0], invert=True)]
+        inner = children.reshape(*children.shape[:2], -1)[..., first]
+        local = np.concatenate([inner[0, 0], outer[0, 0]])
+        order = np.argsort(local)
+        whole = np.zeros((len(K), len(local), len(local)))
+        for child in order[np.searchsorted(local[order], example)]:
+            whole[:, child[:, None], child] += K
+        return self._eliminated(whole, inner, outer)
+
+    def _joined(self, parts: list[Part], points: Array, uses: Index) -> Part:
+        """The union of all parts, halved across its longer extent, and each half first joined in itself."""
+        if len(parts) == 1:
+            return parts[0]
+        centres = np.array([points[part.nodes].mean(axis=0) for part in parts])
+        order = np.argsort(centres[:, np.argmax(np.ptp(centres, axis=0))], kind="stable")
+        half = len(parts) // 2
+        pair = [self._joined([parts[k] for k in some], points, uses) for some in (order[:half], order[half:])]
+        nodes = np.union1d(pair[0].nodes, pair[1].nodes)
+        met = np.zeros_like(nodes)
+        for part in pair:
+            met[np.searchsorted(nodes, part.nodes)] += part.met
+        inside = met == uses[nodes]
+        order = np.argsort(~inside, kind="stable")
+        rank, i = np.argsort(order), np.count_nonzero(inside)
+        K = np.zeros((1, len(nodes), len(nodes)))
+        for part in pair:
+            at = rank[np.searchsorted(nodes, part.nodes)]
+            K[0, at[:, None], at] += part.K
+        nodes, met = nodes[order], met[order]
+        return Part(nodes[i:], met[i:], self._eliminated(K, nodes[None, None, :i], nodes[None, None, i:])[0])
+
+    def _eliminated(self, K: Array, inner: Index, outer: Index) -> Array:
+        """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes, as a stage more."""
+        i = inner.shape[-1]
+        if i == 0:
+            return K
+        factor, W, schur = cholesky(K[:, :i, :i], lower=True), K[:, :i, i:].copy(), K[:, i:, i:].copy()
+        for L, Y, S in zip(factor, W, schur, strict=True):
+            Y[:] = solve_triangular(L, Y, lower=True, check_finite=False)
+            S -= Y.T @ Y
+            Y[:] = solve_triangular(L, Y, lower=True, trans="T", check_finite=False)
+        self.stages.append(Stage(inner, outer, factor, W))
+        return schur
+
+
+def by_shape(points: Array, triangles: Index) -> Index:
+    """Triangles (t, 3) as (1, t, 3), their corners in such an order that all are alike, else as (t, 1, 3).
+
+    Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
+    """
+    sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
+    alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
+    for turn in range(3):
+        turned = np.roll(sides, -turn, axis=1)
+        apart = [np.abs(turned - sign * sides[0]).max(axis=(1, 2)) for sign in (1, -1)]
+        new = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
+        found[new], alike = np.roll(triangles, -turn, axis=1)[new], alike | new
+    return found[None] if alike.all() else triangles[:, None]
+
+
+def element_matrices(corners: Array) -> Array:
+    """(s, 3, 3): (., .)_1 of the barycentric functions of the triangles with those corners (s, 3, 2)."""
+    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])[:, None, None]
+    return sides @ np.swapaxes(sides, 1, 2) / (4 * area) + area / 12 * (np.ones((3, 3)) + np.eye(3))
+
+
+def boundary_lines(triangles: Index, n: int, halvings: int) -> Iterator[Index]:
+    """The nodes (s, p, 3m) around the triangles of each level, m = 1, 2, ..., anticlockwise from a corner.
+
+    They are numbered as by `refine` from triangles (s, p, 3) of n nodes; part j of a level has the parts
+    4j ... 4j + 3 of the finer one.
+    """
+    levels, edges = [triangles], []
+    for _ in range(halvings):
+        children, ends = split(levels[-1].reshape(-1, 3), n)
+        levels.append(children.reshape(len(triangles), -1, 3))
+        edges.append((n, ends))
+        n += len(ends)
+    yield levels.pop()
+    along: Index = np.empty((0, 2), dtype=np.intp)
+    finer, m = along, n
+    while levels:
+        n, ends = edges.pop()
+        middle = n + np.arange(len(ends))
+        if len(finer):
+            first, second = (along[edge_number(finer, m, end, middle)] for end in ends.T)
+            along = np.concatenate([first, second[:, -2::-1]], axis=1)
+        else:
+            along = np.insert(ends, 1, middle, axis=1)
+        finer, m = ends, n
+        starts = levels.pop()
+        stops = np.roll(starts, -1, axis=-1)
+        line = along[edge_number(ends, n, starts, stops)]
+        line = np.where((starts < stops)[..., None], line, line[..., ::-1])[..., :-1]
+        yield line.reshape(*line.shape[:2], -1)
+
+
+def edge_number(edges: Index, n: int, a: Index, b: Index) -> Index:
+    """The rows of the edges (e, 2) from a to b or from b to a, of n nodes, in the order of `split`."""
+    return np.searchsorted(edges @ [n, 1], np.minimum(a, b) * n + np.maximum(a, b))

@@ -1,0 +1,78 @@
+"""Sparse elimination by nested dissection, with SuperLU: on every mesh, and of the interior unknowns first.
+
+With the boundary last in the order, one factorisation carries the Schur complement on it in the last block of
+its factors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pymetis
+import scipy.sparse as sp
+from scipy.sparse.linalg import SuperLU, splu
+
+from unilateral.arrays import Array, Index
+
+NONE = np.empty(0, dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """A matrix (n, n) factorised in the order `order` (n,) of its unknowns."""
+
+    lu: SuperLU
+    order: Index
+
+    def solve(self, rhs: Array) -> Array:
+        """A^{-1} rhs for rhs (n,) or (n, k)."""
+        solution = np.empty_like(rhs, dtype=float)
+        solution[self.order] = self.lu.solve(np.asarray(rhs[self.order], dtype=float))
+        return solution
+
+
+def dissected(A: sp.csr_array, boundary: Index = NONE) -> Sparse:
+    """A (n, n) factorised in its `elimination_order`."""
+    order = elimination_order(A, boundary)
+    return Sparse(factorise(A, order), order)
+
+
+def factorise(A: sp.csr_array, order: Index) -> SuperLU:
+    """The factors of A (n, n), in its precision, with the unknowns in that order."""
+    return splu(
+        A[order][:, order].tocsc(),
+        permc_spec="NATURAL",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
+    """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
+
+    Consecutive boundary nodes share an edge, so the elimination tree ends in their chain and SuperLU's
+    postordering leaves them last.
+    """
+    interior = np.delete(np.arange(A.shape[0]), boundary)
+    graph = A[interior][:, interior].tocoo()
+    off = graph.row != graph.col
+    if not np.any(off):
+        return np.concatenate([interior, boundary])
+    rows, neighbours = graph.row[off], graph.col[off]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
+    dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))
+    return np.concatenate([interior[np.asarray(dissection)], boundary])
+
+
+def last_block(lu: SuperLU, size: int) -> Array:
+    """R (size, size) upper triangular with R^T R the Schur complement on the last `size` unknowns.
+
+    A = L U with U = diag(pivots) L^T, so R is the last block of U with its rows over the pivots' roots.
+    """
+    first = lu.shape[0] - size
+    last = np.arange(first, lu.shape[0])
+    if not (np.array_equal(lu.perm_c[first:], last) and np.array_equal(lu.perm_r, lu.perm_c)):
+        raise RuntimeError("SuperLU moved the boundary unknowns away from the end of the elimination")
+    block = lu.U[:, first:][first:].toarray()
+    return block / np.sqrt(np.diag(block))[:, None]
