@@ -72,8 +72,9 @@ class Split:
 
 def split_triangles(mesh: Mesh, case: Irregular) -> Split:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
-    corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
     points, kinks = _singular_points(case), case.kinks()
+    parent = _concerned(mesh, [point for point, _ in points], kinks)
+    corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
     smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
     singular = []
@@ -98,6 +99,18 @@ def split_triangles(mesh: Mesh, case: Irregular) -> Split:
     done.append((corners, parent))
     corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
     return Split(corners, parent, singular)
+
+
+def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
+    """The triangles that a point is near or a kink may cross; no other one is ever cut."""
+    whole = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
+    centre, radius = _circle(mesh, whole, np.arange(len(mesh.triangles)))
+    concerned = np.zeros(len(radius), dtype=bool)
+    for point in points:
+        concerned |= np.hypot(*(centre - point).T) < NEAR * radius
+    for kink in kinks:
+        concerned |= np.abs(kink.level(centre)) < radius
+    return np.flatnonzero(concerned)
 
 
 def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Array]) -> tuple[Array, Index]:
