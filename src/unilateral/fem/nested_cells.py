@@ -61,7 +61,7 @@ def nested_cells(
         found.insert(0, _cells(level, ends, first))
         if first is None:
             break
-        last = np.append(first[1:], len(ends)) - 1
+        last = np.append(first, len(ends))[1:] - 1
         ends, side = np.column_stack([ends[first, 0], ends[last, 1]]) // 2, side[first]
     return found
 

@@ -98,7 +98,7 @@ class Multigrid:
         B, inside = finest.cells.B, finest.cells.inside
         gap = B @ u - finest.d
         defect = np.where(lambda_H > 0, gap, np.minimum(gap, 0))
-        w[inside] = defect / B[np.arange(len(inside)), inside]
+        w[inside] = defect / B[:, inside].diagonal()
         R = finest.A @ (u - w) - finest.load - B.T @ lambda_H
         of_w = max(float(w[inside] @ (finest.A[inside] @ w)), 0.0)
         return dual_norm(finest.levels, self.coarsest, R) + math.sqrt(of_w)
