@@ -59,7 +59,8 @@ def dual_norm(levels: Sequence[Level], coarsest: SuperLU, R: Array) -> float:
     """A bound of ||R||, R (n,) on the hats of the last level; `coarsest` factorises level 0."""
     z = downwards(levels, coarsest, R)
     A_z = levels[-1].A @ z
-    return math.sqrt(max(float(z @ A_z), 0.0)) + without_coarsest(levels, R - A_z)
+    norm_of_z = math.sqrt(max(float(z @ A_z), 0.0))
+    return norm_of_z + without_coarsest(levels, np.subtract(R, A_z, out=A_z))
 
 
 def downwards(levels: Sequence[Level], coarsest: SuperLU, R: Array) -> Array:
@@ -68,7 +69,9 @@ def downwards(levels: Sequence[Level], coarsest: SuperLU, R: Array) -> Array:
         return np.asarray(coarsest.solve(R))
     level, z = levels[-1], np.zeros_like(R)
     gauss_seidel(level.A.indptr, level.A.indices, level.A.data, z, R, 0, len(R), 1)
-    z += level.P @ downwards(levels[:-1], coarsest, level.P.T @ (R - level.A @ z))
+    d = level.A @ z
+    np.subtract(R, d, out=d)
+    z += level.P @ downwards(levels[:-1], coarsest, level.P.T @ d)
     return z
 
 

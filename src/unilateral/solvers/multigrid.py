@@ -46,6 +46,8 @@ AIM = 0.7
 """Of the tolerance, after a bound missed it."""
 STAGNANT = 0.9
 """Of the bound before: if the next one is larger, nothing but rounding is left."""
+LEAST = 1e-26
+"""Of r . z in the beginning: below it, too, nothing but rounding is left."""
 MOST_STEPS = 40
 
 
@@ -94,14 +96,18 @@ class Multigrid:
 
     def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
-        finest, w = self.grids[-1], np.zeros_like(u)
-        B, inside = finest.cells.B, finest.cells.inside
+        finest = self.grids[-1]
+        B, inside, A = finest.cells.B, finest.cells.inside, finest.A
         gap = B @ u - finest.d
-        defect = np.where(lambda_H > 0, gap, np.minimum(gap, 0))
-        w[inside] = defect / B[:, inside].diagonal()
-        R = finest.A @ (u - w) - finest.load - B.T @ lambda_H
-        of_w = max(float(w[inside] @ (finest.A[inside] @ w)), 0.0)
-        return dual_norm(finest.levels, self.coarsest, R) + math.sqrt(of_w)
+        w = np.where(lambda_H > 0, gap, np.minimum(gap, 0)) / B[:, inside].diagonal()
+        v = u.copy()
+        v[inside] -= w
+        R = A @ v
+        R -= finest.load
+        R -= B.T @ lambda_H
+        del v  # three vectors of that size are needed next
+        norm_of_w = math.sqrt(max(float(w @ (A[inside][:, inside] @ w)), 0.0))
+        return dual_norm(finest.levels, self.coarsest, R) + norm_of_w
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Bools]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
@@ -174,16 +180,20 @@ class Bounded:
     before: float = math.inf
 
     def first_look(self, run: Run) -> float:
-        """The r . z at which to look at the set; above the tolerance no bound is small enough."""
-        return max(DECADE * run.rz, self.tolerance**2)
+        """The r . z at which to look at the set."""
+        return max(DECADE * run.rz, self._worth_a_bound(run))
 
     def __call__(self, run: Run) -> float | None:
         """The r . z at which to look again, None to end."""
-        if run.rz > self.tolerance**2 and not run.exhausted:
+        if run.rz > self._worth_a_bound(run) and not run.exhausted:
             return self.first_look(run)
         bound = self.problem.bound(run.u, np.maximum(run.lambda_H, 0))
         if bound <= self.tolerance or bound > STAGNANT * self.before or run.exhausted:
             self.bound = bound
             return None
         self.before = bound
-        return run.rz * (AIM * self.tolerance / bound) ** 2
+        return run.rz * max(DECADE, (AIM * self.tolerance / bound) ** 2)
+
+    def _worth_a_bound(self, run: Run) -> float:
+        """The r . z above which the bound would be larger than the tolerance."""
+        return max(self.tolerance**2, LEAST * run.first_rz)

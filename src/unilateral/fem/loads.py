@@ -1,0 +1,33 @@
+"""Moments of f against the hats of each triangle, of which loads are made."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.fem.quadrature import triangle_rules
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems.case import Case
+from unilateral.problems.sampled import Sampled
+
+Array = NDArray[np.float64]
+SAMPLED = 8
+"""Degree of the rule on triangles for an f that is known in points only."""
+
+
+def case_moments(case: Case, mesh: Mesh) -> Array:
+    """(m, 3), by a quadrature that sees the case's singular points and kinks."""
+    found = np.zeros((len(mesh.triangles), 3))
+    for rule in triangle_rules(mesh, case):
+        f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
+        np.add.at(found, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
+    return found
+
+
+def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
+    """(m, 3), by a rule whose error nobody knows."""
+    reference, weights = get_quadrature_tri(SAMPLED)
+    hats = np.stack([1 - reference.sum(axis=0), *reference], axis=1)
+    f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
+    return np.asarray(2 * mesh.areas[:, None] * ((f * weights) @ hats))
