@@ -169,7 +169,10 @@ def test_edges_know_their_stiffness() -> None:
 
 
 def partition_of(level: Level, polygon: Polygon, every: int) -> Partition:
-    return Partition(polygon, level.s[::every].copy())
+    """Cells of that many edges; of 3, 2 and 3 in turn for 0."""
+    number = np.arange(len(level.s))
+    chosen = number % every == 0 if every else np.isin(number % 8, [0, 3, 5])
+    return Partition(polygon, level.s[chosen])
 
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[Cells]:
@@ -191,7 +194,7 @@ def test_B_is_the_coupling_of_mesh_and_partition(name: str, every: int) -> None:
     assert B[0, found.levels[-1].boundary[0]] != 0
 
 
-@pytest.mark.parametrize(("name", "every"), [("square 3", 2), ("square 3", 3), ("square 3", 4), ("gmsh", 2)])
+@pytest.mark.parametrize(("name", "every"), [("square 3", 2), ("square 3", 3), ("square 3", 0), ("gmsh", 2)])
 def test_coarse_cells_are_unions_with_at_least_two_edges(name: str, every: int) -> None:
     levels, cells = nested(name, 3).levels, cells_of(name, 3, every)
     assert len(cells) > 1

@@ -207,6 +207,7 @@ def guesses(of_both: Both) -> list[tuple[Array, Array]]:
         (u - hat, lambda_H),
         (u, lambda_H[::-1].copy()),
         (np.zeros_like(u), np.zeros_like(lambda_H)),
+        (of_both.discrete.spaces.response(of_both.discrete.load, 0 * lambda_H), 0 * lambda_H),
         (rng.standard_normal(len(u)), rng.uniform(0, 1, len(lambda_H))),
     ]
 
