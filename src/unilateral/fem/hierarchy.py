@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from unilateral.fem import refinement
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.fem.refinement import Array, Int32, Triangles
-from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh import Mesh, structured
+from unilateral.geometry.polygon import Polygon, square
 
-Bools = NDArray[np.bool_]
 BLOCK = 1 << 14
 """Triangles of the level before the last whose children are looked at together."""
+FEWEST = 4
+"""Squares in a unit of length that are not halved: coarser levels save nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +25,8 @@ class Level:
     """V_l, with n nodes, nb of them on the boundary.
 
     `A` (n, n) is the matrix of (., .)_1, its rows not sorted; `P` (n, N) the prolongation from the
-    level before, from level 0 itself on level 0. `roundness` (n - N,), for the new nodes, are the sums
-    of the `roundness` of the triangles at their edges. `boundary` (nb,) and `s` (nb + 1,) are as in
-    `Mesh`.
+    level before, the identity on level 0. `roundness` (n - N,) belongs to the new nodes: the sums over
+    the triangles at their edges. `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`.
     """
 
     A: sp.csr_array
@@ -91,6 +91,17 @@ def hierarchy(coarse: Mesh, refinements: int) -> Hierarchy:
         points = np.concatenate([points, 0.5 * (points[of.ends[:, 0]] + points[of.ends[:, 1]])])
         levels.append(_finer(of, levels[-1]))
     return Hierarchy(coarse, levels, points, (of.nodes, of.edges) if of else None)
+
+
+def of_squares(polygon: Polygon, h: float) -> Hierarchy:
+    """Levels up to `structured(polygon, h)`, numbered otherwise, from as few squares as halving leads to.
+
+    Raises InputError unless the polygon consists of unit squares between whole numbers.
+    """
+    n, refinements = int(square().counts(h)[0]), 0
+    while n % 2 == 0 and n > FEWEST:
+        n, refinements = n // 2, refinements + 1
+    return hierarchy(structured(polygon, 1 / n), refinements)
 
 
 def roundness(stiffness: Array) -> Array:

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import Delaunay, cKDTree
 
 from unilateral.fem import hierarchy as hierarchies
-from unilateral.fem.hierarchy import Hierarchy, Level, hierarchy, roundness
+from unilateral.fem.hierarchy import Hierarchy, Level, hierarchy, of_squares, roundness
 from unilateral.fem.nested_cells import Cells, nested_cells
 from unilateral.fem.p1 import coupling, gradients, load, stiffness_and_mass
 from unilateral.fem.refinement import triangles
@@ -116,8 +116,11 @@ def test_coarse_matrices_are_galerkins(name: str) -> None:
         assert np.array_equal(finer.P[: level.n].toarray(), np.eye(level.n))
 
 
-def test_refined_squares_are_finer_squares() -> None:
-    found, expected = nested("lshape 2", 2).mesh, meshes.structured(named("lshape"), 1 / 8)
+@pytest.mark.parametrize(("n", "coarsest"), [(1, 1), (7, 7), (8, 4), (20, 5), (24, 3)])
+def test_refined_squares_are_finer_squares(n: int, coarsest: int) -> None:
+    levels = of_squares(named("lshape"), 1 / n).levels
+    assert levels[0].n == meshes.structured(named("lshape"), 1 / coarsest).n_nodes
+    found, expected = of_squares(named("lshape"), 1 / n).mesh, meshes.structured(named("lshape"), 1 / n)
     number = cKDTree(expected.points).query(found.points)[1]
     ours, theirs = (np.sort(t, axis=1) for t in (number[found.triangles], expected.triangles))
     assert np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
