@@ -103,8 +103,7 @@ def split_triangles(mesh: Mesh, case: Irregular) -> Split:
 
 def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
     """The triangles that a point is near or a kink may cross; no other one is ever cut."""
-    whole = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
-    centre, radius = _circle(mesh, whole, np.arange(len(mesh.triangles)))
+    centre, radius = _around(mesh.points[mesh.triangles])
     concerned = np.zeros(len(radius), dtype=bool)
     for point in points:
         concerned |= np.hypot(*(centre - point).T) < NEAR * radius
@@ -143,7 +142,10 @@ def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
 
 def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
     """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
-    vertices = _vertices(mesh, corners, parent)
+    return _around(_vertices(mesh, corners, parent))
+
+
+def _around(vertices: Array) -> tuple[Array, Array]:
     centre = vertices.mean(axis=1)
     away = vertices - centre[:, None]
     return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
