@@ -42,6 +42,8 @@ DECADE = 1e-2
 """Of r . z, after which the active set is looked at; enough on coarser levels."""
 AT_FIRST = 1e-6
 """Of r . z, on the first level, which starts from 0."""
+INDEX = 6
+"""The bound over (r . z)^{1/2}, about: before it can be small enough it is not computed."""
 AIM = 0.7
 """Of the tolerance, after a bound missed it."""
 STAGNANT = 0.9
@@ -195,5 +197,5 @@ class Bounded:
         return run.rz * max(DECADE, (AIM * self.tolerance / bound) ** 2)
 
     def _worth_a_bound(self, run: Run) -> float:
-        """The r . z above which the bound would be larger than the tolerance."""
-        return max(self.tolerance**2, LEAST * run.first_rz)
+        """The r . z above which the bound is expected to be larger than the tolerance."""
+        return max((self.tolerance / INDEX) ** 2, LEAST * run.first_rz)
