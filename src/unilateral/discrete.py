@@ -12,9 +12,10 @@ from unilateral.arrays import Array
 from unilateral.bounds.source import Source, enclosed
 from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.condense import condense
+from unilateral.fem.loads import sampled_moments
 from unilateral.fem.p1 import h1_norm
 from unilateral.fem.p1 import load as p1_load
-from unilateral.fem.quadrature import boundary_rule, symmetric
+from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -31,8 +32,6 @@ AIM = 0.5
 """Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
 UNKNOWN = 1e-4
 """Of that residual: what the errors are taken to be where nothing is known of them."""
-SAMPLED = 8
-"""Degree of the rule on triangles for an f that is known in points only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +169,7 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
 def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
     """The problem whose f and g are known in points: by Gauss rules, whose errors nobody knows."""
     mesh, cells = spaces.mesh, spaces.partition
-    hats, weights = symmetric(SAMPLED)
-    f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
-    load = p1_load(mesh, mesh.areas[:, None] * ((f * weights) @ hats))
+    load = p1_load(mesh, sampled_moments(problem, mesh))
     rule = boundary_rule(mesh.polygon, cells.points)
     means = rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
     return with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means)

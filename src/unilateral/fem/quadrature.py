@@ -143,17 +143,14 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
     for apart in split.singular:
         special[apart.parent] = True
     regular = np.flatnonzero(~special)
-    whole = np.broadcast_to(np.eye(3), (len(regular), 3, 3))
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
     of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
-    for corners, index, exact in (
-        (whole, regular, of_whole),
-        (split.corners, split.parent, of_pieces),
-    ):
-        for start in range(0, len(index), BLOCK):
-            block = slice(start, start + BLOCK)
-            yield _place(mesh, corners[block], index[block], *symmetric(exact))
+    for start in range(0, len(regular), BLOCK):
+        yield _on_whole(mesh, regular[start : start + BLOCK], *symmetric(of_whole))
+    for start in range(0, len(split.parent), BLOCK):
+        block = slice(start, start + BLOCK)
+        yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
     for apart in split.singular:
         rule = _place(mesh, apart.corners, apart.parent, *_duffy(of_pieces, apart.grading))
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point
@@ -178,6 +175,13 @@ def _duffy(degree: int, grading: int) -> tuple[Array, Array]:
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
     points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
     return points.reshape(-1, 3), weight.ravel()
+
+
+def _on_whole(mesh: Mesh, index: Index, points: Array, weights: Array) -> TriangleRule:
+    """The rule with barycentric points (q, 3) on the triangles `index` (k,) themselves."""
+    places = points @ mesh.points[mesh.triangles[index]]
+    everywhere = np.broadcast_to(points, (len(index), *points.shape))
+    return TriangleRule(index, everywhere, np.outer(mesh.areas[index], weights), places.reshape(-1, 2))
 
 
 def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:

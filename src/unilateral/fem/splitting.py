@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
 from unilateral.problems.case import Case
@@ -53,8 +54,9 @@ class Split:
 
 def split_triangles(mesh: Mesh, case: Case) -> Split:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
-    corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
     points, kinks = _singular_points(case), case.kinks()
+    parent = _concerned(mesh, [point for point, _ in points], kinks)
+    corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
     smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
     singular = []
@@ -79,6 +81,17 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
     done.append((corners, parent))
     corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
     return Split(corners, parent, singular)
+
+
+def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
+    """The triangles that a point is near or a kink may cross; no other one is ever cut."""
+    centre, radius = _around(mesh.points[mesh.triangles])
+    concerned = np.zeros(len(radius), dtype=bool)
+    for point in points:
+        concerned |= np.hypot(*(centre - point).T) < NEAR * radius
+    for kink in kinks:
+        concerned |= np.abs(kink.level(centre)) < radius
+    return np.flatnonzero(concerned)
 
 
 def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Array]) -> tuple[Array, Index]:
@@ -108,7 +121,10 @@ def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
 
 def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
     """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
-    vertices = _vertices(mesh, corners, parent)
+    return _around(_vertices(mesh, corners, parent))
+
+
+def _around(vertices: Array) -> tuple[Array, Array]:
     centre = vertices.mean(axis=1)
     away = vertices - centre[:, None]
     return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)

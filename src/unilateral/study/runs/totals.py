@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from unilateral.bounds.source import enclosed
 from unilateral.bounds.total import total_bound
 from unilateral.fem.condense import condense
+from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import coupling, load
-from unilateral.fem.quadrature import triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
@@ -32,7 +32,7 @@ def totals(
     `total_index_lambda` is against the upper bound of the error, NaN where lambda_H is exact;
     `total_index_v` takes the bound of ||u - v||_1 for one of ||u - u_h||_1, which it is not.
     """
-    condensed, loads = condense(mesh), {case.name: _source_load(case, mesh) for case in cases}
+    condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
     partition, B = partitions[k], coupling(mesh, partitions[k])
     found = np.full((len(NAMES), len(cases), 1), np.nan)
@@ -50,12 +50,3 @@ def totals(
     return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
         H=("mesh", [partition.H])
     )
-
-
-def _source_load(case: Case, mesh: Mesh) -> Array:
-    """(n,) values of (f, phi_i), by quadrature."""
-    moments = np.zeros((len(mesh.triangles), 3))
-    for rule in triangle_rules(mesh, case):
-        f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
-        np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
-    return load(mesh, moments)

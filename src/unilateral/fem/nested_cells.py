@@ -1,0 +1,101 @@
+"""The cells of T_H on nested levels, where every point of T_H is a node of the finest one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from unilateral.fem.hierarchy import Level
+from unilateral.geometry.partition import VERTEX_TOLERANCE, Partition
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+LEAST = 2
+"""Edges in a cell: a node then lies inside, and the rows of B are independent."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The m cells of a level on which there are multipliers, each a union of boundary edges.
+
+    `B` (m, n): the integrals of the hats over the cells; `inside` (m,): a node inside each cell;
+    `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
+    """
+
+    B: sp.csr_array
+    inside: Index
+    parent: Index | None
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(m,) the cells' lengths H_i."""
+        return np.asarray(self.B.sum(axis=1))
+
+    def nodes(self, chosen: NDArray[np.bool_]) -> Index:
+        """The nodes of the chosen cells (m,), increasing."""
+        return np.unique(self.B[chosen].indices)
+
+
+def nested_cells(
+    levels: Sequence[Level], partition: Partition, free: Sequence[int] = ()
+) -> list[Cells] | None:
+    """The cells, without those on `free` sides, of the last levels, as many as have cells.
+
+    A level's cells are the smallest unions of finer ones with at least two of its edges. None where a
+    point of the partition is no node of the finest level, or a cell has one edge only.
+    """
+    s, chosen = levels[-1].s, ~np.isin(partition.side, free)
+    place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
+    ends, side = np.column_stack([place[:-1], place[1:]])[chosen], partition.side[chosen]
+    apart = float(np.max(np.abs(s[place] - partition.points)))
+    if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < LEAST):
+        return None
+    found: list[Cells] = []
+    for depth, level in enumerate(reversed(levels), start=1):
+        first = _first_of_unions(ends, side) if depth < len(levels) else None
+        found.insert(0, _cells(level, ends, first))
+        if first is None:
+            break
+        last = np.append(first, len(ends))[1:] - 1
+        ends, side = np.column_stack([ends[first, 0], ends[last, 1]]) // 2, side[first]
+    return found
+
+
+def _first_of_unions(ends: Index, side: Index) -> Index | None:
+    """The first cell of each union that is a cell of the level before; None if a side has no room."""
+    found: list[int] = []
+    for one in np.unique(side):
+        first, *others = np.flatnonzero(side == one).tolist()
+        begins = [first]
+        for i in others:
+            if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * LEAST:
+                begins.append(i)
+        if ends[side == one].max() - ends[begins[-1], 0] < 2 * LEAST:
+            begins.pop()
+        if not begins:
+            return None
+        found += begins
+    return np.array(found, dtype=np.intp)
+
+
+def _cells(level: Level, ends: Index, first: Index | None) -> Cells:
+    """Those from boundary node ends[:, 0] to ends[:, 1]; unions begin with the cells `first`."""
+    parent = None if first is None else np.searchsorted(first, np.arange(len(ends)), side="right") - 1
+    inside = level.boundary[ends[:, 0] + 1].astype(np.intp)
+    return Cells(_integrals(level, ends), inside, parent)
+
+
+def _integrals(level: Level, ends: Index) -> sp.csr_array:
+    """B (m, n): half of each edge's length, for both of its ends."""
+    count = ends[:, 1] - ends[:, 0]
+    cell = np.repeat(np.arange(len(ends)), count)
+    edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]
+    half = 0.5 * np.diff(level.s)[edge]
+    nodes = np.concatenate([level.boundary[edge], np.roll(level.boundary, -1)[edge]])
+    entries = (np.tile(half, 2), (np.tile(cell, 2), nodes))
+    return sp.coo_array(entries, shape=(len(ends), level.n)).tocsr()

@@ -1,0 +1,163 @@
+"""Conjugate gradients for one set of active cells, in the kernel of their constraints.
+
+For the active cells a, the solution u_a of A u = load + B_a^T lambda, B_a u = d_a. The first u fulfils
+the constraints; all steps are in the kernel of B_a. There the residual r = load + B_a^T lambda - A u
+counts up to B_a^T only, and what it has of that moves into lambda. The preconditioner is the symmetric
+product of corrections in that kernel, each of them orthogonal in the energy:
+
+    the ring, the nodes on the boundary: exactly, by the saddle-point matrix of A and B_a on them;
+    the nodes inside one after another, forward first and backward last (Gauss and Seidel);
+    the coarser levels, truncated at the nodes of active cells.
+
+So its eigenvalues lie in (0, 1], and (r . z)^{1/2} <= ||u - u_a||_1 for the preconditioned residual z.
+On level 0 the ring are all nodes, and the first u is u_a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from pyamg.amg_core import gauss_seidel_indexed
+from scipy.linalg.blas import daxpy
+from scipy.sparse.linalg import splu
+
+from unilateral.fem.hierarchy import Level
+from unilateral.fem.nested_cells import Cells
+from unilateral.solvers.truncated import Truncated
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+ROUNDING = 1e-13
+"""Of the largest |u|: a mean of g - u of that size is no violation."""
+MOST_ITERATIONS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The problem on the last of the levels: load (n,), and d (m,), the integrals of g over its cells.
+
+    `ring` (k,) and `inside` (n - k,) are nodes; `of_ring` (k, n) are rows of A.
+    """
+
+    levels: Sequence[Level]
+    cells: Cells
+    load: Array
+    d: Array
+    ring: NDArray[np.intp]
+    inside: NDArray[np.int32]
+    of_ring: sp.csr_array
+
+    @property
+    def A(self) -> sp.csr_array:
+        return self.levels[-1].A
+
+    @property
+    def exact(self) -> bool:
+        """Whether the ring are all nodes."""
+        return len(self.levels) == 1
+
+
+def grid(levels: Sequence[Level], cells: Cells, load: Array, d: Array) -> Grid:
+    """The problem, with the nodes sorted into ring and inside."""
+    n, boundary = levels[-1].n, levels[-1].boundary
+    in_ring = np.full(n, len(levels) == 1)
+    in_ring[boundary] = True
+    ring, inside = np.flatnonzero(in_ring), np.flatnonzero(~in_ring).astype(np.int32)
+    return Grid(levels, cells, load, d, ring, inside, levels[-1].A[ring])
+
+
+class Run:
+    """Conjugate gradients for the cells `active` (m,), from u (n,), which changes in place.
+
+    `rz` is r . z, and `first_rz` its first value; `multiplier` belongs to the active cells.
+    """
+
+    def __init__(self, grid: Grid, active: Bools, u: Array) -> None:
+        self.grid, self.active, self.u = grid, active, u
+        B = grid.cells.B[active]
+        self.B_T = B[:, grid.ring].T.tocsr()
+        self.saddle = splu(_saddle(grid.of_ring[:, grid.ring], self.B_T))
+        self.coarser = None if grid.exact else Truncated(grid.levels, grid.cells.nodes(active))
+        self.multiplier = np.zeros(B.shape[0])
+        self.r = grid.load - grid.A @ u
+        change = self._equilibrate(grid.d[active] - B @ u)
+        u[grid.ring] += change
+        self.r -= grid.of_ring.T @ change
+        self.p = self._preconditioned()
+        self.rz = self.first_rz = float(self.r @ self.p)
+        self.steps: list[tuple[float, float]] = []
+
+    @property
+    def lambda_H(self) -> Array:
+        """(m,) the multiplier, which may be negative."""
+        found = np.zeros(len(self.active))
+        found[self.active] = self.multiplier
+        return found
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether no further step is made."""
+        return len(self.steps) >= MOST_ITERATIONS or self.rz <= 0
+
+    def descend(self, rz: float) -> None:
+        """Steps until r . z is at most that."""
+        while self.rz > rz and not self.exhausted:
+            self._advance()
+
+    def next_set(self) -> Bools:
+        """(m,) the active cells that are pressed, and the others on which u lies below g."""
+        gap = self.grid.cells.B @ self.u - self.grid.d
+        below = gap < -ROUNDING * np.max(np.abs(self.u)) * self.grid.cells.lengths
+        return np.where(self.active, self.lambda_H > 0, below)
+
+    def ritz(self) -> Array:
+        """Lanczos' approximations, from the steps, of eigenvalues of the preconditioned matrix."""
+        alpha, beta = np.array(self.steps).reshape(-1, 2).T
+        diagonal = 1 / alpha + np.append(0, beta / alpha)[:-1]
+        beside = np.sqrt(beta[:-1]) / alpha[:-1]
+        return np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, -1))
+
+    def _advance(self) -> None:
+        A_p = self.grid.A @ self.p
+        alpha = self.rz / float(self.p @ A_p)
+        daxpy(self.p, self.u, a=alpha)
+        daxpy(A_p, self.r, a=-alpha)
+        z = self._preconditioned()
+        old, self.rz = self.rz, float(self.r @ z)
+        self.p *= self.rz / old
+        self.p += z
+        self.steps.append((alpha, self.rz / old))
+
+    def _equilibrate(self, gap: Array) -> Array:
+        """x (k,) on the ring, B_a x = gap, whose residual is B_a^T t there; t moves into lambda."""
+        ring = self.grid.ring
+        x = self.saddle.solve(np.concatenate([self.r[ring], gap]))
+        self.multiplier -= x[len(ring) :]
+        self.r[ring] -= self.B_T @ x[len(ring) :]
+        return np.asarray(x[: len(ring)])
+
+    def _preconditioned(self) -> Array:
+        """z (n,)."""
+        grid, z = self.grid, np.zeros_like(self.r)
+        ring, zero = grid.ring, np.zeros_like(self.multiplier)
+        z[ring] = self._equilibrate(zero)
+        if self.coarser:
+            self._sweep(z, 0, len(grid.inside), 1)
+            self.coarser.correct(z, self.r)
+            self._sweep(z, len(grid.inside) - 1, -1, -1)
+            left = self.r[ring] - grid.of_ring @ z
+            z[ring] += self.saddle.solve(np.concatenate([left, zero]))[: len(ring)]
+        return z
+
+    def _sweep(self, z: Array, start: int, stop: int, step: int) -> None:
+        A, inside = self.grid.A, self.grid.inside
+        gauss_seidel_indexed(A.indptr, A.indices, A.data, z, self.r, inside, start, stop, step)
+
+
+def _saddle(A: sp.csr_array, B_T: sp.csr_array) -> sp.csc_array:
+    """A with the constraints B x = 0, if there are any."""
+    return sp.block_array([[A, B_T], [B_T.T, None]], format="csc") if B_T.shape[1] else A.tocsc()

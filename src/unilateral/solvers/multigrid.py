@@ -1,0 +1,201 @@
+"""The discrete problem on a uniformly refined mesh, in a time that is proportional to its size.
+
+Find u in V_h and lambda_H >= 0, one number per cell, with A u = load + B^T lambda, B u >= d and
+lambda . (B u - d) = 0; A is the matrix of (., .)_1, B u and d are integrals of u and g over the cells.
+
+Nested iteration: on every level that has cells some steps of the primal-dual active-set method, from
+the u and the active cells of the level before. A step is a run of conjugate gradients for the active
+cells (`kernel_cg`). The set is looked at after each decade of the error; a changed one ends the run.
+That the sets settle is not proved, and always seen.
+
+The last run ends by a guaranteed bound, for any u and lambda >= 0, whatever the set. Let w be the sum
+of hats at nodes inside the cells with which v = u - w fulfils B v >= d and lambda . (B v - d) = 0. Two
+pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R = A v - load - B^T lambda,
+||.|| its dual norm on V_h, and A (v - u_h) - R = B^T (lambda - lambda_H),
+
+    ||v - u_h||_1^2 + ||lambda - lambda_H||_{-1/2,h}^2
+        = ||R||^2 + 2 (B v - B u_h) . (lambda - lambda_H) <= ||R||^2,
+
+so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
+`fem.residual`. All this holds up to rounding.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, splu
+
+from unilateral.fem.hierarchy import Level
+from unilateral.fem.nested_cells import Cells
+from unilateral.fem.residual import dual_norm
+from unilateral.solvers.kernel_cg import Grid, Run, grid
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+DECADE = 1e-2
+"""Of r . z, after which the active set is looked at; enough on coarser levels."""
+AT_FIRST = 1e-6
+"""Of r . z, on the first level, which starts from 0."""
+INDEX = 6
+"""The bound over (r . z)^{1/2}, about: before it can be small enough it is not computed."""
+AIM = 0.7
+"""Of the tolerance, after a bound missed it."""
+STAGNANT = 0.9
+"""Of the bound before: if the next one is larger, nothing but rounding is left."""
+LEAST = 1e-26
+"""Of r . z in the beginning: below it, too, nothing but rounding is left."""
+MOST_STEPS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """u (n,), lambda_H (m,) and which cells are `active` (m,).
+
+    `bound` is guaranteed, for ||u - u_h||_1 and for ||lambda_H - exact||_{-1/2,h}. `counts` has the level
+    of every step, and its iterations of conjugate gradients. `ritz` are the last run's Ritz values.
+    """
+
+    u: Array
+    lambda_H: Array
+    active: Bools
+    bound: float
+    converged: bool
+    counts: list[tuple[int, int]]
+    ritz: Array
+    rz: float
+
+    @property
+    def estimate(self) -> float:
+        """Of ||u - u_h||_1, not guaranteed: the least eigenvalue may lie below the least Ritz value."""
+        return math.sqrt(self.rz / self.ritz[0]) if len(self.ritz) else math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Multigrid:
+    """The problem on all levels that have cells; `coarsest` factorises level 0."""
+
+    grids: list[Grid]
+    coarsest: SuperLU
+
+    def solve(self, tolerance: float, start: Found | None = None) -> Found:
+        """(u_h, lambda_H) with a bound of at most the tolerance, from 0, or from what was found before.
+
+        If rounding, MOST_STEPS or MOST_ITERATIONS end it before, converged is False.
+        """
+        counts: list[tuple[int, int]] = []
+        u, active = (start.u.copy(), start.active) if start else self._nested_iteration(counts)
+        ends = Bounded(self, tolerance)
+        run = settled(self.grids[-1], u, active, ends, counts)
+        lambda_H = np.maximum(run.lambda_H, 0)
+        bound = self.bound(u, lambda_H) if ends.bound is None else ends.bound
+        return Found(u, lambda_H, run.active, bound, bound <= tolerance, counts, run.ritz(), run.rz)
+
+    def bound(self, u: Array, lambda_H: Array) -> float:
+        """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
+        finest = self.grids[-1]
+        B, inside, A = finest.cells.B, finest.cells.inside, finest.A
+        gap = B @ u - finest.d
+        w = np.where(lambda_H > 0, gap, np.minimum(gap, 0)) / B[:, inside].diagonal()
+        v = u.copy()
+        v[inside] -= w
+        R = A @ v
+        R -= finest.load
+        R -= B.T @ lambda_H
+        del v  # three vectors of that size are needed next
+        norm_of_w = math.sqrt(max(float(w @ (A[inside][:, inside] @ w)), 0.0))
+        return dual_norm(finest.levels, self.coarsest, R) + norm_of_w
+
+    def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Bools]:
+        """u (n,) and the active cells (m,) with which to begin on the finest level."""
+        first, share = self.grids[0], AT_FIRST
+        u, active = np.zeros(len(first.load)), np.ones(len(first.d), dtype=bool)
+        for coarse, fine in itertools.pairwise(self.grids):
+            active = settled(coarse, u, active, Reduced(share), counts).active
+            u, active, share = fine.levels[-1].P @ u, active[fine.cells.parent], DECADE
+        return u, active
+
+
+def multigrid(levels: Sequence[Level], cells: Sequence[Cells], load: Array, d: Array) -> Multigrid:
+    """The problem with load (n,) and d (m,) on the finest level; `cells` are those of the last levels."""
+    grids: list[Grid] = []
+    for k, of_level in enumerate(reversed(cells)):
+        upto = levels[: len(levels) - k]
+        grids.insert(0, grid(upto, of_level, load, d))
+        if of_level.parent is not None:
+            load = upto[-1].P.T @ load
+            d = np.bincount(of_level.parent, d).astype(float)
+    return Multigrid(grids, splu(levels[0].A.tocsc()))
+
+
+def settled(on: Grid, u: Array, active: Bools, ends: Reduced | Bounded, counts: list[tuple[int, int]]) -> Run:
+    """The run whose set stays the same, or the last of MOST_STEPS; u (n,) changes in place."""
+    steps = 0
+    while True:
+        run, steps = Run(on, active, u), steps + 1
+        after = _after(run, ends)
+        counts.append((len(on.levels) - 1, len(run.steps)))
+        if np.array_equal(after, active) or steps == MOST_STEPS:
+            return run
+        active = after
+        del run  # its memory is needed for the next one
+
+
+def _after(run: Run, ends: Reduced | Bounded) -> Bools:
+    """The set (m,) after the run has ended, or has met another one."""
+    look: float | None = ends.first_look(run)
+    while look is not None:
+        run.descend(look)
+        after = run.next_set()
+        look = ends(run) if np.array_equal(after, run.active) else None
+    return after
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Ends a run when r . z is a share of what it was."""
+
+    share: float
+
+    def first_look(self, run: Run) -> float:
+        """The r . z at which to look at the set."""
+        return run.rz if run.grid.exact else DECADE * run.rz
+
+    def __call__(self, run: Run) -> float | None:
+        """The r . z at which to look again, None to end."""
+        done = run.grid.exact or run.exhausted or run.rz <= self.share * run.first_rz
+        return None if done else DECADE * run.rz
+
+
+@dataclass(eq=False)
+class Bounded:
+    """Ends a run when its `bound` is at most the tolerance, or falls no more."""
+
+    problem: Multigrid
+    tolerance: float
+    bound: float | None = None
+    before: float = math.inf
+
+    def first_look(self, run: Run) -> float:
+        """The r . z at which to look at the set."""
+        return max(DECADE * run.rz, self._worth_a_bound(run))
+
+    def __call__(self, run: Run) -> float | None:
+        """The r . z at which to look again, None to end."""
+        if run.rz > self._worth_a_bound(run) and not run.exhausted:
+            return self.first_look(run)
+        bound = self.problem.bound(run.u, np.maximum(run.lambda_H, 0))
+        if bound <= self.tolerance or bound > STAGNANT * self.before or run.exhausted:
+            self.bound = bound
+            return None
+        self.before = bound
+        return run.rz * max(DECADE, (AIM * self.tolerance / bound) ** 2)
+
+    def _worth_a_bound(self, run: Run) -> float:
+        """The r . z above which the bound is expected to be larger than the tolerance."""
+        return max((self.tolerance / INDEX) ** 2, LEAST * run.first_rz)
