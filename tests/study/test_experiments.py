@@ -7,7 +7,7 @@ import pytest
 from conftest import condensed, coupled, discrete, load
 
 from unilateral.discrete import solve
-from unilateral.fem.condense import dissected
+from unilateral.fem.sparse import dissected
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
@@ -124,7 +124,7 @@ def test_the_counts_and_the_iterates_of_both_ways():
     assert float(found["difference"]) < 1e-12
     np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
-        lu = dissected(condensed("square", n)).lu
+        lu = dissected(condensed("square", n).A).lu
         m, nb, nnz = 2 * n, 4 * n, coupled("square", n, n // 2).B.nnz
         coupling = (2 * nnz - nb) + (2 * nnz - m) + 2 * m
         below, above = lu.L.nnz - lu.shape[0], lu.U.nnz - lu.shape[0]

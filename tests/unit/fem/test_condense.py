@@ -9,16 +9,10 @@ import scipy.sparse.linalg as spl
 from scipy.sparse.csgraph import connected_components
 
 from unilateral.errors import InputError
-from unilateral.fem.condense import (
-    check_constants,
-    condense,
-    dissected,
-    elimination_order,
-    factorise,
-    last_block,
-)
+from unilateral.fem.condense import check_constants, condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import DualOperator, dual_operator
+from unilateral.fem.sparse import dissected, elimination_order, factorise, last_block
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
@@ -34,7 +28,16 @@ MESHES = {
     "lshape": lambda: structured(named("lshape"), 1 / 8),
     "refined": lambda: meshes.refine(meshes.unstructured(named("lshape"), 1 / 3)),
     "interior in pieces": lambda: meshes.unstructured(NECK, 0.25),
+    "macro-elements, alike": lambda: refined(structured(named("lshape"), 1 / 2), 3),
+    "macro-elements": lambda: refined(meshes.unstructured(square(), 1 / 2), 3),
+    "macro-elements in pieces": lambda: refined(meshes.unstructured(NECK, 0.9), 3),
 }
+
+
+def refined(mesh, times):
+    for _ in range(times):
+        mesh = meshes.refine(mesh)
+    return mesh
 
 
 @pytest.fixture(params=MESHES)
@@ -111,7 +114,7 @@ def test_pivots_stay_on_the_diagonal():
 def test_without_elimination_the_boundary_is_not_last():
     """All nodes are dissected then, whose separators go across the boundary; solutions are the same."""
     condensed = condense(MESHES["structured"]())
-    other, boundary = dissected(condensed), condensed.mesh.boundary
+    other, boundary = dissected(condensed.A), condensed.mesh.boundary
     assert not np.all(np.isin(other.order[-len(boundary) :], boundary))
     rhs = np.random.default_rng(8).standard_normal(condensed.mesh.n_nodes)
     np.testing.assert_allclose(other.solve(rhs), condensed.solve(rhs), rtol=0, atol=1e-12 * abs(rhs).max())
@@ -127,7 +130,7 @@ def test_nested_dissection_saves_fill():
     """Nested dissection leaves O(n log n) entries in the factors, the natural order O(n^{3/2})."""
     mesh = structured(square(), 1 / 64)
     natural = spl.splu(full_matrix(mesh), permc_spec="NATURAL", diag_pivot_thresh=0.0)
-    assert condense(mesh).lu.nnz < 0.7 * natural.nnz
+    assert condense(mesh).factors.lu.nnz < 0.7 * natural.nnz
 
 
 @pytest.mark.parametrize("ratio", [0.5, 1, 2, 3.3])
