@@ -70,7 +70,7 @@ def triangles(mesh: Mesh) -> Triangles:
     order = np.argsort(numbers)
     edges = order[np.searchsorted(numbers, opposite, sorter=order)].astype(np.int32)
     ends = np.concatenate([np.column_stack(np.divmod(inside, n)), boundary]).astype(np.int32)
-    slopes, area = gradients(mesh)
+    slopes, area = gradients(mesh), mesh.areas
     products = np.stack([np.sum(slopes[:, j] * slopes[:, k], axis=1) for _, j, k in CORNERS], axis=1)
     return Triangles(n, nodes.astype(np.int32), edges, ends, len(inside), area[:, None] * products, area)
 

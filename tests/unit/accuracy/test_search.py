@@ -308,7 +308,7 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
     dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
     imports = (
         "import sys, xarray; from unilateral.cli import main; from unilateral.norms import dual; "
-        "from unilateral.geometry import mesh, partition; from unilateral.geometry.polygon import square; "
+        "from unilateral.geometry import partition, structured; from unilateral.geometry.polygon import square; "
         "from unilateral.problems import case; from unilateral.study.runs import scene; "
         "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
@@ -316,7 +316,7 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
     steps = [
         f"main(['solve', {str(PROBLEMS[0].parent / 'square_all_sides.yaml')!r}, '--accuracy', '0.9'])",
         "main(['solve', 'natural', '--h', '1/8', '--H', '1/8'])",
-        f"scene.sweep(mesh.structured(square(), 1 / 8), cases, [cells], {forms})",
+        f"scene.sweep(structured.structured(square(), 1 / 8), cases, [cells], {forms})",
         "dual.dual_norm(cells, cases)",
     ]
     source = "; ".join([imports, *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])

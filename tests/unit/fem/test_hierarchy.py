@@ -167,7 +167,7 @@ def test_roundness_is_summed_over_the_triangles_at_an_edge() -> None:
 
 def test_edges_know_their_stiffness() -> None:
     mesh = coarse("scattered")
-    of, (slopes, area) = triangles(mesh), gradients(mesh)
+    of, slopes, area = triangles(mesh), gradients(mesh), mesh.areas
     K = area[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     assert np.allclose(of.stiffness, K[:, [1, 2, 0], [2, 0, 1]])
 

@@ -139,6 +139,6 @@ def test_a_tolerance_below_rounding_is_reported():
 def test_bad_input_is_refused():
     of = operator("square", 2)
     with pytest.raises(InputError, match="offset must hold 16"):
-        active_set(of, np.zeros(3), 1e-6)
+        active_set(of, np.full(16, math.nan), 1e-6)
     with pytest.raises(InputError, match="tolerance"):
         active_set(of, np.zeros(16), math.nan)
