@@ -20,34 +20,52 @@ from unilateral.memory import peak_mb
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
-from unilateral.solution import Solution
+from unilateral.solution import Bounds, Solution
 from unilateral.solvers.iterate import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
 CHEAP = 20_000
 """Unknowns up to which a case's errors on given sizes are accompanied by their guaranteed bounds."""
-Found = dict[str, Any]
 
 
 def run(options: argparse.Namespace) -> int:
     """Solve and report; the exit code."""
     begin = time.perf_counter()
     problem = _problem(options)
-    if options.accuracy is not None:
-        return _up_to_accuracy(options, problem, begin)
-    mesh = _mesh(options.mesh, problem)
-    found = api.solve(problem, options.h, options.H, mesh=mesh, stop=_stop(options))
-    bounded = not isinstance(problem, Case) or found.mesh.n_nodes <= CHEAP
-    printed = _printed(found) | {"total_bound": found.bounds.u if bounded and found.bounds else math.nan}
-    unique = not found.solved.discrete.spaces.operator.singular
+    found = api.solve(
+        problem,
+        options.h,
+        options.H,
+        options.accuracy,
+        norm=options.norm or "h1",
+        mesh=_mesh(options.mesh, problem),
+        stop=Stop(
+            tolerance=options.tolerance,
+            max_steps=options.max_steps,
+            algorithm=options.algorithm,
+            rho=options.rho,
+        ),
+        max_unknowns=options.max_unknowns,
+        max_seconds=options.max_seconds or math.inf,
+        tell=None if options.json else _told(problem.name),
+    )
+    search = found.search
+    cheap = search or not isinstance(problem, Case) or found.mesh.n_nodes <= CHEAP
+    bounds = found.bounds if cheap else None
+    unique = bool(search) or not found.solved.discrete.spaces.operator.singular
+    if search:
+        _tell_faults(search)
     if not unique:
         tell(f"lambda_H {NOT_UNIQUE}")
-    _add_cost(printed, begin)
+    printed = _printed(found, bounds)
+    printed["seconds"] = time.perf_counter() - begin
+    printed["peak_mb"] = peak_mb()
     if not options.json:
-        say(head(printed))
-    bound = found.solved.bound if bounded else None
-    say(table(printed, found.solved.result, bound, options.json, unique))
-    return 0 if found.converged else NOT_CONVERGED
+        say(ending(search) if search else head(printed))
+    say(table(printed, found.solved.result, found.solved.bound if bounds else None, options.json, unique))
+    if search and search.ended == BY_USER:
+        return INTERRUPTED
+    return 0 if printed["converged"] else NOT_CONVERGED
 
 
 def _problem(options: argparse.Namespace) -> Case | Problem:
@@ -73,34 +91,6 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return api.mesh(given, problem.polygon)
 
 
-def _up_to_accuracy(options: argparse.Namespace, problem: Case | Problem, begin: float) -> int:
-    found = api.solve(
-        problem,
-        accuracy=options.accuracy,
-        norm=options.norm or "h1",
-        mesh=_mesh(options.mesh, problem),
-        stop=_stop(options),
-        max_unknowns=options.max_unknowns,
-        max_seconds=options.max_seconds or math.inf,
-        tell=None if options.json else _told(problem.name),
-    )
-    search = found.search
-    assert search is not None
-    _tell_faults(search)
-    printed = _printed(found) | {
-        "converged": found.certified,
-        "total_bound": search.best.total if search.believed else math.nan,
-    }
-    _add_cost(printed, begin)
-    if not options.json:
-        say(ending(search))
-    bound = found.solved.bound if found.bounds else None
-    say(table(printed, found.solved.result, bound, options.json))
-    if search.ended == BY_USER:
-        return INTERRUPTED
-    return 0 if found.certified else NOT_CONVERGED
-
-
 def _told(name: str) -> Callable[[Level], None]:
     """Prints each level when it is done, the first one below what is wanted."""
     first = True
@@ -121,18 +111,9 @@ def _tell_faults(search: Search) -> None:
         tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
 
 
-def _stop(options: argparse.Namespace) -> Stop:
-    return Stop(
-        tolerance=options.tolerance,
-        max_steps=options.max_steps,
-        algorithm=options.algorithm,
-        rho=options.rho,
-    )
-
-
-def _printed(found: Solution) -> Found:
-    """What --json prints, the bound and the cost still unknown."""
-    discrete, errors = found.solved.discrete, found.errors
+def _printed(found: Solution, bounds: Bounds | None) -> dict[str, Any]:
+    """What --json prints, but for the cost."""
+    discrete, errors, search = found.solved.discrete, found.errors, found.search
     return {
         "problem": discrete.data.name if discrete.data else None,
         "h": found.mesh.h,
@@ -141,16 +122,11 @@ def _printed(found: Solution) -> Found:
         "unknowns": found.mesh.n_nodes,
         "multipliers": len(discrete.spaces.cells),
         "iterations": found.iterations,
-        "converged": found.converged,
+        "converged": found.certified if search else found.converged,
         "algebraic_bound": found.solved.result.bound,
         "h1_error": errors.h1 if errors else math.nan,
         "hm12_error_lower": errors.hm12_lower if errors else math.nan,
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
-        "total_bound": math.nan,
+        "total_bound": (search.best.total if search else bounds.u) if bounds else math.nan,
     }
-
-
-def _add_cost(printed: Found, begin: float) -> None:
-    printed["seconds"] = time.perf_counter() - begin
-    printed["peak_mb"] = peak_mb()

@@ -82,10 +82,6 @@ class Smooth:
         """(k,) values of -Delta u + u."""
         return self._values[1](*(points + offset).T)[0]
 
-    def touches(self, side: int) -> bool:
-        """Whether `trace_and_flux` knows the side."""
-        return False
-
     def kinks(self) -> list[Kink]:
         return []
 
@@ -115,6 +111,7 @@ class Local:
         return np.stack([self.polygon.tangents[self.side], -self.polygon.normals[self.side]])
 
     def touches(self, side: int) -> bool:
+        """Whether `trace_and_flux` knows the side."""
         return side == self.side
 
     def local(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
@@ -167,12 +164,10 @@ class Tensor(Local):
         return compile_numpy(values, (T, D)), compile_numpy([self._f], (T, D))
 
     def value_model(self, x: Model, y: Model) -> Model:
-        """u on the boxes of x and y."""
         t, d = self.local_models(x, y)
         return evaluate(self._v, {T: t, D: d}).scaled(self.length)
 
     def source_model(self, x: Model, y: Model) -> Model:
-        """-Delta u + u on the boxes of x and y."""
         t, d = self.local_models(x, y)
         profile = evaluate(self.profile, {T: t}).range
         support = (d.range[0] < float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))

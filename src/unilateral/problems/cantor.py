@@ -104,11 +104,9 @@ class Cantor(Local):
         return found
 
     def value_model(self, x: Model, y: Model) -> Model:
-        """u on the boxes of x and y."""
         return self._sum(Polar.value_model, x, y)
 
     def source_model(self, x: Model, y: Model) -> Model:
-        """-Delta u + u on the boxes of x and y."""
         return self._sum(Polar.source_model, x, y)
 
     def _sum(self, of: Callable[[Polar, Model, Model], Model], x: Model, y: Model) -> Model:

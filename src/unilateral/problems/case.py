@@ -21,14 +21,15 @@ import sympy
 from unilateral import declarations
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError, shown
-from unilateral.formulas.elementary import Steps, evaluate
+from unilateral.formulas.elementary import Steps
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks
-from unilateral.formulas.taylor import Model, joined
+from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.case_parts import Atom, Builder, constants_of
-from unilateral.problems.obstacle import Obstacle, enclosed, places
+from unilateral.problems.data import on_sides, places
+from unilateral.problems.obstacle import Obstacle, enclosed
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +74,7 @@ class Case:
         """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = places(self.polygon, side, t)
         u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
-        parts = [
-            (evaluate(-self.gaps[i], {T: t.on(at)}), at)
-            for i, at in ((i, np.flatnonzero(side == i)) for i in np.unique(side))
-        ]
-        return u + joined(parts)
+        return u + on_sides([-gap for gap in self.gaps], side, {T: t})
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -104,11 +101,11 @@ class Case:
         points = self.polygon.at(np.full(len(s), side), s)
         u, flux = np.zeros(len(s)), np.zeros(len(s))
         for atom in self.atoms:
-            if not isinstance(atom, Smooth) and atom.touches(side):
-                value, normal = atom.trace_and_flux(side, along)
-            else:
+            if isinstance(atom, Smooth) or not atom.touches(side):
                 value, gradient = atom.value_and_gradient(points)
                 normal = gradient @ self.polygon.normals[side]
+            else:
+                value, normal = atom.trace_and_flux(side, along)
             u, flux = u + value, flux + normal
         return u, flux, self._gap_functions[side](along.t)[0]
 

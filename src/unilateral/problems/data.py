@@ -1,14 +1,16 @@
-"""What every problem gives to the method, whether or not its solution is known."""
+"""What every problem gives to the method, whether or not its solution is known; formulas on sides."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+import numpy as np
 import sympy
 
 from unilateral.arrays import Index
-from unilateral.formulas.elementary import Steps
-from unilateral.formulas.taylor import Model
+from unilateral.formulas.elementary import Steps, evaluate
+from unilateral.formulas.taylor import Model, joined, number
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.obstacle import Obstacle
@@ -39,3 +41,21 @@ class Data(Protocol):
     @property
     def enclosed_obstacle(self) -> Obstacle:
         """g on the sides that are not free, enclosed."""
+
+
+def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
+    """x and y on intervals of the sides (k,), t the arc length in side lengths."""
+    start, edge = polygon.vertices[side].T, polygon.edges[side].T
+    x, y = (number(t, a) + number(t, along) * t for a, along in zip(start, edge, strict=True))
+    return x, y
+
+
+def on_sides(formulas: Sequence[sympy.Expr], side: Index, variables: Mapping[sympy.Expr, Model]) -> Model:
+    """One formula per side, on intervals of the sides (k,); equal ones are evaluated together."""
+    same: dict[sympy.Expr, list[int]] = {}
+    for i in np.unique(side).tolist():
+        same.setdefault(formulas[i], []).append(i)
+    parts = [(formula, np.flatnonzero(np.isin(side, sides))) for formula, sides in same.items()]
+    return joined(
+        [(evaluate(formula, {z: of.on(at) for z, of in variables.items()}), at) for formula, at in parts]
+    )

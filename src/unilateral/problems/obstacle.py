@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.formulas.taylor import EPS, Model, affine, basis, number
+from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
 
@@ -102,13 +102,6 @@ class Obstacle:
         """Bounds of g on a side."""
         here = self.side == side
         return float(self.lower[here].min()), float(self.upper[here].max())
-
-
-def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
-    """x and y on intervals of the sides (k,), t the arc length in side lengths."""
-    start, edge = polygon.vertices[side].T, polygon.edges[side].T
-    x, y = (number(t, a) + number(t, along) * t for a, along in zip(start, edge, strict=True))
-    return x, y
 
 
 def enclosed(

@@ -55,11 +55,9 @@ class Polar(Local):
         )
 
     def value_model(self, x: Model, y: Model) -> Model:
-        """u on the boxes of x and y."""
         return self._in_support(x, y, lambda phi, eta, _: (phi * eta).scaled(self.length))
 
     def source_model(self, x: Model, y: Model) -> Model:
-        """-Delta u + u on the boxes of x and y."""
         scale = self.length
         return self._in_support(
             x, y, lambda phi, eta, laplacian: phi * (eta.scaled(scale) + laplacian.scaled(-1 / scale))

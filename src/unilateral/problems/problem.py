@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
 import sympy
 
 from unilateral.arrays import Index
 from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.formula import pos
 from unilateral.formulas.positive import rounded
-from unilateral.formulas.taylor import Model, joined
+from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import X, Y
-from unilateral.problems.obstacle import Obstacle, enclosed, places
+from unilateral.problems.data import on_sides, places
+from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.ranges import range_in
 
 FAR = 1e-100
@@ -50,11 +50,7 @@ class Problem:
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """g on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = places(self.polygon, side, t)
-        same: dict[sympy.Expr, list[int]] = {}
-        for i in np.unique(side).tolist():
-            same.setdefault(self.g[i], []).append(i)
-        parts = [(formula, np.flatnonzero(np.isin(side, sides))) for formula, sides in same.items()]
-        return joined([(evaluate(formula, {X: x.on(here), Y: y.on(here)}), here) for formula, here in parts])
+        return on_sides(self.g, side, {X: x, Y: y})
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:

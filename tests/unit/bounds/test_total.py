@@ -32,7 +32,7 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
-from unilateral.problems import obstacle
+from unilateral.problems import data, obstacle
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import Case
 
@@ -77,7 +77,7 @@ class Manufactured:
         return obstacle.enclosed(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
-        x, y = obstacle.places(self.polygon, side, t)
+        x, y = data.places(self.polygon, side, t)
         return evaluate(self.formulas[1], {X: x, Y: y})
 
 
