@@ -5,7 +5,7 @@ import pytest
 import skfem
 from skfem.models.poisson import laplace, mass
 
-from unilateral.fem.p1 import gradients, h1_load, load, stiffness_and_mass
+from unilateral.fem.p1 import gradients, h1_load, h1_norm, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
@@ -51,6 +51,13 @@ def test_comparison_with_scikit_fem_notices_a_moved_node(mesh):
     points[np.delete(np.arange(len(points)), mesh.boundary)[0]] += 1e-9 * mesh.h
     basis = skfem.Basis(skfem.MeshTri(points.T, mesh.triangles.T), skfem.ElementTriP1())
     assert difference(stiffness_and_mass(mesh)[0], laplace.assemble(basis)) > 1e-12
+
+
+def test_the_norm_of_a_linear_function(mesh):
+    """u = 2 on the L-shape of area 3; u = 1 + 2x - 3y on the unit square: 13 + 4/3, by hand."""
+    of, square_of_norm = ([0, 0, 2], 12) if mesh.polygon.n_sides == 6 else ([2, -3, 1], 13 + 4 / 3)
+    u = np.column_stack([mesh.points, np.ones(mesh.n_nodes)]) @ of
+    assert h1_norm(mesh, u) ** 2 == pytest.approx(square_of_norm, rel=1e-12)
 
 
 def test_gradients_reproduce_linear_functions(mesh):

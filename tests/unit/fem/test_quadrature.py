@@ -202,12 +202,11 @@ def errors(name, n, degree):
     return np.array([solution.errors.h1, solution.errors.l2])
 
 
-@pytest.mark.parametrize(("n", "degree"), [(16, quadrature.DEGREE), (64, quadrature.FINE_DEGREE)])
+@pytest.mark.parametrize(("n", "raised"), [(16, 12), (64, 9)])
 @pytest.mark.parametrize("name", NAMES)
-def test_the_errors_do_not_feel_the_degree(name, n, degree):
+def test_the_errors_do_not_feel_the_degree(name, n, raised):
     """Raised by 4, both errors change by less than 1e-3; `no_contact` has lambda_H = 0 and no second one."""
-    usual, raised = errors(name, n, None), errors(name, n, degree + 4)
-    np.testing.assert_allclose(usual, raised, rtol=1e-3, atol=1e-13)
+    np.testing.assert_allclose(errors(name, n, None), errors(name, n, raised), rtol=1e-3, atol=1e-13)
 
 
 def test_a_poor_rule_shows_in_the_errors(monkeypatch):
