@@ -321,7 +321,8 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
     dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
     imports = (
         "import sys, xarray; from unilateral.cli import main; from unilateral.norms import dual; "
-        "from unilateral.geometry import partition, structured; from unilateral.geometry.polygon import square; "
+        "from unilateral.geometry import partition, structured; "
+        "from unilateral.geometry.polygon import square; "
         "from unilateral.problems import case; from unilateral.study.runs import scene; "
         "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
