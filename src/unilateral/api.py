@@ -97,7 +97,10 @@ def Problem(
     """
     per_side = list(g) if isinstance(g, Sequence) and not isinstance(g, str) else g
     several = per_side if isinstance(per_side, list) else [per_side]
-    vertices = polygon.vertices if isinstance(polygon, Polygon) else np.asarray(polygon, dtype=float)
+    try:
+        vertices = np.asarray(polygon.vertices if isinstance(polygon, Polygon) else polygon, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}, field polygon: its vertices have to be pairs of numbers") from error
     if not (callable(f) or any(map(callable, several))):
         fields = {"polygon": vertices.tolist(), "f": f, "g": per_side, "free_sides": list(free_sides)}
         return problem_file.made(fields, name)

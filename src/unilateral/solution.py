@@ -19,7 +19,7 @@ from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
-from unilateral.norms.errors import Errors, errors
+from unilateral.norms.dual import Errors, errors
 from unilateral.norms.exact import exact
 from unilateral.problems.case import Case
 

@@ -189,6 +189,8 @@ def test_what_does_not_fit_together_is_refused(arguments, message):
         ({"g": [abs, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"f": abs, "free_sides": [7]}, "problem, field free_sides: the polygon has the sides 0 to 3, not 7"),
         ({"polygon": SQUARE[::-1]}, "problem, field polygon: "),
+        ({"polygon": [(0, 0), (1, 0), (1,)]}, "field polygon: its vertices have to be pairs of numbers"),
+        ({"polygon": [(0, 0), (1, 0), ("a", 1)]}, "field polygon: its vertices have to be pairs of numbers"),
         ({"f": abs, "g": [None, 0, 0, 0]}, "there is no formula, and side 0 is not free"),
     ],
 )

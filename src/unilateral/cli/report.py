@@ -40,7 +40,8 @@ def table(
         rows |= _errors(found)
     if bound is not None:
         rows["guaranteed"] = f"{ERROR['h1']} <= {bound.u:.4e}, {ERROR['hm12']} <= {bound.lambda_:.4e}"
-        rows["the guarantee rests on"] = rests_on(bound)
+        adds = f"f and g enclosed, which adds {bound.unknown:.1e}"
+        rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
     if not unique:
         rows["lambda_H"] = NOT_UNIQUE
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
@@ -100,13 +101,6 @@ def ending(search: Search) -> str:
     nothing = norm == "hm12" and best.solved.lambda_norm == 0
     return f"  NOT certified, {as_options(why)}: {reached}" + (
         "; lambda_H is 0, nothing is relative to it" * nothing
-    )
-
-
-def rests_on(bound: TotalBound) -> str:
-    """What the guarantee needs, in one line."""
-    return (
-        f"f and g enclosed, which adds {bound.unknown:.1e}; exact integrals, rounding added; nothing sampled"
     )
 
 

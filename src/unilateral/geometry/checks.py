@@ -101,27 +101,10 @@ def sides(polygon: Polygon, points: Array, edges: Index, tolerance: float, where
     off = np.where(forward, np.maximum(*distance), np.inf)
     stray = edges[off.min(axis=1) > tolerance]
     if stray.size:
-        raise InputError(f"{where}: {_why_stray(polygon, points, edges, stray, tolerance)}")
+        a, b = stray[np.hypot(*(points[stray[:, 1]] - points[stray[:, 0]]).T).argmax()]
+        raise InputError(
+            f"{where}: the boundary edge from node {node(points, a)} to node {node(points, b)} does not run "
+            f"anticlockwise along one side of polygon '{polygon.name}'; move its nodes there, close a gap "
+            "beside it, or split its triangle at a node that hangs on it"
+        )
     return off.argmin(axis=1)
-
-
-def _why_stray(polygon: Polygon, points: Array, edges: Index, stray: Index, tolerance: float) -> str:
-    """Why the edges `stray` (k, 2) of the boundary `edges` (nb, 2) do not run along the polygon's sides."""
-    lengths = np.hypot(*(points[stray[:, 1]] - points[stray[:, 0]]).T)
-    a, b = stray[lengths.argmax()]
-    nodes = np.unique(edges)
-    inside = nodes[(nodes != a) & (nodes != b)]
-    hanging = inside[segment_distances(points[inside], points[[a]], points[[b]])[:, 0] <= tolerance]
-    edge = f"from node {node(points, a)} to node {node(points, b)}"
-    if hanging.size:
-        return (
-            f"node {node(points, hanging[0])} hangs on the edge {edge}; split the triangle of that edge there"
-        )
-    distance = segment_distances(points[nodes], polygon.vertices, np.roll(polygon.vertices, -1, axis=0))
-    off = nodes[distance.min(axis=1) > tolerance]
-    if off.size:
-        return (
-            f"node {node(points, off[0])} lies on the triangles' boundary, but not on polygon "
-            f"'{polygon.name}'; move it there or close the gap"
-        )
-    return f"the boundary edge {edge} does not run anticlockwise along one side of polygon '{polygon.name}'"

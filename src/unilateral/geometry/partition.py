@@ -149,19 +149,13 @@ def refine(partition: Partition) -> Partition:
 
 
 def _check(polygon: Polygon, points: Array) -> None:
-    outside = np.flatnonzero(~((points >= 0) & (points <= polygon.perimeter)))
-    if outside.size:
-        first = outside[0]
+    inside = (points >= 0) & (points <= polygon.perimeter)
+    wrong = np.flatnonzero(~(inside & (np.diff(points, prepend=-np.inf) > 0)))
+    if wrong.size:
+        first = wrong[0]
         raise InputError(
-            f"partition: point {first} ({points[first]:.17g}) lies outside the boundary, "
-            f"whose arc length runs from 0 to {polygon.perimeter:.17g}"
-        )
-    descending = np.flatnonzero(np.diff(points) <= 0)
-    if descending.size:
-        first = descending[0] + 1
-        raise InputError(
-            f"partition: point {first} ({points[first]:.17g}) is not greater than the one before it "
-            f"({points[first - 1]:.17g}); the points have to increase strictly"
+            f"partition: point {first} ({points[first]:.17g}) is out of order; arc lengths have to increase "
+            f"strictly from 0 to {polygon.perimeter:.17g}"
         )
     missed = np.flatnonzero(~np.isin(polygon.starts, points))
     if missed.size:

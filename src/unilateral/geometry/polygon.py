@@ -8,7 +8,6 @@ from importlib import resources
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
@@ -39,7 +38,7 @@ class Polygon:
     name: str = field(default="polygon")
 
     def __post_init__(self) -> None:
-        vertices = _as_vertices(self.vertices, self.name)
+        vertices = np.array(self.vertices, dtype=float)
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)
@@ -162,13 +161,6 @@ def _named() -> dict[str, list[list[int]]]:
     text = (resources.files("unilateral.geometry") / "polygons.yaml").read_text(encoding="utf-8")
     found: dict[str, list[list[int]]] = yaml.safe_load(text)
     return found
-
-
-def _as_vertices(vertices: ArrayLike, name: str) -> Array:
-    try:
-        return np.array(vertices, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"polygon '{name}' needs vertices that are pairs x, y of numbers") from error
 
 
 def _check(v: Array, name: str) -> None:

@@ -23,8 +23,9 @@ import scipy.sparse as sp
 import xarray as xr
 
 from unilateral.arrays import Array
+from unilateral.fem.spaces import MixedSpaces
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact import Exact, cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 from unilateral.problems.case import Case
@@ -160,6 +161,29 @@ def dual_norm(
     singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
     return DualNorm(partition, reference_spaces(partition, singular, edges_per_cell))
+
+
+class Errors(NamedTuple):
+    """||u - u_h||_1, bounds of ||lambda - lambda_H||_{-1/2}, ||lambda - lambda_H||_0; NaN where not judged.
+
+    lambda is not judged where beta is 0; its L2 error is NaN where lambda is not in L2.
+    """
+
+    h1: float
+    hm12_lower: float
+    hm12_upper: float
+    l2: float
+
+
+def errors(exact: Exact, spaces: MixedSpaces, mu: Array) -> Errors:
+    """The errors of (u(mu), mu) for mu (m,)."""
+    found = exact.errors(spaces, mu)
+    if spaces.operator.singular:
+        return Errors(found.h1, math.nan, math.nan, math.nan)
+    case, cells = exact.ritz.case, spaces.partition
+    bounds = dual_norm(cells, [case]).of_error(case, spaces.extended(mu)[None])
+    lower = max(found.hm12_discrete, float(bounds.lower[0]))
+    return Errors(found.h1, lower, float(bounds.upper[0]), found.l2)
 
 
 def _root(squares: Array) -> Array:

@@ -21,6 +21,7 @@ from unilateral.arrays import Array, Index
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
+from unilateral.geometry.plane import cross
 from unilateral.norms.dual import Bounds
 
 ZERO = 1e-12
@@ -41,7 +42,8 @@ def infsup(operator: DualOperator, gram: Bounds) -> InfSup:
 
     beta is at most 1, for V_h is conforming; beta^2 <= 1e-12, which is rounding, counts as 0.
     """
-    squares = [_smallest(operator.D, G) for G in (gram.upper, gram.lower)]
+    forms = (gram.upper, gram.lower)
+    squares = [float(eigh(operator.D, G, eigvals_only=True, subset_by_index=[0, 0])[0]) for G in forms]
     lower, upper = (math.sqrt(square) if square > ZERO else 0.0 for square in squares)
     beta_0 = math.sqrt(max(operator.lambda_min, 0.0) / float(operator.H_i.max()))
     return InfSup(lower, min(upper, 1.0), beta_0)
@@ -68,10 +70,6 @@ def of_runs(errors: xr.Dataset) -> xr.Dataset:
     return table.merge(errors[["beta_lower", "beta_upper", "beta_0"]])
 
 
-def _smallest(D: Array, G: Array) -> float:
-    return float(eigh(D, G, eigvals_only=True, subset_by_index=[0, 0])[0])
-
-
 def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Array:
     """mu (m,) at which ||mu||_{-1/2,h} / ||mu||_{-1/2} is smallest, its largest value 1.
 
@@ -92,12 +90,8 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
         value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
         if not found.size or value[0] < best - TIE * abs(best):
             best, found = float(value[0]), basis @ x[:, 0]
-    return found / found[_first_largest(found)]
-
-
-def _first_largest(mu: Array) -> int:
-    size = np.abs(mu)
-    return int(np.flatnonzero(size >= (1 - TIE) * size.max())[0])
+    size = np.abs(found)
+    return found / found[np.flatnonzero(size >= (1 - TIE) * size.max())[0]]
 
 
 class Resolution(NamedTuple):
@@ -129,9 +123,9 @@ def resolution(mesh: Mesh, partition: Partition) -> Resolution:
 def _smallest_angle(mesh: Mesh) -> float:
     at = np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2
     a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
-    sides = [p - q for p, q in ((b, a), (c, b), (a, c))]
+    sides = [b - a, c - b, a - c]
     angles = [
-        np.arctan2(np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), -np.sum(p * q, axis=1))
+        np.arctan2(np.abs(cross(p, q)), -np.sum(p * q, axis=1))
         for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
     ]
     return math.degrees(float(np.min(angles)))
