@@ -519,7 +519,9 @@ def by_another(error, bound):
         ({"guaranteed": [1.0, INF, 1.0, NAN]}, 1),
         ({"allowance": [0.1, INF, 0.1, NAN]}, 1),
         (by_another(0.5, 1.0), 0),
-        *((by_another(*numbers), 1) for numbers in ((2.0, 1.0), (NAN, 1.0), (0.5, INF))),
+        (by_another(2.0, 1.0), 1),
+        (by_another(NAN, 1.0), 1),
+        (by_another(0.5, INF), 1),
     ],
 )
 def test_the_check_of_outcomes_recomputes_them(changed, wrong):
@@ -562,8 +564,12 @@ def test_steps_on_the_wrong_side_of_their_limit_count_if_it_was_tried_next_to_it
 @pytest.mark.parametrize(
     ("measured", "observed"),
     [
-        *(([2.0, 16.0], 0), ([2.0, 26.0], 1), ([0.19, 5.0], 1)),
-        *(([2.0, 8.0], 1), ([3.0, 3.0], 1), ([2.0, NAN], 1)),
+        ([2.0, 16.0], 0),
+        ([2.0, 26.0], 1),
+        ([0.19, 5.0], 1),
+        ([2.0, 8.0], 1),
+        ([3.0, 3.0], 1),
+        ([2.0, NAN], 1),
     ],
 )
 def test_floors_are_within_a_factor_and_outgrow_their_predictions(measured, observed):

@@ -3,7 +3,6 @@
 from math import sqrt, tanh
 
 import numpy as np
-import pandas as pd
 import pytest
 from conftest import discrete
 
@@ -11,8 +10,6 @@ from unilateral.discrete import solve
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 from unilateral.study.figures import portrait
-
-Tables = dict[str, pd.DataFrame]
 
 
 @pytest.fixture(scope="module")

@@ -244,7 +244,8 @@ CASES = [
 @pytest.mark.parametrize(("name", "polygon"), CASES)
 @pytest.mark.parametrize("crude", [None, "zero", "noise"])
 def test_the_bounds_are_never_below_the_true_errors(name, polygon, crude):
-    for n in (4, 16):
+    """On coarse meshes; on finer ones those below that are sharp."""
+    for n in (4, 8):
         assert judged(name, n, polygon, crude).holds
 
 
@@ -257,6 +258,7 @@ def test_the_bounds_are_sharp_on_smooth_cases(name):
     """At most 1.3 and 2.5 times the error, the index of u falling with h: eta is of higher order."""
     found = [judged(name, n) for n in SHARP[name]]
     indices = [each.bound.u / each.h1_error for each in found]
+    assert all(each.holds for each in found)
     assert max(indices) <= 1.3
     assert np.all(np.diff(indices) < 0)
     assert all(each.bound.lambda_ <= 2.5 * each.upper for each in found)

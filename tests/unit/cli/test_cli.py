@@ -105,11 +105,20 @@ def test_json_has_the_library_s_numbers(solve_json):
     given = alone.spaces.partition, solution.u_h, solution.lambda_H
     bound = total_bound(enclosed(alone.exact.ritz.condensed.mesh, of), of.enclosed_obstacle, *given)
     expected = {
-        **{"problem": "natural", "h": 1 / 16, "diameter": np.sqrt(2) / 16, "H": 1 / 8},
-        **{"unknowns": 17**2, "multipliers": 32, "iterations": solution.result.iterations},
-        **{"converged": True, "algebraic_bound": solution.result.bound, "total_bound": bound.u},
-        **{"h1_error": solution.errors.h1, "l2_error": solution.errors.l2},
-        **{"hm12_error_lower": lower[0], "hm12_error_upper": upper[0]},
+        "problem": "natural",
+        "h": 1 / 16,
+        "diameter": np.sqrt(2) / 16,
+        "H": 1 / 8,
+        "unknowns": 17**2,
+        "multipliers": 32,
+        "iterations": solution.result.iterations,
+        "converged": True,
+        "algebraic_bound": solution.result.bound,
+        "total_bound": bound.u,
+        "h1_error": solution.errors.h1,
+        "l2_error": solution.errors.l2,
+        "hm12_error_lower": lower[0],
+        "hm12_error_upper": upper[0],
     }
     for key, value in expected.items():
         assert found[key] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), key

@@ -141,7 +141,9 @@ GREEN = [  # a place, the test function, None for u itself, the mesh, the degree
     *[
         (place, v, 1 / 12 if place[0] == "smooth" else 1 / 8, 14, 1e-9)
         for place in (
-            *(("natural", "square", 0), ("full_contact", "lshape", 0), ("no_contact", "lshape", 0)),
+            ("natural", "square", 0),
+            ("full_contact", "lshape", 0),
+            ("no_contact", "lshape", 0),
             *((name, *at) for name in ("smooth", "thirds") for at in (("square", 1), ("lshape", 2))),
         )
         for v in TEST_FUNCTIONS
