@@ -21,7 +21,7 @@ from unilateral.study.text import extremes_tables, marks, numbers
 
 CONFIG = yaml.safe_load((ROOT / "workflow/config/extremes.yaml").read_text())
 STUDY = CONFIG["extremes"]
-AXES = {name: axis for axes in STUDY["axes"].values() for name, axis in axes.items()}
+AXES = STUDY["axes"]
 EVERYWHERE = [
     *("ratio", "odd", "shift", "short", "near", "kernel", "kernel_loaded", "flat"),
     *("touching", "shrinking", "vertex", "nothing", "scale_up"),

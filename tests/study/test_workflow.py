@@ -91,11 +91,9 @@ def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     assert built(text) == {"sharpness"}
 
 
-def test_the_extremes_plan_their_own_jobs(tree):
+def test_the_extremes_plan_one_job_and_no_scene(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
-    parts = len(STUDY["extremes"]["axes"])
-    chain = ("extremes", "figure_table", "figure")
-    assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
+    assert jobs == dict.fromkeys(("extremes", "figure_table", "figure"), 1)
     assert built(text) == {"extremes"}
 
 
