@@ -1,4 +1,4 @@
-"""The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is run."""
+"""The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is computed."""
 
 import ast
 import importlib.util
