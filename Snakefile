@@ -51,7 +51,6 @@ RESULTS = [
     *rules.cost.input.runs,
     *rules.cost.input.timed,
     *rules.cost.output,
-    *rules.extremes.input.parts,
     *rules.extremes.output,
     *rules.claims.output,
     *rules.numbers.output,

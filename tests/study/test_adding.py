@@ -57,7 +57,7 @@ def calm(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return nothing(values, h, H, budget)
 """
 AXIS = """\
-      calm: { kind: calm, label: "a new kind", values: [1/2, 1/4] }
+    calm: { kind: calm, label: "a new kind", values: [1/2, 1/4] }
 """
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", "pentagon: [[0, 0], [2, 0], [2, 1], [1, 2], [0, 1]]\n"),
@@ -75,7 +75,7 @@ PLACES = [
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     ("src/unilateral/study/judge/ledger.yaml", "", CLAIM),
     ("src/unilateral/study/runs/extremes/contact.py", "", KIND),
-    ("workflow/config/extremes.yaml", "    cells:\n", AXIS),
+    ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]
 """What is added to a file, and behind which text or, without one, at its end.
 

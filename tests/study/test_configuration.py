@@ -169,10 +169,10 @@ def test_defaults_are_filled_in():
         ("cost.costly_steps", 0),
         ("extremes", REMOVED),
         ("extremes.accuracy", 0),
-        ("extremes.axes.cells.ratio.values", [1]),
-        ("extremes.axes.cells.ratio.values", [1, -1]),
-        ("extremes.axes.cells.ratio.steps", 3),
-        ("extremes.axes.cells", {}),
+        ("extremes.axes.ratio.values", [1]),
+        ("extremes.axes.ratio.values", [1, -1]),
+        ("extremes.axes.ratio.steps", 3),
+        ("extremes.axes", {}),
         ("figures.natural.parameters.levels", 3),
         ("figures.natural.parameters.H", REMOVED),
         ("rates.judged_ratio", "0"),
@@ -284,12 +284,8 @@ SAID = [
         "scenes.quick.H: each number has to be smaller than the one before it",
     ),
     (
-        ("extremes.axes.cells.odd.kind", "even"),
-        f"extremes.axes.cells.odd.kind: it is 'even'; it has to be one of {', '.join(functions.axes())}",
-    ),
-    (
-        ("extremes.axes.shapes.odd", STUDY["extremes"]["axes"]["cells"]["odd"]),
-        "extremes.axes.shapes.odd: the job 'cells' has an axis of that name, too",
+        ("extremes.axes.odd.kind", "even"),
+        f"extremes.axes.odd.kind: it is 'even'; it has to be one of {', '.join(functions.axes())}",
     ),
     (
         ("totals.levels", 7),
@@ -408,7 +404,7 @@ ACCEPTED = [
     (r"(scenes|surveys|totals\.scenes|rates\.cases)\.[\w.]+?|figures\.\w+", "removed"),
     (r"figures\.work_seconds\.(look(\.work)?|reads\.timings)", "removed|mapping"),
     (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle|folder)", "removed"),
-    (r"extremes\.axes\.\w+\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
+    (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),

@@ -44,7 +44,7 @@ from unilateral.study.runs.extremes.problem import full, made, on_square, waves
 from unilateral.study.runs.extremes.trial import attempt
 
 BUDGET = Budget(1e-6, 2000)
-AXES = {name: axis for axes in config("extremes")["extremes"]["axes"].values() for name, axis in axes.items()}
+AXES = config("extremes")["extremes"]["axes"]
 
 
 def problem(h=1 / 8, H=1 / 4, contact=waves, times=1.0):
@@ -234,9 +234,9 @@ def test_a_survey_of_one_axis():
     assert table["outcome"].values.tolist() == [RIGHT, RIGHT, REFUSED]
     assert "too small for double precision" in str(table["message"].values[2])
     assert table["measured_limit"].item() == 1e-6
-    both = extremes.joined([table, table.assign_coords(axis=["other, with a longer name"])])
+    both = extremes.survey({**axes, "other": axes["size"]}, 1 / 4, 1 / 2, BUDGET)
     assert both.sizes == {"point": 6, "axis": 2}
-    assert both["axis"].values.tolist() == ["size", "other, with a longer name"]
+    assert both["axis"].values.tolist() == ["size", "other"]
 
 
 def test_the_kinds_of_axes_are_the_public_functions_that_make_one():

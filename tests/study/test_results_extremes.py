@@ -14,7 +14,7 @@ from unilateral.study.runs.extremes import problem
 from unilateral.study.text import extremes_tables, marks, numbers
 
 STUDY = config("extremes")["extremes"]
-AXES = {name: axis for axes in STUDY["axes"].values() for name, axis in axes.items()}
+AXES = STUDY["axes"]
 EVERYWHERE = [
     *("ratio", "odd", "shift", "short", "near", "kernel", "kernel_loaded", "flat"),
     *("touching", "shrinking", "vertex", "nothing", "scale_up"),

@@ -1,4 +1,4 @@
-"""The pipeline: what a target plans, what ends it before it begins, its scripts' shape. Nothing is run."""
+"""The pipeline: what a target plans, what ends it before it begins, the shape of its scripts; nothing is run."""
 
 import ast
 import importlib.util
@@ -91,11 +91,9 @@ def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     assert built(text) == {"sharpness"}
 
 
-def test_the_extremes_plan_their_own_jobs(tree):
+def test_the_extremes_plan_one_job_and_no_scene(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
-    parts = len(STUDY["extremes"]["axes"])
-    chain = ("extremes", "figure_table", "figure")
-    assert jobs == {"extremes_part": parts} | dict.fromkeys(chain, 1)
+    assert jobs == dict.fromkeys(("extremes", "figure_table", "figure"), 1)
     assert built(text) == {"extremes"}
 
 
@@ -180,7 +178,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
 
 def test_a_portrait_needs_no_results(tree):
     text, jobs = plan(tree, "figures/natural.svg")
-    assert jobs == {"figure_table": 2, "figure": 1}
+    assert jobs == {"figure_table": 1, "figure": 1}
     assert built(text) == set()
 
 

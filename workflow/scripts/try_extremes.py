@@ -1,16 +1,16 @@
-"""Some axes of extreme problems."""
+"""All axes of extreme problems."""
 
 from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.study import tables
-from unilateral.study.runs import extremes
+from unilateral.study.runs.extremes import Budget, survey
 
 
-def main(study, axes, part):
+def main(study, extremes):
     h, H = (real(study[name], f"extremes.{name}") for name in ("h", "H"))
-    budget = extremes.Budget(study["accuracy"], study["max_steps"])
-    tables.save(extremes.survey(axes, h, H, budget), part, "extremes")
+    budget = Budget(study["accuracy"], study["max_steps"])
+    tables.save(survey(study["axes"], h, H, budget), extremes, "extremes")
 
 
 if __name__ == "__main__":

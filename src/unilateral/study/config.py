@@ -45,7 +45,7 @@ def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
     Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
     that cannot be put on its polygon or that has no expected rates.
     """
-    checks = (_unknown, _repeated, _disordered, drawings.faults, _beside_their_polygon, _unjudged)
+    checks = (_unknown, _disordered, drawings.faults, _beside_their_polygon, _unjudged)
     for place, said in itertools.chain(schema.faults(study, rules), *(faults(study) for faults in checks)):
         raise InputError(f"{_where(place, sources)}: {said}")
 
@@ -85,16 +85,6 @@ def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     yield from listed(vary.get("case", []), scenes[base["scene"]]["cases"], "cost", "vary", "case")
     for i, names in enumerate(cost["cross"]):
         yield from listed(names, vary, "cost", "cross", i)
-
-
-def _repeated(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Axes of several jobs that have one name in their table."""
-    jobs: dict[str, str] = {}
-    for job, axes in study["extremes"]["axes"].items():
-        for name in axes:
-            if name in jobs:
-                yield ("extremes", "axes", job, name), f"the job '{jobs[name]}' has an axis of that name, too"
-            jobs[name] = job
 
 
 def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
@@ -148,7 +138,7 @@ def _survey_faults(survey: Fields, name: str) -> Iterator[tuple[Place, str]]:
     except InputError as error:
         yield ("polygon",), str(error)
         return
-    specs: list[tuple[Place, Fields]] = [(("mesh",), survey["mesh"])]
+    specs: list[tuple[Place, Fields]] = [(("mesh",), survey.get("mesh", {}))]
     specs += [(("partitions", i), cells) for i, cells in enumerate(survey.get("partitions", []))]
     for place, spec in specs:
         if len(spec.get("counts", range(sides))) != sides:

@@ -7,15 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from unilateral.norms.infsup import of_runs
-from unilateral.study.judge.checks.evidence import (
-    ZERO,
-    Evidence,
-    Tables,
-    along_ratio,
-    by_case,
-    forms,
-    worst,
-)
+from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, along_ratio, by_case, forms, worst
 
 
 def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:

@@ -13,7 +13,7 @@ from unilateral.study import functions
 from unilateral.study.runs.extremes import cells, contact, precision, shapes, steps
 from unilateral.study.runs.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
-__all__ = ["Budget", "joined", "survey"]
+__all__ = ["Budget", "survey"]
 MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
 KINDS = {name: getattr(MODULES[module], name) for name, module in functions.axes().items()}
 """The function of each kind of axis."""
@@ -69,13 +69,6 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
 def _value(value: object, where: str) -> float:
     """A number as it is, for the grammar of formulas has none beyond 1e301, or a fraction."""
     return value if isinstance(value, float) else real(value, where)
-
-
-def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """One table of the axes of several."""
-    parts = [part.drop_encoding() for part in parts]
-    points = xr.concat([part.drop_dims("axis") for part in parts], "point")
-    return xr.merge([points, xr.concat([part.drop_dims("point") for part in parts], "axis")])
 
 
 def _first(rows: Sequence[Row], what: str) -> float:
