@@ -1,4 +1,4 @@
-"""The pipeline: what a target plans, what ends it before it begins, the shape of its scripts; nothing is run."""
+"""The pipeline: what a target plans, what ends it before it begins, the shape of its scripts."""
 
 import ast
 import importlib.util
