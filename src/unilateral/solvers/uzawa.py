@@ -130,7 +130,7 @@ class _Iteration:
         self, operator: DualOperator, b: Array, rho: float, apply: Apply | None, observe: Observe | None
     ) -> None:
         self.operator, self.b, self.rho, self.observe = operator, b, rho, observe
-        self.apply = apply or _Held(operator.S)
+        self.apply = apply or (lambda y, out: np.dot(operator.S, y, out=out))
         self.per_residual = math.inf if operator.singular else 1 / (rho * math.sqrt(operator.lambda_min))
         self.applications = 0
 
@@ -167,27 +167,6 @@ class _Iteration:
             return math.inf
         self.applications += 1
         return energy_norm(self.operator.S, R, size) + size * self.per_residual
-
-
-class _Held:
-    """S y from the columns in which y is not 0, of which a copy is kept: most of S is not read.
-
-    The copy is made anew when y has an entry outside of it, or not half as many as it has columns.
-    """
-
-    def __init__(self, S: Array) -> None:
-        self.S = S
-        self.cells, self.columns = np.empty(0, dtype=np.intp), S[:0]
-
-    def __call__(self, y: Array, out: Array) -> None:
-        """S y (m,) into `out`; S is symmetric, so its columns are read as rows."""
-        held = np.count_nonzero(y)
-        part = y[self.cells]
-        if np.count_nonzero(part) < held or 2 * held < len(self.cells):
-            self.cells = np.flatnonzero(y)
-            self.columns = self.S[self.cells] if held < len(y) else self.S
-            part = y[self.cells]
-        np.dot(part, self.columns, out=out)
 
 
 def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
