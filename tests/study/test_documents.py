@@ -136,3 +136,10 @@ def test_names_lead_through_groups():
         "a.c.d": "x",
         "e": 2.0,
     }
+
+
+def test_CI_runs_the_commands_of_README():
+    blocks_of = dict(re.findall(r"^```(\w*)\n(.*?)^```$", text("README.md"), re.MULTILINE | re.DOTALL))
+    commands = [line.partition("#")[0].strip() for line in blocks_of[""].splitlines()]
+    script = (ROOT / ".ci/run").read_text(encoding="utf-8").splitlines()
+    assert commands == [line for line in script if line.startswith("make")] == ["make", "make test"]
