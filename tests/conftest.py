@@ -1,5 +1,6 @@
 """What several test files share: discrete problems, built once."""
 
+import shutil
 from functools import cache
 from pathlib import Path
 
@@ -131,3 +132,15 @@ def problem_file_of(tmp_path):
 def problem_of(problem_file_of):
     """The problem in such a file."""
     return lambda **fields: problem_file.load(problem_file_of(**fields))
+
+
+def copy_project(folder):
+    """The project without results, in a folder of that folder."""
+    copied = folder / "project"
+    copied.mkdir()
+    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
+        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
+        shutil.copy(ROOT / name, copied / name)
+    (copied / "figures").mkdir()
+    return copied

@@ -19,7 +19,6 @@ from unilateral.geometry import polygon
 from unilateral.problems import case
 from unilateral.study import config as configuration
 from unilateral.study import drawings, functions
-from unilateral.study.runs.families import NODES, PARTITIONS
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
@@ -338,15 +337,6 @@ def test_a_name_that_stands_for_nothing_is_refused(path, value):
 @pytest.mark.parametrize("size", ["1/8", "0.125", 0.125, 1, "10/3", "1/10", "0.5/4"])
 def test_sizes_that_are_allowed(size):
     assert fault(changed("scenes.quick.mesh.h", size)) is None
-
-
-def test_all_that_the_library_knows_can_be_asked_for():
-    """And nothing else: the schema's lists against the library's."""
-    assert RULES["$defs"]["nodes"]["properties"]["kind"]["enum"] == ["structured", *NODES]
-    forms = [
-        (tuple(form["required"]), form["maxProperties"]) for form in RULES["$defs"]["partition"]["oneOf"]
-    ]
-    assert forms == [(keys, len(keys)) for keys in PARTITIONS]
 
 
 def patterns(rules) -> Iterator[dict]:

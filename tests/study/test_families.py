@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import yaml
+from conftest import ROOT
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
@@ -30,6 +32,14 @@ KINDS = [
     {"kind": "graded", "grading": 2},
     {"kind": "random", "spread": 10, "seed": 3},
 ]
+
+
+def test_all_that_can_be_asked_for_is_tried_here():
+    """The schema's kinds of boundary nodes, and its forms of partitions."""
+    rules = yaml.safe_load((ROOT / "workflow/schemas/study.schema.yaml").read_text())["$defs"]
+    assert rules["nodes"]["properties"]["kind"]["enum"] == ["structured", *(spec["kind"] for spec in KINDS)]
+    forms = [form["required"] for form in rules["partition"]["oneOf"]]
+    assert forms == [list(spec) for spec in PARTITIONS]
 
 
 def test_uniform_partition():
