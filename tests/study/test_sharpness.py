@@ -69,7 +69,9 @@ def test_members_have_a_certificate(alpha, gamma, at):
     np.testing.assert_allclose(found.contact, [(0, float(at), float(at + CUTOFF))], atol=1e-14)
     assert found.lambda_max > 0
     table = surfaces.rates_over(made_up([float(alpha)], [float(gamma)]))
-    assert [bool(table[name].item()) for name in ("j", "jj")] == [found.j, found.jj]
+    assert [bool(table[name].item()) for name in ("j", "jj")] == [
+        found.hypotheses[name] for name in ("j", "jj")
+    ]
 
 
 def test_a_wrong_claim_of_a_hypothesis_is_noticed():
