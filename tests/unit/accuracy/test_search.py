@@ -11,6 +11,7 @@ import pytest
 import sympy
 from conftest import DATA, load
 
+from unilateral.accuracy import search
 from unilateral.accuracy.budget import limits, wanted_H
 from unilateral.accuracy.level import Goal, standing, unknowable
 from unilateral.accuracy.search import SHARE, levels, two_edges_per_cell
@@ -434,3 +435,17 @@ def test_bounds_that_contradict_each_other_are_withdrawn(name):
     done = list(levels(load(name), Goal(0.02)))
     assert standing(done) == done
     assert standing([falsified(done[0], 1e-3), done[-1]]) == []
+
+
+def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
+    """Also where the level was iterated further, so that its bound is another one: all are known before."""
+    known = []
+    made = search.Level
+
+    def recorded(solved, goal, seconds):
+        known.append("bound" in vars(solved))
+        return made(solved, goal, seconds)
+
+    monkeypatch.setattr(search, "Level", recorded)
+    assert len(list(levels(load("natural"), Goal(0.2)))) == len(known) > 1
+    assert all(known)
