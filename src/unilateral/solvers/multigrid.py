@@ -28,16 +28,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
+from unilateral.arrays import Array, Mask
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.nested_cells import Cells
 from unilateral.fem.residual import dual_norm
 from unilateral.solvers.kernel_cg import Grid, Run, grid
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 DECADE = 1e-2
 """Of r . z, after which the active set is looked at; enough on coarser levels."""
 AT_FIRST = 1e-6
@@ -63,7 +61,7 @@ class Found:
 
     u: Array
     lambda_H: Array
-    active: Bools
+    active: Mask
     bound: float
     converged: bool
     counts: list[tuple[int, int]]
@@ -111,7 +109,7 @@ class Multigrid:
         norm_of_w = math.sqrt(max(float(w @ (A[inside][:, inside] @ w)), 0.0))
         return dual_norm(finest.levels, self.coarsest, R) + norm_of_w
 
-    def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Bools]:
+    def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
         first, share = self.grids[0], AT_FIRST
         u, active = np.zeros(len(first.load)), np.ones(len(first.d), dtype=bool)
@@ -133,7 +131,7 @@ def multigrid(levels: Sequence[Level], cells: Sequence[Cells], load: Array, d: A
     return Multigrid(grids, splu(levels[0].A.tocsc()))
 
 
-def settled(on: Grid, u: Array, active: Bools, ends: Reduced | Bounded, counts: list[tuple[int, int]]) -> Run:
+def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: list[tuple[int, int]]) -> Run:
     """The run whose set stays the same, or the last of MOST_STEPS; u (n,) changes in place."""
     steps = 0
     while True:
@@ -146,7 +144,7 @@ def settled(on: Grid, u: Array, active: Bools, ends: Reduced | Bounded, counts: 
         del run  # its memory is needed for the next one
 
 
-def _after(run: Run, ends: Reduced | Bounded) -> Bools:
+def _after(run: Run, ends: Reduced | Bounded) -> Mask:
     """The set (m,) after the run has ended, or has met another one."""
     look: float | None = ends.first_look(run)
     while look is not None:
