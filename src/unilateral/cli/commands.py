@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from unilateral import __version__
-from unilateral.accuracy.level import MAX_UNKNOWNS, NORMS
+from unilateral.accuracy.level import MAX_SECONDS, NORMS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
@@ -88,10 +88,19 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--max-unknowns",
         type=_count,
         metavar="N",
-        help=f"on the finest mesh (default {MAX_UNKNOWNS}, about 3 GB)",
+        help="on the finest mesh (default: what the memory allows)",
     )
     goal.add_argument(
-        "--max-seconds", type=_positive, metavar="S", help="no mesh is begun that is expected to end later"
+        "--max-seconds",
+        type=_positive,
+        metavar="S",
+        help=f"no mesh is begun that is expected to end later (default {MAX_SECONDS:g})",
+    )
+    goal.add_argument(
+        "--max-memory",
+        type=_positive,
+        metavar="MB",
+        help="no mesh is begun that is expected to take more (default: what is free)",
     )
     domain = solve.add_argument_group("domain and multipliers")
     domain.add_argument("--polygon", help=f"of a case: {' or '.join(names())} (default: the case's first)")
@@ -111,14 +120,17 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
     )
     method = solve.add_argument_group("iteration")
     method.add_argument(
-        "--algorithm", choices=ALGORITHMS, default="auto", help="default auto: uzawa where it can"
+        "--algorithm",
+        choices=ALGORITHMS,
+        default="auto",
+        help="default auto: multigrid on large meshes, else uzawa where it can",
     )
     method.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
     method.add_argument(
         "--max-steps",
         type=_count,
         default=Stop.max_steps,
-        help=f"of all but active_set (default {Stop.max_steps})",
+        help=f"of uzawa and its faster kinds (default {Stop.max_steps})",
     )
 
 
@@ -165,7 +177,6 @@ def _claims(options: argparse.Namespace) -> int:
 
 def _solve(options: argparse.Namespace) -> int:
     _check_alternatives(options)
-    options.max_unknowns = options.max_unknowns or MAX_UNKNOWNS
     return int(load("unilateral.cli.solve").run(options))
 
 
@@ -178,7 +189,7 @@ def _check_alternatives(options: argparse.Namespace) -> None:
         if missing:
             named = " and ".join(f"--{name}" for name in needed)
             raise InputError(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
-        wrong, why = {"norm", "max_unknowns", "max_seconds"} & given, "is only for --accuracy"
+        wrong, why = {"norm", "max_unknowns", "max_seconds", "max_memory"} & given, "is only for --accuracy"
     else:
         if options.accuracy >= 1:
             raise InputError("argument --accuracy: it is relative and must be below 1, such as 1e-2")

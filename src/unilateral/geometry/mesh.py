@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry import checks, refinement
+from unilateral.geometry import partition as partitions
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
@@ -165,6 +166,12 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
     edges = Partition(polygon, np.append(s, polygon.perimeter))
     mesh = from_arrays(polygon, *triangulate(edges, growth), "gmsh")
     return replace(mesh, s=edges.points)
+
+
+def following(cells: Partition, edges: int, halvings: int = 0) -> tuple[Mesh, Partition]:
+    """A mesh by gmsh with so many equal boundary edges in every cell, and the cells; both then halved."""
+    mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1])
+    return refine(mesh, halvings), partitions.refine(cells, 2**halvings)
 
 
 def refine(mesh: Mesh, times: int = 1) -> Mesh:

@@ -14,7 +14,7 @@ from unilateral.errors import InputError
 from unilateral.geometry.plane import cross, first_crossing
 
 MAX_VERTICES = 1000
-"""With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
+"""Polygons with more sides are taken for a mistake: such as curves that are drawn by points."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
 SMALLEST, LARGEST = 1e-75, 1e75

@@ -23,11 +23,13 @@ import scipy.sparse as sp
 import xarray as xr
 
 from unilateral.arrays import Array
-from unilateral.fem.spaces import MixedSpaces
+from unilateral.fem.loads import parts
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.exact import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
+from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
 
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
@@ -175,15 +177,16 @@ class Errors(NamedTuple):
     l2: float
 
 
-def errors(exact: Exact, spaces: MixedSpaces, mu: Array) -> Errors:
-    """The errors of (u(mu), mu) for mu (m,)."""
-    found = exact.errors(spaces, mu)
-    if spaces.operator.singular:
-        return Errors(found.h1, math.nan, math.nan, math.nan)
-    case, cells = exact.ritz.case, spaces.partition
-    bounds = dual_norm(cells, [case]).of_error(case, spaces.extended(mu)[None])
-    lower = max(found.hm12_discrete, float(bounds.lower[0]))
-    return Errors(found.h1, lower, float(bounds.upper[0]), found.l2)
+def errors(
+    case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool = True
+) -> Errors:
+    """The errors of u_h (n,) and lambda_H (m,), constant on the cells."""
+    h1 = math.sqrt(sum(h1_distance(case, part, u_h) ** 2 for part in parts(mesh)))
+    if not unique:
+        return Errors(h1, math.nan, math.nan, math.nan)
+    bounds = dual_norm(cells, [case]).of_error(case, lambda_H[None])
+    l2 = cell_means(case, cells).l2_error(lambda_H)
+    return Errors(h1, float(bounds.lower[0]), float(bounds.upper[0]), l2)
 
 
 def _root(squares: Array) -> Array:
