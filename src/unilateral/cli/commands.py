@@ -123,7 +123,7 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--algorithm",
         choices=ALGORITHMS,
         default="auto",
-        help="default auto: multigrid on large meshes, else uzawa where it can",
+        help="default auto: multigrid on large meshes, else uzawa",
     )
     method.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
     method.add_argument(

@@ -462,8 +462,11 @@ SINGULAR, ACCURATE = ("--h", "1/8", "--H", "1/8", "--rho", "1/2"), ("natural", "
         (("solve", "natural", *SIZES, "--levels", "3"), "unrecognized arguments: --levels 3"),
         (("solve", "natural", *SIZES, "--js"), "unrecognized arguments: --js"),
         (("solve", "two\nlines", *SIZES), "case 'two lines' is unknown"),
-        (("solve", "natural", "--h", "1/2000", "--H", "1/4"), "h = 0.0005 is too fine for 'square'; it must"),
-        (("solve", "natural", "--h", "1/4", "--H", "1/2000"), "H = 0.0005 is too fine for 'square'; it must"),
+        (
+            ("solve", "natural", "--h", "1e-7", "--H", "1/4"),
+            "h = 1e-07 makes 1e+14 unknowns on 'square',",
+        ),
+        (("solve", "natural", "--h", "1/4", "--H", "1e-6"), "16 of them on the boundary, take about"),
         (("solve", "thirds", *SIZES, "--polygon", "disc"), "polygon 'disc' is unknown; the named ones are"),
         (("solve", "thirds", *SIZES, "--side", "left"), "argument --side: invalid int value: 'left'"),
         (

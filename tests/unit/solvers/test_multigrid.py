@@ -286,7 +286,7 @@ def test_iterations_do_not_grow_with_the_mesh() -> None:
 def test_it_goes_on_from_what_was_found() -> None:
     of_both = problem("square 3", 4, 2, 3)
     first = of_both.grid.solve(1e-3)
-    second = of_both.grid.solve(1e-10, first)
+    second = of_both.grid.solve(1e-10, (first.u, first.active))
     assert second.converged
     assert len(second.counts) == 1
     assert iterations(second) < iterations(of_both.grid.solve(1e-10))
