@@ -17,7 +17,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.plane import cross
+from unilateral.geometry.plane import circles, cross
 from unilateral.problems.case import Case
 
 KINK_LEVELS = 2
@@ -85,7 +85,7 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
 
 def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
     """The triangles that a point is near or a kink may cross; no other one is ever cut."""
-    centre, radius = _around(mesh.points[mesh.triangles])
+    centre, radius = mesh.circles
     concerned = np.zeros(len(radius), dtype=bool)
     for point in points:
         concerned |= np.hypot(*(centre - point).T) < NEAR * radius
@@ -121,13 +121,7 @@ def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
 
 def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
     """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
-    return _around(_vertices(mesh, corners, parent))
-
-
-def _around(vertices: Array) -> tuple[Array, Array]:
-    centre = vertices.mean(axis=1)
-    away = vertices - centre[:, None]
-    return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
+    return circles(_vertices(mesh, corners, parent))
 
 
 def _barycentric(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:

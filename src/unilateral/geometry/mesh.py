@@ -13,7 +13,7 @@ from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry import checks
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.plane import longest_edges, signed_areas
+from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
 
 ROUNDED = 1e-6
@@ -61,6 +61,11 @@ class Mesh:
     def longest_edges(self) -> Array:
         """(m,) the longest edge of each triangle."""
         return longest_edges(self.points, self.triangles)
+
+    @cached_property
+    def circles(self) -> tuple[Array, Array]:
+        """Centroids (m, 2) of the triangles, and radii (m,) of the circles about them that contain them."""
+        return circles(self.points[self.triangles])
 
     @cached_property
     def areas(self) -> Array:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import sympy
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.elementary import evaluate, real_power
 from unilateral.formulas.formula import Compiled, compile_numpy, pos
 from unilateral.formulas.taylor import Model, by_part, number
@@ -110,6 +110,9 @@ class Polar(Local):
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         return self._in_disc(self._values[1], *self._polar(points, offset))[0]
+
+    def vanishes(self, centre: Array, radius: Array) -> Mask:
+        return np.hypot(*self.local(centre)) - radius / self.length > self._reach
 
     @property
     def at_vertex(self) -> bool:
