@@ -20,6 +20,7 @@ from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity
 
+HALF = sympy.Rational(1, 2)
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
@@ -137,11 +138,12 @@ class Polar(Local):
 
     @cached_property
     def regularity(self) -> Regularity:
-        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
-        ends = [self.beta * (theta - self.theta_0) for theta in (0, self.omega)]
-        no_trace, no_flux = (
-            all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin)
-        )
+        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1).
+
+        beta, and the angles over pi, are rational.
+        """
+        turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in (0, self.omega)]
+        no_flux, no_trace = (all((turn - shift).is_integer for turn in turns) for shift in (0, HALF))
         return Regularity(
             in_H2=bool(self.beta > 1),
             lipschitz=bool(self.beta >= 1) or no_trace,
