@@ -66,19 +66,22 @@ class Discrete:
 
     def solution(self, result: DualResult, tolerance: float) -> Solution:
         """What belongs to the lambda_H that was found."""
-        u_h = self.spaces.response(self.load, result.lambda_H)
-        return Solution(self, result, tolerance, u_h, self.spaces.extended(result.lambda_H))
+        return Solution(self, result, tolerance, self.spaces.extended(result.lambda_H))
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """u_h (n,) and lambda_H on all cells, which `result` has with its algebraic bound."""
+    """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
 
     discrete: Discrete
     result: DualResult
     tolerance: float
-    u_h: Array
     lambda_H: Array
+
+    @cached_property
+    def u_h(self) -> Array:
+        """(n,)"""
+        return self.discrete.spaces.response(self.discrete.load, self.result.lambda_H)
 
     @cached_property
     def errors(self) -> ExactErrors | None:
