@@ -29,7 +29,8 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
 
 def h1_matrix(mesh: Mesh) -> sp.csr_array:
     """A (n, n), the matrix K + M of (., .)_1 on V_h."""
-    return _assemble(mesh, sum(_blocks(mesh)))
+    stiffness, mass = _blocks(mesh)
+    return _assemble(mesh, stiffness + mass)
 
 
 def load(mesh: Mesh, moments: Array) -> Array:
