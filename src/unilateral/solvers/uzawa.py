@@ -144,7 +144,8 @@ class _Iteration:
     ) -> None:
         self.operator, self.b, self.rho, self.observe = operator, b, rho, observe
         self.apply = apply or Columns(operator.S)
-        self.per_residual = math.inf if operator.singular else 1 / (rho * math.sqrt(operator.lambda_min))
+        self.singular = operator.singular
+        self.per_residual = math.inf if self.singular else 1 / (rho * math.sqrt(operator.lambda_min))
         self.applications = 0
 
     def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
@@ -164,7 +165,7 @@ class _Iteration:
                     "start from smaller numbers, or take a smaller rho"
                 )
             last = step == max_steps or not size < DIVERGED
-            if last or self.operator.singular or size * self.per_residual <= tolerance:
+            if last or self.singular or size * self.per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
                 if last or bound <= tolerance:
                     break
@@ -173,7 +174,7 @@ class _Iteration:
         return step, bound
 
     def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
-        if self.operator.singular:
+        if self.singular:
             root = np.sqrt(self.operator.H_i)
             return _energy(F / root, root * y, self.operator.area)
         if not size < DIVERGED:

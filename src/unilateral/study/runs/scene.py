@@ -158,6 +158,6 @@ def _record(table: xr.Dataset, c: int, k: int, solution: Solution, errors: Exact
         "converged": float(result.converged),
     }
     for name, value in values.items():
-        table[name][c, 0, k] = value
-    table["algorithm"][c, 0, k] = result.algorithm
-    table["lambda_H"][c, 0, k, : len(result.lambda_H)] = result.lambda_H
+        table[name].values[c, 0, k] = value
+    table["algorithm"].values[c, 0, k] = result.algorithm
+    table["lambda_H"].values[c, 0, k, : len(result.lambda_H)] = result.lambda_H
