@@ -32,7 +32,7 @@ ON_CORNER = 1e-10
 
 @dataclass(frozen=True)
 class Apart:
-    """Pieces, corners (k, 3, 3) of the triangles parent (k,), whose first corner is a singular point (2,)."""
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), with a singular `point` (k, 2) as first one."""
 
     corners: Array
     parent: Index
@@ -42,7 +42,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Split:
-    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at each singular point.
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at singular points of each grading.
 
     Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
@@ -59,11 +59,12 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
     smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
-    singular = []
+    apart: dict[int, list[tuple[Array, Index, Array]]] = {}
     corners, parent = _one_point_each(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
         holds = _contains(mesh, corners, parent, point)
-        singular.append(Apart(*_at_corner(mesh, corners[holds], parent[holds], point), point, grading))
+        pieces, of = _at_corner(mesh, corners[holds], parent[holds], point)
+        apart.setdefault(grading, []).append((pieces, of, np.tile(point, (len(of), 1))))
         corners, parent = corners[~holds], parent[~holds]
     done: list[tuple[Array, Index]] = []
     for level in range(NEAR_LEVELS):
@@ -80,6 +81,10 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
         corners, parent = quarter(corners[marked]), np.repeat(parent[marked], 4)
     done.append((corners, parent))
     corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
+    singular = []
+    for grading, parts in apart.items():
+        pieces, of, first = (np.concatenate(each) for each in zip(*parts, strict=True))
+        singular.append(Apart(pieces, of, first, grading))
     return Split(corners, parent, singular)
 
 
