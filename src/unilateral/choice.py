@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from unilateral.discrete import Discrete, discretise
+from unilateral.discrete import AnyDiscrete, Discrete, discretise
 from unilateral.errors import InputError
 from unilateral.fem.condense import REFINED
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.memory import available_mb
-from unilateral.nested import Nested, nested
+from unilateral.nested import nested
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import Stop
@@ -26,7 +26,7 @@ DENSE = 64
 """Bytes for an entry of A_3 or S: some eight matrices of that size are held."""
 
 
-def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> Discrete | Nested:
+def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> AnyDiscrete:
     """The problem on nested levels where these pay and can follow the partition, else `condensed`.
 
     An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for in vain.

@@ -7,6 +7,7 @@ is text, so that 0.1 stays exact and 010, 0x10, 1:30, yes or a date are not read
 from __future__ import annotations
 
 import re
+from functools import cache
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
@@ -67,12 +68,17 @@ def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
 
 def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]:
     """The declaration if it is as the schema's file says; raises InputError with the field if not."""
-    rules = yaml.safe_load(schema.read_text(encoding="utf-8"))
-    fault = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(rules).iter_errors(declaration))
+    validator = _validator(schema.read_text(encoding="utf-8"))
+    fault = jsonschema.exceptions.best_match(validator.iter_errors(declaration))
     if fault is not None:
         place = ", field " + shown(fault.json_path.removeprefix("$.")) if fault.path else ""
         raise InputError(f"{name}{place}: {_said(fault)}")
     return declaration
+
+
+@cache
+def _validator(schema: str) -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(yaml.safe_load(schema))
 
 
 def _said(fault: Any) -> str:

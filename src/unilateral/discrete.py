@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -27,15 +28,53 @@ from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import Stop, iterate, joined
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
-if TYPE_CHECKING:
-    from unilateral.nested import Nested
-
 FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 AIM = 0.5
 """Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
 UNKNOWN = 1e-4
 """Of that residual: what the errors are taken to be where nothing is known of them."""
+
+
+class AnyDiscrete(Protocol):
+    """What a solution asks of the problem that it solves: see `Discrete`, and `Nested`."""
+
+    @property
+    def mesh(self) -> Mesh: ...
+
+    @property
+    def partition(self) -> Partition: ...
+
+    @property
+    def cells(self) -> Index: ...
+
+    @property
+    def load(self) -> Array: ...
+
+    @property
+    def g_means(self) -> Array: ...
+
+    @property
+    def data(self) -> Data | None: ...
+
+    @property
+    def source(self) -> Source | None: ...
+
+    @property
+    def unique(self) -> bool: ...
+
+    @property
+    def beta(self) -> float: ...
+
+    def errors(self, lambda_H: Array) -> ExactErrors | None: ...
+
+    def lambda_norm(self, lambda_H: Array) -> float: ...
+
+    def solved(self, stop: Stop) -> Solution: ...
+
+    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution: ...
+
+    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +116,10 @@ class Discrete:
         """What serves as beta of (3.4)."""
         return self.spaces.beta
 
+    def errors(self, lambda_H: Array) -> ExactErrors | None:
+        """The true errors of lambda_H (m,) and its u_h, where the solution is known."""
+        return self.exact.errors(self.spaces, lambda_H) if self.exact else None
+
     def lambda_norm(self, lambda_H: Array) -> float:
         """||lambda_H||_{-1/2,h} for lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
         return float(np.linalg.norm(self.spaces.operator.half @ lambda_H))
@@ -108,27 +151,31 @@ class Discrete:
 
     def solution(self, result: DualResult, tolerance: float) -> Solution:
         """What belongs to the lambda_H that was found."""
-        u_h = self.spaces.response(self.load, result.lambda_H)
-        return Solution(self, result, tolerance, u_h, self.spaces.extended(result.lambda_H))
+        lambda_H = self.spaces.extended(result.lambda_H)
+        return Solution(
+            self, result, tolerance, lambda_H, lambda: self.spaces.response(self.load, result.lambda_H)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """u_h (n,) and lambda_H on all cells, which `result` has with its algebraic bound."""
+    """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
 
-    discrete: Discrete | Nested
+    discrete: AnyDiscrete
     result: DualResult
     tolerance: float
-    u_h: Array
     lambda_H: Array
+    find_u_h: Callable[[], Array]
+
+    @cached_property
+    def u_h(self) -> Array:
+        """(n,)"""
+        return self.find_u_h()
 
     @cached_property
     def errors(self) -> ExactErrors | None:
-        """The true errors, where the solution is known."""
-        discrete = self.discrete
-        if not isinstance(discrete, Discrete) or discrete.exact is None:
-            return None
-        return discrete.exact.errors(discrete.spaces, self.result.lambda_H)
+        """The true errors, where the solution is seen from the spaces."""
+        return self.discrete.errors(self.result.lambda_H)
 
     @cached_property
     def gap(self) -> Array:

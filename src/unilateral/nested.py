@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -58,15 +58,18 @@ class Nested:
         """
         return self.iterated(stop.tolerance, stop)
 
-    def iterated(self, tolerance: float | None, stop: Stop, _: Array | None = None) -> Solution:
+    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
         """The same for a tolerance or, with None, the estimate's share; coarser levels are the start."""
         return self._solution(self.grids.solve(tolerance, fraction=stop.fraction))
 
-    def continued(self, solution: Solution, tolerance: float, _: Stop) -> Solution:
+    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
         """The solution, iterated on to a smaller tolerance."""
         start = (solution.u_h, solution.result.lambda_H > 0)
         more = self._solution(self.grids.solve(tolerance, start))
-        return Solution(self, joined(solution.result, more.result), tolerance, more.u_h, more.lambda_H)
+        return replace(more, result=joined(solution.result, more.result))
+
+    def errors(self, lambda_H: Array) -> None:
+        """Not seen from these spaces: `norms.dual.errors` integrates them."""
 
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
@@ -78,7 +81,7 @@ class Nested:
         finest = found.counts[-1][0]
         steps = sum(count for level, count in found.counts if level == finest)
         result = DualResult(found.lambda_H, steps, steps, found.bound, found.converged, math.nan, "multigrid")
-        return Solution(self, result, found.tolerance, found.u, lambda_H)
+        return Solution(self, result, found.tolerance, lambda_H, lambda: found.u)
 
 
 def nested(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Nested | None:

@@ -22,11 +22,15 @@ def gradients(mesh: Mesh) -> Array:
 
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
-    """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
-    slopes, areas = gradients(mesh), mesh.areas
-    stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
-    mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
+    """Stiffness K and mass M (n, n)."""
+    stiffness, mass = _blocks(mesh)
     return _assemble(mesh, stiffness), _assemble(mesh, mass)
+
+
+def h1_matrix(mesh: Mesh) -> sp.csr_array:
+    """A (n, n), the matrix K + M of (., .)_1 on V_h."""
+    stiffness, mass = _blocks(mesh)
+    return _assemble(mesh, stiffness + mass)
 
 
 def load(mesh: Mesh, moments: Array) -> Array:
@@ -35,9 +39,12 @@ def load(mesh: Mesh, moments: Array) -> Array:
     return values.astype(float)
 
 
-def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
-    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
-    return load(mesh, moments + np.einsum("tid,td->ti", gradients(mesh), gradient_integrals))
+def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
+    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient.
+
+    `slopes` are the `gradients` of the mesh.
+    """
+    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
 
 
 def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
@@ -73,6 +80,12 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
     of_gradient = np.sum(np.einsum("tid,ti->td", gradients(mesh), nodal) ** 2, axis=1)
     of_value = (nodal.sum(axis=1) ** 2 + (nodal**2).sum(axis=1)) / 12
     return math.sqrt(float(mesh.areas @ (of_gradient + of_value)))
+
+
+def _blocks(mesh: Mesh) -> tuple[Array, Array]:
+    """Each triangle's parts of K and M, (m, 3, 3)."""
+    slopes, areas = gradients(mesh), mesh.areas[:, None, None]
+    return areas * (slopes @ slopes.transpose(0, 2, 1)), areas * ((np.ones((3, 3)) + np.eye(3)) / 12)
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

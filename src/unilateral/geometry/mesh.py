@@ -14,7 +14,7 @@ from unilateral.errors import InputError
 from unilateral.geometry import checks, refinement
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.plane import longest_edges, signed_areas
+from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Triangulation
 
@@ -77,6 +77,11 @@ class Mesh:
         for _ in range(self.halvings):
             found = found.children()
         return found
+
+    @cached_property
+    def circles(self) -> tuple[Array, Array]:
+        """Centroids (m, 2) of the triangles, and radii (m,) of the circles about them that contain them."""
+        return circles(self.points[self.triangles])
 
     @cached_property
     def areas(self) -> Array:

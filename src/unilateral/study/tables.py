@@ -108,8 +108,11 @@ SEAL = len(_seal(b""))
 
 
 def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
-    """One table from those of single levels, coarse to fine."""
-    return xr.concat(
+    """One table from those of single levels, coarse to fine.
+
+    What does not depend on the mesh is taken from the first level that has it.
+    """
+    table = xr.concat(
         levels,
         "mesh",
         data_vars="minimal",
@@ -118,6 +121,10 @@ def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
         join="exact",
         combine_attrs="drop",
     )
+    common = [name for name, variable in table.data_vars.items() if "mesh" not in variable.dims]
+    for level in levels[1:]:
+        table = table.assign(table[common].fillna(level[common]))
+    return table
 
 
 def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:

@@ -66,11 +66,11 @@ def sweep(
             table[name][c, 0] = getattr(problem, name)
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
-        cells = [cell_means(case, partition) for case in cases]
-        for name in PER_CELLS:
-            table[name][:, k] = [getattr(each, name) for each in cells]
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
+        cells = [cell_means(case, partition) for case in cases]
+        for name in PER_CELLS:
+            table[name].values[:, k] = [getattr(each, name) for each in cells]
         spaces = mixed_spaces(condensed, partition)
         form = _form(spaces, gram)
         stability = infsup(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
@@ -158,6 +158,6 @@ def _record(table: xr.Dataset, c: int, k: int, solution: Solution, errors: Exact
         "converged": float(result.converged),
     }
     for name, value in values.items():
-        table[name][c, 0, k] = value
-    table["algorithm"][c, 0, k] = result.algorithm
-    table["lambda_H"][c, 0, k, : len(result.lambda_H)] = result.lambda_H
+        table[name].values[c, 0, k] = value
+    table["algorithm"].values[c, 0, k] = result.algorithm
+    table["lambda_H"].values[c, 0, k, : len(result.lambda_H)] = result.lambda_H

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unilateral.discrete import Discrete, with_solution
-from unilateral.fem.condense import Condensed, by_sparse, matrix
+from unilateral.fem.condense import Condensed, by_sparse
+from unilateral.fem.p1 import h1_matrix
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
@@ -25,7 +26,7 @@ from unilateral.problems.case import Case
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import Apply, uzawa
 from unilateral.study.runs.cost import operations
-from unilateral.study.runs.cost.history import History, Reached, by_A, by_A_3, by_S32, refined
+from unilateral.study.runs.cost.history import History, Reached, by_A, by_A_3, by_S, by_S32, refined
 from unilateral.study.runs.cost.variants import REFRESH, Variant
 
 Array = NDArray[np.float64]
@@ -97,17 +98,17 @@ class Measured:
             return 2 / (operator.lambda_min + operator.lambda_max)
         return STEPS[algorithm].share / operator.lambda_max
 
-    def apply(self, variant: Variant) -> Apply | None:
+    def apply(self, variant: Variant) -> Apply:
         """The way to S y."""
         spaces, operator = self.spaces, self.spaces.operator
         ways = {
             ("A", "float64"): lambda: by_A(self.alone, spaces),
             ("A_3", "float64"): lambda: by_A_3(spaces),
+            ("S", "float64"): lambda: by_S(operator),
             ("S", "float32"): lambda: by_S32(operator),
             ("S", "refined"): lambda: refined(operator),
         }
-        way = ways.get((variant.algebra, variant.precision))
-        return way() if way else None
+        return ways[variant.algebra, variant.precision]()
 
     def costs(self, variant: Variant) -> Costs:
         """By the formulas of `operations`. The set-up has two solves, with f and for u_h.
@@ -153,7 +154,7 @@ class Shared:
 
     def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram, variants: Sequence[Variant]) -> None:
         (factors, condensed), self.condensing = timed(partial(_condensed, mesh))
-        alone, self.dissecting = timed(lambda: dissected(matrix(mesh)))
+        alone, self.dissecting = timed(lambda: dissected(h1_matrix(mesh)))
         eliminated = operations.factors(factors.lu)
         of_A = {"A": operations.factors(alone.lu), "A_3": eliminated, "S": eliminated}
         ratios = {variant.H_over_h for variant in variants}
@@ -172,7 +173,7 @@ class Shared:
 
 def _condensed(mesh: Mesh) -> tuple[Sparse, Condensed]:
     """By sparse elimination, whose operations are counted."""
-    factors = dissected(matrix(mesh), mesh.boundary)
+    factors = dissected(h1_matrix(mesh), mesh.boundary)
     return factors, by_sparse(mesh, factors)
 
 
