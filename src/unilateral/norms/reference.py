@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from scipy.sparse.linalg import SuperLU
 from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import check_constants
-from unilateral.fem.sparse import elimination_order, factorise
+from unilateral.fem.sparse import elimination_order, factorise, half_solved
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -25,29 +27,27 @@ from unilateral.norms.grading import boundary_nodes
 
 EDGES_PER_CELL = 8
 GROWTH = 0.45
-BLOCK = 16
 
 
 class Factor:
-    """A symmetric positive definite matrix (n, n), factorised in an order (n,) or by nested dissection."""
+    """A symmetric positive definite matrix (n, n), eliminated in an order (n,) or by nested dissection."""
 
     def __init__(self, A: sp.csr_array, order: Index | None = None) -> None:
+        self.A = A
         self.order = elimination_order(A) if order is None else order
-        self.lu = factorise(A, self.order)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs, (n,), its entries in the order of elimination."""
-        return self.lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
+        return self._lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
+
+    @cached_property
+    def _lu(self) -> SuperLU:
+        return factorise(self.A, self.order)
 
     def products(self, F: sp.csc_array) -> Array:
         """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
-        found = np.empty((F.shape[1], F.shape[1]))
-        permuted = F.tocsr()[self.order].tocsc()
-        transposed = permuted.T.tocsr()
-        for start in range(0, F.shape[1], BLOCK):
-            block = slice(start, start + BLOCK)
-            found[:, block] = transposed @ self.lu.solve(permuted[:, block].toarray())
-        return 0.5 * (found + found.T)
+        half = half_solved(self.A, F, self.order)
+        return (half.T @ half).toarray()
 
 
 @dataclass(frozen=True, eq=False)
