@@ -118,11 +118,14 @@ def _as_float(root: sympy.Expr) -> float:
 
 
 def _real_roots(polynomial: sympy.Poly) -> list[sympy.Expr]:
-    """Without simplifying irrational coefficients, which one of degree 1 or 2 may have."""
-    if polynomial.degree() > 1 and all(c.is_Rational for c in polynomial.coeffs()):
+    """Exact up to degree 2 and of rational coefficients; without simplifying irrational ones of degree 2."""
+    if polynomial.degree() > 2:
         return sympy.real_roots(polynomial)
-    if polynomial.degree() == 2:
-        found = np.roots([float(c) for c in polynomial.all_coeffs()])
-        return [sympy.Float(root) for root in found[found.imag == 0].real]
-    slope, constant = (polynomial.nth(power) for power in (1, 0))
-    return [] if slope == 0 else [-constant / slope]
+    a, b, c = (polynomial.nth(power) for power in (2, 1, 0))
+    if a == 0:
+        return [] if b == 0 else [-c / b]
+    square = b**2 - 4 * a * c
+    if square.is_Rational:
+        return [(sign * sympy.sqrt(square) - b) / (2 * a) for sign in (-1, 1) if square >= 0]
+    found = np.roots([float(coefficient) for coefficient in (a, b, c)])
+    return [sympy.Float(root) for root in found[found.imag == 0].real]

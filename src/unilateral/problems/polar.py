@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import sympy
@@ -135,10 +135,7 @@ class Polar(Local):
     @cached_property
     def regularity(self) -> Regularity:
         """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
-        ends = [self.beta * (theta - self.theta_0) for theta in (0, self.omega)]
-        no_trace, no_flux = (
-            all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin)
-        )
+        no_trace, no_flux = _vanishing(self.beta, self.theta_0, self.omega)
         return Regularity(
             in_H2=bool(self.beta > 1),
             lipschitz=bool(self.beta >= 1) or no_trace,
@@ -159,3 +156,11 @@ class Polar(Local):
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
+
+
+@cache
+def _vanishing(beta: sympy.Expr, theta_0: sympy.Expr, omega: sympy.Expr) -> tuple[bool, bool]:
+    """Whether cos(beta (theta - theta_0)) is 0 at theta = 0 and omega, and whether the sine is."""
+    ends = [beta * (theta - theta_0) for theta in (0, omega)]
+    no_trace, no_flux = (all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin))
+    return no_trace, no_flux
