@@ -1,19 +1,17 @@
-"""The commands: what they take from the command line, and what they run."""
+"""The commands: what they take from the command line, and what they run.
+
+What takes long to import is imported for the command that needs it, so that help comes at once.
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from unilateral import __version__
-from unilateral.accuracy.level import MAX_SECONDS, NORMS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
-from unilateral.formulas.formula import real
-from unilateral.geometry.polygon import names
-from unilateral.solvers.iterate import ALGORITHMS, Stop
 
 CLAIM_FAILS = 1
 EXIT_CODES = (
@@ -32,12 +30,26 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
+    add: Callable[[argparse.ArgumentParser], None] | None = None
+    """Adds the arguments of a command once that is chosen."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self.add:
+            self.add(self)
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see '{self.prog} --help'")
 
     def _print_message(self, message: str, file: object = None) -> None:
         """Help and version; argparse's own method keeps silent where they cannot be written."""
         say(message.rstrip("\n"))
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        say(f"unilateral {load('unilateral').__version__}")
+        parser.exit()
 
 
 def _parser() -> _Parser:
@@ -47,7 +59,7 @@ def _parser() -> _Parser:
         description="Mixed finite elements for unilateral problems, verified.",
         epilog=EXIT_CODES,
     )
-    parser.add_argument("--version", action="version", version=f"unilateral {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     common: dict[str, Any] = {"allow_abbrev": False, "epilog": EXIT_CODES}
     cases = commands.add_parser("cases", help="list the manufactured cases with their certificates", **common)
@@ -58,12 +70,17 @@ def _parser() -> _Parser:
     claims.set_defaults(run=_claims)
     claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
     claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
-    _add_solve(commands.add_parser("solve", help="solve one problem, with its errors", **common))
+    solve = commands.add_parser("solve", help="solve one problem, with its errors", **common)
+    solve.set_defaults(run=_solve)
+    solve.add = _add_solve
     return parser
 
 
 def _add_solve(solve: argparse.ArgumentParser) -> None:
-    solve.set_defaults(run=_solve)
+    from unilateral.accuracy.level import MAX_SECONDS, NORMS
+    from unilateral.geometry.polygon import names
+    from unilateral.solvers.iterate import ALGORITHMS, Stop
+
     solve.description = (
         "Solve one problem, on given sizes --h and --H or up to an --accuracy that is then guaranteed."
     )
@@ -135,6 +152,8 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
 
 
 def _positive(text: str) -> float:
+    from unilateral.formulas.formula import real
+
     try:
         value = real(text, "")
     except InputError:

@@ -7,9 +7,9 @@ from functools import cache, cached_property
 from importlib import resources
 
 import numpy as np
-import yaml
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.declarations import own
 from unilateral.errors import InputError
 from unilateral.geometry.plane import cross, first_crossing
 
@@ -158,8 +158,7 @@ def square() -> Polygon:
 
 @cache
 def _named() -> dict[str, list[list[int]]]:
-    text = (resources.files("unilateral.geometry") / "polygons.yaml").read_text(encoding="utf-8")
-    found: dict[str, list[list[int]]] = yaml.safe_load(text)
+    found: dict[str, list[list[int]]] = own(resources.files("unilateral.geometry") / "polygons.yaml")
     return found
 
 

@@ -16,11 +16,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-import xarray as xr
 
 from unilateral.arrays import Array
 from unilateral.fem.loads import parts
@@ -31,6 +30,9 @@ from unilateral.norms.functionals import Functionals, of_differences, of_indicat
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
@@ -63,6 +65,8 @@ class Gram:
 
     def table(self, cases: Sequence[Case]) -> xr.Dataset:
         """The forms, the ends of their cells and what belongs to the cases, with the names of all."""
+        import xarray as xr
+
         form = ("functional", "functional_too")
         dimensions = (("point",), ("case", "cell"), form, form, ("case",))
         values = (self.points, self.means, self.lower, self.upper, self.oscillation)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import sympy
@@ -164,3 +164,11 @@ class Polar(Local):
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
+
+
+@cache
+def _vanishing(beta: sympy.Expr, theta_0: sympy.Expr, omega: sympy.Expr) -> tuple[bool, bool]:
+    """Whether cos(beta (theta - theta_0)) is 0 at theta = 0 and omega, and whether the sine is."""
+    ends = [beta * (theta - theta_0) for theta in (0, omega)]
+    no_trace, no_flux = (all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin))
+    return no_trace, no_flux

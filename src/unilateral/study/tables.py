@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-import yaml
 
 from unilateral import __version__
+from unilateral.declarations import own
 from unilateral.errors import InputError, StorageError
 from unilateral.files import replacing
 
@@ -31,9 +31,7 @@ LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
 FLOAT_DIGITS = 4
 NEGLIGIBLE = 1e-12
 
-VARIABLES: dict[str, list[str]] = yaml.safe_load(
-    (resources.files("unilateral.study") / "variables.yaml").read_text(encoding="utf-8")
-)
+VARIABLES: dict[str, list[str]] = own(resources.files("unilateral.study") / "variables.yaml")
 """Name: long name, units, the paper's equation or definition."""
 
 
