@@ -168,8 +168,8 @@ def test_a_schema_is_parsed_once(tmp_path, monkeypatch):
     """The second declaration is refused as it would be at first."""
     schema, parsed = tmp_path / "schema.yaml", []
     schema.write_text("{ type: object, properties: { a: { type: integer } } }")
-    parse = yaml.safe_load
-    monkeypatch.setattr(yaml, "safe_load", lambda text: parsed.append(text) or parse(text))
+    parse = declarations.own
+    monkeypatch.setattr(declarations, "own", lambda file: parsed.append(file) or parse(file))
     assert declarations.validate({"a": 1}, schema, "one") == {"a": 1}
     with pytest.raises(InputError, match="other, field a: "):
         declarations.validate({"a": "b"}, schema, "other")

@@ -167,8 +167,3 @@ class Polar(Local):
 
 
 @cache
-def _vanishing(beta: sympy.Expr, theta_0: sympy.Expr, omega: sympy.Expr) -> tuple[bool, bool]:
-    """Whether cos(beta (theta - theta_0)) is 0 at theta = 0 and omega, and whether the sine is."""
-    ends = [beta * (theta - theta_0) for theta in (0, omega)]
-    no_trace, no_flux = (all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin))
-    return no_trace, no_flux
