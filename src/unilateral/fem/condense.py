@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.p1 import boundary_mass, h1_matrix, load
+from unilateral.fem.p1 import boundary_mass, load, stiffness_and_mass
 from unilateral.fem.recursive import Recursive
 from unilateral.fem.sparse import Sparse, dissected, last_block
 from unilateral.geometry.mesh import Mesh
@@ -42,7 +42,7 @@ class Condensed:
     @cached_property
     def A(self) -> sp.csr_array:
         """(n, n)"""
-        return h1_matrix(self.mesh)
+        return matrix(self.mesh)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
@@ -50,7 +50,7 @@ class Condensed:
 
     def solve_boundary(self, rhs: Array) -> Array:
         """A_3^{-1} rhs for rhs (nb,) or (nb, k)."""
-        return cho_solve((self.cholesky, False), rhs)
+        return cho_solve((self.cholesky, False), rhs, check_finite=False)
 
     @cached_property
     def sigma_1(self) -> float:
@@ -65,13 +65,19 @@ class Condensed:
         return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
 
+def matrix(mesh: Mesh) -> sp.csr_array:
+    """A (n, n), the matrix of (., .)_1 on V_h."""
+    stiffness, mass = stiffness_and_mass(mesh)
+    return stiffness + mass
+
+
 def condense(mesh: Mesh) -> Condensed:
     """Factorise A on the mesh and condense it to the boundary nodes.
 
     Raises InputError where the domain is so small that rounding loses the constants.
     """
     if mesh.halvings < REFINED:
-        return by_sparse(mesh, dissected(h1_matrix(mesh), mesh.boundary))
+        return by_sparse(mesh, dissected(matrix(mesh), mesh.boundary))
     factors = Recursive(mesh)
     check_constants(mesh, factors.solve(_of_one(mesh)))
     return Condensed(mesh, factors, factors.A_3, factors.cholesky)

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Int32
 from unilateral.fem.inherited import Elements, elements, matrix, prolongation
-from unilateral.fem.p1 import h1_matrix
+from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 
 
@@ -36,7 +36,7 @@ class Level:
 def hierarchy(mesh: Mesh) -> list[Level]:
     """The levels from the coarse mesh that it was refined from, to the mesh itself."""
     coarse = mesh.coarse or mesh
-    A, P = h1_matrix(coarse), sp.eye_array(coarse.n_nodes, format="csr")
+    A, P = sum(stiffness_and_mass(coarse)), sp.eye_array(coarse.n_nodes, format="csr")
     A = sp.csr_array((A.data, A.indices.astype(np.int32), A.indptr.astype(np.int32)), shape=A.shape)
     levels = [Level(A, P, np.zeros(0), coarse.boundary.astype(np.int32), coarse.s)]
     of = elements(coarse) if mesh.halvings else None

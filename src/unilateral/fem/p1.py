@@ -22,15 +22,11 @@ def gradients(mesh: Mesh) -> Array:
 
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
-    """Stiffness K and mass M (n, n)."""
-    stiffness, mass = _blocks(mesh)
+    """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
+    slopes, areas = gradients(mesh), mesh.areas
+    stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
     return _assemble(mesh, stiffness), _assemble(mesh, mass)
-
-
-def h1_matrix(mesh: Mesh) -> sp.csr_array:
-    """A (n, n), the matrix K + M of (., .)_1 on V_h."""
-    stiffness, mass = _blocks(mesh)
-    return _assemble(mesh, stiffness + mass)
 
 
 def load(mesh: Mesh, moments: Array) -> Array:
@@ -80,12 +76,6 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
     of_gradient = np.sum(np.einsum("tid,ti->td", gradients(mesh), nodal) ** 2, axis=1)
     of_value = (nodal.sum(axis=1) ** 2 + (nodal**2).sum(axis=1)) / 12
     return math.sqrt(float(mesh.areas @ (of_gradient + of_value)))
-
-
-def _blocks(mesh: Mesh) -> tuple[Array, Array]:
-    """Each triangle's parts of K and M, (m, 3, 3)."""
-    slopes, areas = gradients(mesh), mesh.areas[:, None, None]
-    return areas * (slopes @ slopes.transpose(0, 2, 1)), areas * ((np.ones((3, 3)) + np.eye(3)) / 12)
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

@@ -88,7 +88,8 @@ class Recursive:
         x = np.array(np.atleast_2d(rhs.T), dtype=float)
         for stage in self.stages:
             stage.reduce(x)
-        x[:, self.boundary] = cho_solve((self.cholesky, False), x[:, self.boundary].T).T
+        loads = x[:, self.boundary].T
+        x[:, self.boundary] = cho_solve((self.cholesky, False), loads, check_finite=False).T
         for stage in reversed(self.stages):
             stage.expand(x)
         return x.T.reshape(rhs.shape)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -109,12 +110,12 @@ class Gram:
         lower, upper = (np.einsum("ki,ij,kj->k", x, form, x) for form in (self.lower, self.upper))
         return Bounds(_root(lower), _root(upper) + self.oscillation[c])
 
-    def best_approximation(self, c: int) -> float:
-        """A lower bound of the distance of lambda of case c from P0(T_H) in ||.||_{-1/2}."""
+    @cached_property
+    def best_approximations(self) -> Array:
+        """(c,) lower bounds of the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
         m = self.n_cells
-        mixed = self.lower[:m, m + c]
-        square = self.lower[m + c, m + c] - mixed @ np.linalg.solve(self.p0.lower, mixed)
-        return math.sqrt(max(float(square), 0.0))
+        mixed, own = self.lower[:m, m:], np.diag(self.lower)[m:]
+        return _root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
 
 
 @dataclass(frozen=True, eq=False)

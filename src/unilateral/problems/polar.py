@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 import sympy
@@ -164,6 +164,3 @@ class Polar(Local):
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
-
-
-@cache

@@ -130,7 +130,7 @@ class Columns:
         self.S, self.contact, self.columns = S, np.zeros(0, dtype=np.intp), S[:0]
 
     def __call__(self, y: Array, out: Array) -> None:
-        contact = np.flatnonzero(y)
+        contact = y.nonzero()[0]
         if not np.array_equal(contact, self.contact):
             self.contact, self.columns = contact, self.S[contact]  # rows: S is symmetric
         np.dot(y[contact], self.columns, out=out)

@@ -89,7 +89,7 @@ def sweep(
                 lower, upper = form.error(c, difference[None])
                 table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), errors.hm12_discrete)
                 table["hm12_error_upper"][c, 0, k] = upper[0]
-                table["hm12_best"][c, 0, k] = form.best_approximation(c)
+                table["hm12_best"][c, 0, k] = form.best_approximations[c]
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
         {

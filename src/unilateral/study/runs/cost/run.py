@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unilateral.discrete import Discrete, with_solution
-from unilateral.fem.condense import Condensed, by_sparse
-from unilateral.fem.p1 import h1_matrix
+from unilateral.fem.condense import Condensed, by_sparse, matrix
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
@@ -154,7 +153,7 @@ class Shared:
 
     def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram, variants: Sequence[Variant]) -> None:
         (factors, condensed), self.condensing = timed(partial(_condensed, mesh))
-        alone, self.dissecting = timed(lambda: dissected(h1_matrix(mesh)))
+        alone, self.dissecting = timed(lambda: dissected(matrix(mesh)))
         eliminated = operations.factors(factors.lu)
         of_A = {"A": operations.factors(alone.lu), "A_3": eliminated, "S": eliminated}
         ratios = {variant.H_over_h for variant in variants}
@@ -173,7 +172,7 @@ class Shared:
 
 def _condensed(mesh: Mesh) -> tuple[Sparse, Condensed]:
     """By sparse elimination, whose operations are counted."""
-    factors = dissected(h1_matrix(mesh), mesh.boundary)
+    factors = dissected(matrix(mesh), mesh.boundary)
     return factors, by_sparse(mesh, factors)
 
 
