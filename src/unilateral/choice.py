@@ -11,7 +11,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.memory import available_mb
-from unilateral.nested import nested
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import Stop
@@ -32,6 +31,8 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for in vain.
     """
     if wants_multigrid(stop, mesh.n_nodes):
+        from unilateral.nested import nested  # and with it PyAMG
+
         found = nested(problem, mesh, partition)
         if found:
             return found
