@@ -106,7 +106,8 @@ def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sym
     if expression.has(sympy.log):
         raise ValueError("log is not allowed here")
     found: set[tuple[float, sympy.Expr]] = set()
-    for power in sorted(expression.atoms(pos), key=str):
+    powers = (part for part in sympy.preorder_traversal(expression) if isinstance(part, pos))
+    for power in dict.fromkeys(powers):
         argument, exponent = power.args
         if not argument.is_polynomial(symbol):
             raise ValueError(f"the argument of {power} must be a polynomial")

@@ -7,7 +7,7 @@ atoms whose cutoff ends contact; what even ones remove carries a gap, with slope
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from unilateral.problems.polar import THETA, Polar, R
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)
 """What is left is no part of the set, which has measure 0; its gap must not outweigh that of the removed."""
-Part = tuple[Index, float, Array, list[Array]]
+Parts = tuple[Index, Array, Array, list[Array]]
 
 
 def divided(keep: sympy.Expr, generations: int) -> tuple[list[Interval], list[Interval], list[Interval]]:
@@ -53,6 +53,11 @@ def gap(keep: sympy.Expr, generations: int, at_vertices: sympy.Expr) -> sympy.Ex
     return sympy.Add(at_vertices * ends, *tents)
 
 
+def _summed(index: Index, values: Array, points: Array) -> Array:
+    """(k,) the values (m,) added up at the k points whose numbers are `index` (m,)."""
+    return np.bincount(index, values, len(points)).astype(float, copy=False)
+
+
 @dataclass(frozen=True, eq=False)
 class Cantor(Local):
     """The atom on a side; its place t is the side's start."""
@@ -73,35 +78,35 @@ class Cantor(Local):
         one = harmonic(self.polygon, self.side, sympy.S.Zero, self.alpha, sympy.S.One)
         return compile_numpy(list(one.symbolic), (R, THETA))
 
-    def _parts(self, along: Array, into: Array) -> Iterator[Part]:
-        """Per interval: the points (m,) of its support, its length l, theta (m,) and the unit atom at r/l."""
-        near = np.flatnonzero(into < np.diff(self._contact).max())
+    def _parts(self, along: Array, into: Array) -> Parts:
+        """The points (m,) of all supports in turn, and there l and theta (m,) and the unit atom at r/l."""
+        starts, lengths = self._contact[:, 0], np.diff(self._contact)[:, 0]
+        near = np.flatnonzero(into < lengths.max())
         near = near[np.argsort(along[near], kind="stable")]
-        for start, end in self._contact:
-            length = end - start
-            first, last = np.searchsorted(along[near], (start - length, start + length))
-            points = near[first:last]
-            x, y = along[points] - start, into[points]
-            r = np.hypot(x, y)
-            inside = (r > 0) & (r < length)
-            theta = np.arctan2(y[inside], x[inside])
-            yield points[inside], length, theta, self._unit(r[inside] / length, theta)
+        ends = np.searchsorted(along[near], [starts - lengths, starts + lengths])
+        points = np.concatenate([near[first:last] for first, last in ends.T])
+        interval = np.repeat(np.arange(len(starts)), np.diff(ends, axis=0)[0])
+        x, y, length = along[points] - starts[interval], into[points], lengths[interval]
+        r = np.hypot(x, y)
+        inside = (r > 0) & (r < length)
+        theta, length = np.arctan2(y[inside], x[inside]), length[inside]
+        return points[inside], length, theta, self._unit(r[inside] / length, theta)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         along, into = self.local_inside(points, offset)
-        value, gradient, alpha = np.zeros(len(along)), np.zeros((len(along), 2)), float(self.alpha)
-        for index, length, theta, (v, v_r, v_theta, _) in self._parts(along, into):
-            value[index] += self.length * length ** (1 + alpha) * v
-            gradient[index] += length**alpha * self.polar_to_xy(theta, v_r, v_theta)
-        return value, gradient
+        index, length, theta, (v, v_r, v_theta, _) = self._parts(along, into)
+        scale = length ** float(self.alpha)
+        slopes = self.polar_to_xy(theta, scale * v_r, scale * v_theta).T
+        value, *gradient = (
+            _summed(index, each, along) for each in (self.length * length * scale * v, *slopes)
+        )
+        return value, np.column_stack(gradient)
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         along, into = self.local_inside(points, offset)
-        found, alpha = np.zeros(len(along)), float(self.alpha)
-        for index, length, _, (v, _, _, laplacian) in self._parts(along, into):
-            found[index] += self.length * length ** (1 + alpha) * v
-            found[index] -= length ** (alpha - 1) / self.length * laplacian
-        return found
+        index, length, _, (v, _, _, laplacian) = self._parts(along, into)
+        size = self.length * length
+        return _summed(index, length ** float(self.alpha) * (size * v - laplacian / size), along)
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         return self.local(centre)[1] - radius / self.length > np.diff(self._contact).max()
@@ -133,11 +138,10 @@ class Cantor(Local):
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
         """(k,) values of u and of its outward normal derivative on the side."""
-        value, flux, alpha = np.zeros(len(along.t)), np.zeros(len(along.t)), float(self.alpha)
-        for index, length, theta, (v, _, v_theta, _) in self._parts(along.t, np.zeros_like(along.t)):
-            value[index] += self.length * length ** (1 + alpha) * v
-            flux[index] += length**alpha * np.where(theta > 0, v_theta, -v_theta)
-        return value, flux
+        index, length, theta, (v, _, v_theta, _) = self._parts(along.t, np.zeros_like(along.t))
+        scale = length ** float(self.alpha)
+        value = _summed(index, self.length * length * scale * v, along.t)
+        return value, _summed(index, scale * np.where(theta > 0, v_theta, -v_theta), along.t)
 
     def kinks(self) -> list[Kink]:
         centres = self.centre + self._contact[:, :1] * self.length * self.frame[0]

@@ -147,6 +147,10 @@ class Case:
 
     def singular(self) -> list[Singular]:
         """The points of the sides at which u, lambda or the gap are not smooth, without repetition."""
+        return self._singular
+
+    @cached_property
+    def _singular(self) -> list[Singular]:
         found = [point for atom in self.atoms for point in atom.singular()]
         found += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
