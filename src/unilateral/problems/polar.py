@@ -37,14 +37,10 @@ class Polar(Local):
     cutoff: sympy.Expr | None
     omega: sympy.Expr = sympy.pi
 
-    @cached_property
+    @property
     def symbolic(self) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
-        """v, dv/dr, (dv/dtheta)/r and Delta v; the harmonic factor adds nothing to the last."""
-        phi = self.factor * R**self.beta * sympy.cos(self.beta * (THETA - self.theta_0))
-        eta = sympy.Integer(1) if self.cutoff is None else pos(1 - (R / self.cutoff) ** 2, 4)
-        d_phi, d_eta = sympy.diff(phi, R), sympy.diff(eta, R)
-        laplacian = 2 * d_phi * d_eta + phi * (sympy.diff(d_eta, R) + d_eta / R)
-        return phi * eta, d_phi * eta + phi * d_eta, sympy.diff(phi, THETA) / R * eta, laplacian
+        """v, dv/dr, (dv/dtheta)/r and Delta v."""
+        return _derived(self.factor, self.beta, self.theta_0, self.cutoff)
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
@@ -135,7 +131,9 @@ class Polar(Local):
     @cached_property
     def regularity(self) -> Regularity:
         """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
-        no_trace, no_flux = _vanishing(self.beta, self.theta_0, self.omega)
+        turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in (0, self.omega)]
+        no_trace = all((2 * turn).is_integer and not turn.is_integer for turn in turns)
+        no_flux = all(turn.is_integer for turn in turns)
         return Regularity(
             in_H2=bool(self.beta > 1),
             lipschitz=bool(self.beta >= 1) or no_trace,
@@ -159,8 +157,12 @@ class Polar(Local):
 
 
 @cache
-def _vanishing(beta: sympy.Expr, theta_0: sympy.Expr, omega: sympy.Expr) -> tuple[bool, bool]:
-    """Whether cos(beta (theta - theta_0)) is 0 at theta = 0 and omega, and whether the sine is."""
-    ends = [beta * (theta - theta_0) for theta in (0, omega)]
-    no_trace, no_flux = (all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin))
-    return no_trace, no_flux
+def _derived(
+    factor: sympy.Expr, beta: sympy.Expr, theta_0: sympy.Expr, cutoff: sympy.Expr | None
+) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
+    """v, dv/dr, (dv/dtheta)/r and Delta v; the harmonic factor adds nothing to the last."""
+    phi = factor * R**beta * sympy.cos(beta * (THETA - theta_0))
+    eta = sympy.Integer(1) if cutoff is None else pos(1 - (R / cutoff) ** 2, 4)
+    d_phi, d_eta = sympy.diff(phi, R), sympy.diff(eta, R)
+    laplacian = 2 * d_phi * d_eta + phi * (sympy.diff(d_eta, R) + d_eta / R)
+    return phi * eta, d_phi * eta + phi * d_eta, sympy.diff(phi, THETA) / R * eta, laplacian
