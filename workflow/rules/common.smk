@@ -2,8 +2,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-import yaml
-
+from unilateral.declarations import own
 from unilateral.study.drawings import drawings, shown
 from unilateral.study.sizes import normed
 
@@ -31,12 +30,22 @@ def code(script, module=""):
     waiting += imports(f"from unilateral.{package} import {name}") if module else []
     while waiting:
         file = waiting.pop()
-        if file not in files and file.is_file():
+        if file not in files:
             files.add(file)
-            source = file.read_text(encoding="utf-8")
-            files |= {file.with_name(name) for name in re.findall(r'"([\w.]+\.yaml)"', source)}
-            waiting += imports(source)
-    return sorted(str(file) for file in files if file.is_file())
+            waiting += leads_to(file)
+    return sorted(str(file) for file in files if is_there(file))
+
+
+@cache
+def leads_to(file):
+    """The data files that a source file names, and where the modules can be that it imports."""
+    if file.suffix != ".py" or not is_there(file):
+        return []
+    source = file.read_text(encoding="utf-8")
+    return [file.with_name(name) for name in re.findall(r'"([\w.]+\.yaml)"', source)] + imports(source)
+
+
+is_there = cache(Path.is_file)
 
 
 def imports(source):
@@ -102,11 +111,9 @@ def pictures(paper):
 
 def claimed():
     """The tables that the ledger's claims read."""
-    with open("src/unilateral/study/judge/ledger.yaml", encoding="utf-8") as file:
-        claims = yaml.safe_load(file)["claims"]
     names = [
         name.format(scene=scene)
-        for claim in claims
+        for claim in own(Path("src/unilateral/study/judge/ledger.yaml"))["claims"]
         for name in claim["reads"]
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]

@@ -95,6 +95,7 @@ def _is_large(n: sympy.Rational) -> bool:
     return bool(abs(n) >= (2**63 if n.is_Integer else 2**1023))
 
 
+@lru_cache(maxsize=1024)
 def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sympy.Expr]]:
     """The real zeros of the arguments of every pos(a, k) in `symbol`, each with its exponent k.
 

@@ -38,14 +38,10 @@ class Polar(Local):
     cutoff: sympy.Expr | None
     omega: sympy.Expr = sympy.pi
 
-    @cached_property
+    @property
     def symbolic(self) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
-        """v, dv/dr, (dv/dtheta)/r and Delta v; the harmonic factor adds nothing to the last."""
-        phi = self.factor * R**self.beta * sympy.cos(self.beta * (THETA - self.theta_0))
-        eta = sympy.Integer(1) if self.cutoff is None else pos(1 - (R / self.cutoff) ** 2, 4)
-        d_phi, d_eta = sympy.diff(phi, R), sympy.diff(eta, R)
-        laplacian = 2 * d_phi * d_eta + phi * (sympy.diff(d_eta, R) + d_eta / R)
-        return phi * eta, d_phi * eta + phi * d_eta, sympy.diff(phi, THETA) / R * eta, laplacian
+        """v, dv/dr, (dv/dtheta)/r and Delta v."""
+        return _derived(self.factor, self.beta, self.theta_0, self.cutoff)
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
@@ -138,12 +134,10 @@ class Polar(Local):
 
     @cached_property
     def regularity(self) -> Regularity:
-        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1).
-
-        beta, and the angles over pi, are rational.
-        """
+        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
         turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in (0, self.omega)]
-        no_flux, no_trace = (all((turn - shift).is_integer for turn in turns) for shift in (0, HALF))
+        no_trace = all((2 * turn).is_integer and not turn.is_integer for turn in turns)
+        no_flux = all(turn.is_integer for turn in turns)
         return Regularity(
             in_H2=bool(self.beta > 1),
             lipschitz=bool(self.beta >= 1) or no_trace,
@@ -164,3 +158,15 @@ class Polar(Local):
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
+
+
+@cache
+def _derived(
+    factor: sympy.Expr, beta: sympy.Expr, theta_0: sympy.Expr, cutoff: sympy.Expr | None
+) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
+    """v, dv/dr, (dv/dtheta)/r and Delta v; the harmonic factor adds nothing to the last."""
+    phi = factor * R**beta * sympy.cos(beta * (THETA - theta_0))
+    eta = sympy.Integer(1) if cutoff is None else pos(1 - (R / cutoff) ** 2, 4)
+    d_phi, d_eta = sympy.diff(phi, R), sympy.diff(eta, R)
+    laplacian = 2 * d_phi * d_eta + phi * (sympy.diff(d_eta, R) + d_eta / R)
+    return phi * eta, d_phi * eta + phi * d_eta, sympy.diff(phi, THETA) / R * eta, laplacian
