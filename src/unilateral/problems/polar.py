@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import sympy
@@ -20,7 +20,6 @@ from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity
 
-HALF = sympy.Rational(1, 2)
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
