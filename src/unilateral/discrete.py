@@ -34,6 +34,8 @@ AIM = 0.5
 """Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
 UNKNOWN = 1e-4
 """Of that residual: what the errors are taken to be where nothing is known of them."""
+MOST_BOUNDED = 100_000
+"""Unknowns up to which the error is bounded to find a tolerance, which takes 3 GB."""
 
 
 class AnyDiscrete(Protocol):
@@ -295,12 +297,14 @@ def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) ->
     """(u_h, lambda_H), its algebraic error at most `stop.tolerance`, else `stop.fraction` of the others.
 
     Where the solution is exact that holds in every norm that is judged; `beta`, a lower bound of the constant
-    in (3.4), turns the algebraic bound into one in H^{-1/2}. Where there are data it holds for the bound of
-    ||u - u_h||_1, which is known after a first, cruder, solve. Else it is a share of that of lambda = 0.
+    in (3.4), turns the algebraic bound into one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED
+    unknowns, it holds for the bound of ||u - u_h||_1, which is known after a first, cruder, solve. Else it is
+    a share of that of lambda = 0.
     """
     if stop.tolerance is not None:
         return discrete.iterated(stop.tolerance, stop)
-    if discrete.exact is None and discrete.data is None:
+    bounded = discrete.data is not None and discrete.mesh.n_nodes <= MOST_BOUNDED
+    if discrete.exact is None and not bounded:
         return discrete.iterated(stop.fraction * UNKNOWN * discrete.first_residual, stop)
     if discrete.exact is None:
         solved = discrete.iterated(FIRST * discrete.first_residual, stop)

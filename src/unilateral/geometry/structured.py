@@ -11,6 +11,8 @@ from unilateral.geometry.polygon import Polygon, square
 
 FEWEST = 4
 """Squares in a unit of length that are not halved: coarser meshes save nothing."""
+MANY = 16
+"""Units of length: in larger polygons squares of side 1 may be too many, and nobody gets them unasked."""
 MOST_SQUARES = 1000
 """Whole numbers up to which a polygon is taken to consist of unit squares."""
 
@@ -42,7 +44,8 @@ def _squares(polygon: Polygon, n: int) -> Mesh:
 
 def natural_kind(polygon: Polygon) -> str:
     """The kind of mesh that a polygon gets if nobody asks for another one."""
-    return "structured" if _consists_of_squares(polygon) else "unstructured"
+    small = np.ptp(polygon.vertices, axis=0).max() <= MANY
+    return "structured" if small and _consists_of_squares(polygon) else "unstructured"
 
 
 def _consists_of_squares(polygon: Polygon) -> bool:
