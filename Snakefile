@@ -68,7 +68,7 @@ rule all:
 
 rule figures:
     input:
-        COMMITTED,
+        FIGURES,
 
 
 rule quick:

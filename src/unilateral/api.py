@@ -18,16 +18,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral import discrete
-from unilateral.accuracy.budget import LARGEST_BOUNDARY
-from unilateral.accuracy.level import MAX_UNKNOWNS, NORMS, Goal, Level
+from unilateral.accuracy.level import MAX_SECONDS, NORMS, Goal, Level
 from unilateral.accuracy.search import search
+from unilateral.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, named
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.problems import case as cases
@@ -136,17 +135,19 @@ def solve(
     norm: str = "h1",
     mesh: Mesh | str = "",
     stop: Stop | None = None,
-    max_unknowns: int = MAX_UNKNOWNS,
-    max_seconds: float = math.inf,
+    max_unknowns: float = math.inf,
+    max_seconds: float = MAX_SECONDS,
+    max_memory: float = math.inf,
     tell: Callable[[Level], None] | None = None,
 ) -> Solution:
     """The solution on given sizes h and H, or up to a relative accuracy that is then guaranteed.
 
-    h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H.
+    h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
+    such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
     `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. An accuracy is
     that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. Whether
-    it was reached within `max_unknowns` and `max_seconds` is said by `certified`. Raises InputError for what
-    does not fit together.
+    it was reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said
+    by `certified`. Raises InputError for what does not fit together, or not into the memory.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
@@ -155,9 +156,9 @@ def solve(
     if isinstance(mesh, str) and mesh not in ("", *KINDS):
         raise InputError(f"the mesh '{mesh}' is neither a mesh nor one of {', '.join(KINDS)}")
     if accuracy is None:
-        partition = uniform(problem.polygon, _checked(problem, "H", H))
-        found = discrete.discretise(problem, _mesh(problem, h, mesh), partition)
-        return Solution(discrete.solve(found, stop or Stop()))
+        stop = stop or Stop()
+        found = cheapest(problem, *_sizes(problem, h, H, mesh, stop), stop)
+        return Solution(found.solved(stop))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
@@ -166,31 +167,36 @@ def solve(
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < 1:
         raise InputError(f"the accuracy {accuracy:g} is relative and must lie between 0 and 1, such as 1e-2")
-    found_levels = search(problem, Goal(accuracy, norm, max_unknowns, max_seconds), stop, mesh, tell)
+    goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory)
+    found_levels = search(problem, goal, stop, mesh, tell)
     return Solution(found_levels.best.solved, found_levels)
 
 
-def _mesh(problem: AnyProblem, h: float | None, given: Mesh | str) -> Mesh:
-    polygon = problem.polygon
+def _sizes(
+    problem: AnyProblem, h: float | None, H: float | None, given: Mesh | str, stop: Stop
+) -> tuple[Mesh, Partition]:
+    """The mesh and the partition of sizes h and H at most."""
+    polygon, wanted_H = problem.polygon, _checked("H", H)
     if isinstance(given, Mesh):
         if h is not None:
             raise InputError("the mesh is given; leave h out")
-        if len(given.boundary) > LARGEST_BOUNDARY:
-            nodes = f"{len(given.boundary)} boundary nodes"
-            raise InputError(f"the mesh has {nodes}; at most {LARGEST_BOUNDARY} are possible")
         same = np.array_equal(given.polygon.vertices, polygon.vertices)
-        return given if same else meshes.from_arrays(polygon, given.points, given.triangles)
-    return KINDS[given or natural_kind(polygon)](polygon, _checked(problem, "h", h))
+        mesh = given if same else meshes.from_arrays(polygon, given.points, given.triangles)
+        return mesh, uniform(polygon, wanted_H)
+    wanted_h = _checked("h", h)
+    check_size(polygon, wanted_h)
+    kind = given or natural_kind(polygon)
+    edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
+    halvings = levels_for(polygon, wanted_h, stop) if kind == "unstructured" and edges > 1 else 0
+    if halvings:
+        return meshes.following(uniform(polygon, 2**halvings * wanted_H), edges, halvings)
+    return KINDS[kind](polygon, wanted_h), uniform(polygon, wanted_H)
 
 
-def _checked(problem: AnyProblem, name: str, size: float | None) -> float:
-    """A size that is given, positive, and not too fine for dense matrices of the boundary."""
+def _checked(name: str, size: float | None) -> float:
+    """A size that is given and positive."""
     if size is None:
         raise InputError(f"solve needs h and H, or an accuracy; {name} is missing")
-    least = problem.polygon.perimeter / LARGEST_BOUNDARY
     if not 0 < size < math.inf:
         raise InputError(f"{name} = {size} must be a positive number")
-    if size < least / (1 + 1e-9):
-        polygon = problem.polygon.name
-        raise InputError(f"{name} = {size:.4g} is too fine for '{polygon}'; it must be at least {least:.4g}")
     return size

@@ -7,4 +7,5 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]

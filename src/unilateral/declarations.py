@@ -7,12 +7,16 @@ is text, so that 0.1 stays exact and 010, 0x10, 1:30, yes or a date are not read
 from __future__ import annotations
 
 import re
+from functools import cache
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.cyaml import CParser  # type: ignore[attr-defined]
+from yaml.resolver import Resolver
 
 from unilateral.errors import InputError, shown
 
@@ -56,7 +60,7 @@ def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
             content = stream.read(MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
             raise InputError(f"{name} has more than {MAX_BYTES} bytes; a case or a problem needs less")
-        return yaml.load(content.decode("utf-8"), _WithFloats if floats else _Loader)
+        return (_WithFloats if floats else _Loader)(content.decode("utf-8")).get_single_data()
     except OSError as error:
         raise InputError(f"{name} cannot be read: {error.strerror}") from None
     except _RefusedError as error:
@@ -67,12 +71,25 @@ def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
 
 def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]:
     """The declaration if it is as the schema's file says; raises InputError with the field if not."""
-    rules = yaml.safe_load(schema.read_text(encoding="utf-8"))
-    fault = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(rules).iter_errors(declaration))
+    from jsonschema.exceptions import best_match
+
+    fault = best_match(_validator(schema).iter_errors(declaration))  # type: ignore[arg-type]
     if fault is not None:
         place = ", field " + shown(fault.json_path.removeprefix("$.")) if fault.path else ""
         raise InputError(f"{name}{place}: {_said(fault)}")
     return declaration
+
+
+@cache
+def _validator(schema: Traversable) -> Any:
+    from jsonschema import Draft202012Validator
+
+    return Draft202012Validator(own(schema))
+
+
+def own(file: Path | Traversable) -> Any:
+    """What one of this project's own YAML files holds, plain scalars as YAML reads them."""
+    return yaml.load(file.read_text(encoding="utf-8"), yaml.CSafeLoader)
 
 
 def _said(fault: Any) -> str:
@@ -95,13 +112,18 @@ class _RefusedError(Exception):
     """YAML, but more than is read here."""
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(Composer, CParser, SafeConstructor, Resolver):
     """All names of fields are text; limits are looked at while the file is read, before anything is built."""
+
+    def __init__(self, text: str) -> None:
+        CParser.__init__(self, text)
+        for part in (Composer, SafeConstructor, Resolver):
+            part.__init__(self)
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
     nodes = depth = 0
 
-    def get_event(self) -> yaml.Event:
+    def get_event(self) -> yaml.Event | None:
         event = super().get_event()
         if isinstance(event, yaml.NodeEvent):
             self._check(event)

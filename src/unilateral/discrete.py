@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.bounds.source import Source, enclosed
 from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import sampled_moments
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import Exact, ExactErrors, exact
+from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
@@ -34,9 +36,50 @@ UNKNOWN = 1e-4
 """Of that residual: what the errors are taken to be where nothing is known of them."""
 
 
+class AnyDiscrete(Protocol):
+    """What a solution asks of the problem that it solves: see `Discrete`, and `Nested`."""
+
+    @property
+    def mesh(self) -> Mesh: ...
+
+    @property
+    def partition(self) -> Partition: ...
+
+    @property
+    def cells(self) -> Index: ...
+
+    @property
+    def load(self) -> Array: ...
+
+    @property
+    def g_means(self) -> Array: ...
+
+    @property
+    def data(self) -> Data | None: ...
+
+    @property
+    def source(self) -> Source | None: ...
+
+    @property
+    def unique(self) -> bool: ...
+
+    @property
+    def beta(self) -> float: ...
+
+    def errors(self, lambda_H: Array) -> ExactErrors | None: ...
+
+    def lambda_norm(self, lambda_H: Array) -> float: ...
+
+    def solved(self, stop: Stop) -> Solution: ...
+
+    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution: ...
+
+    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Discrete:
-    """(P_h*) on the spaces: `load` (n,) is (f, phi_i), `offset` (m,) is F(0).
+    """(P_h*) on the spaces: `load` (n,) is (f, phi_i), `offset` (m,) is F(0), `g_means` (cells,) those of g.
 
     Errors are known where the solution is `exact`, and bounded where the `data` f and g are formulas;
     `source` is f enclosed, where the load was made of that.
@@ -45,6 +88,7 @@ class Discrete:
     spaces: MixedSpaces
     load: Array
     offset: Array
+    g_means: Array
     exact: Exact | None = None
     data: Data | None = None
     source: Source | None = None
@@ -53,6 +97,33 @@ class Discrete:
     def mesh(self) -> Mesh:
         return self.spaces.mesh
 
+    @property
+    def partition(self) -> Partition:
+        return self.spaces.partition
+
+    @property
+    def cells(self) -> Index:
+        """(m,) those with a multiplier."""
+        return self.spaces.cells
+
+    @property
+    def unique(self) -> bool:
+        """Whether lambda_H is."""
+        return not self.spaces.operator.singular
+
+    @property
+    def beta(self) -> float:
+        """What serves as beta of (3.4)."""
+        return self.spaces.beta
+
+    def errors(self, lambda_H: Array) -> ExactErrors | None:
+        """The true errors of lambda_H (m,) and its u_h, where the solution is known."""
+        return self.exact.errors(self.spaces, lambda_H) if self.exact else None
+
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """||lambda_H||_{-1/2,h} for lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
+        return float(np.linalg.norm(self.spaces.operator.half @ lambda_H))
+
     @cached_property
     def first_residual(self) -> float:
         """The algebraic bound of lambda = 0."""
@@ -60,31 +131,59 @@ class Discrete:
         zero = np.zeros(len(self.offset))
         return residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max) if len(zero) else 0.0
 
-    def iterated(self, tolerance: float, stop: Stop, start: Array | None = None) -> Solution:
-        """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0."""
+    def solved(self, stop: Stop) -> Solution:
+        """See `solve`."""
+        return solve(self, stop)
+
+    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
+        """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
+
+        Without a tolerance a crude one: a share of the residual at 0.
+        """
+        if tolerance is None:
+            tolerance = FIRST * self.first_residual
         return self.solution(iterate(self.spaces.operator, self.offset, tolerance, stop, start), tolerance)
+
+    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
+        """The solution, iterated on to a smaller tolerance."""
+        more = self.iterated(tolerance, stop, solution.result.lambda_H)
+        return replace(more, result=joined(solution.result, more.result))
 
     def solution(self, result: DualResult, tolerance: float) -> Solution:
         """What belongs to the lambda_H that was found."""
-        u_h = self.spaces.response(self.load, result.lambda_H)
-        return Solution(self, result, tolerance, u_h, self.spaces.extended(result.lambda_H))
+        lambda_H = self.spaces.extended(result.lambda_H)
+        return Solution(
+            self, result, tolerance, lambda_H, lambda: self.spaces.response(self.load, result.lambda_H)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """u_h (n,) and lambda_H on all cells, which `result` has with its algebraic bound."""
+    """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
 
-    discrete: Discrete
+    discrete: AnyDiscrete
     result: DualResult
     tolerance: float
-    u_h: Array
     lambda_H: Array
+    find_u_h: Callable[[], Array]
+
+    @cached_property
+    def u_h(self) -> Array:
+        """(n,)"""
+        return self.find_u_h()
 
     @cached_property
     def errors(self) -> ExactErrors | None:
-        """The true errors, where the solution is known."""
-        exact = self.discrete.exact
-        return exact.errors(self.discrete.spaces, self.result.lambda_H) if exact else None
+        """The true errors, where the solution is seen from the spaces."""
+        return self.discrete.errors(self.result.lambda_H)
+
+    @cached_property
+    def gap(self) -> Array:
+        """(cells,) the means of u_h - g, NaN on free sides."""
+        mesh, cells = self.discrete.mesh, self.discrete.partition
+        found = coupling(mesh, cells) @ self.u_h[mesh.boundary] / cells.lengths - self.discrete.g_means
+        found[np.setdiff1d(np.arange(cells.n_cells), self.discrete.cells)] = math.nan
+        return found
 
     @cached_property
     def bound(self) -> TotalBound | None:
@@ -92,7 +191,7 @@ class Solution:
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
-        source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.spaces.partition
+        source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.partition
         return total_bound(source, data.enclosed_obstacle, cells, self.u_h, self.lambda_H, data.free_sides)
 
     @cached_property
@@ -103,7 +202,7 @@ class Solution:
     @cached_property
     def lambda_norm(self) -> float:
         """||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}."""
-        return float(np.linalg.norm(self.discrete.spaces.operator.half @ self.result.lambda_H))
+        return self.discrete.lambda_norm(self.result.lambda_H)
 
     @property
     def u_integral(self) -> float:
@@ -113,7 +212,7 @@ class Solution:
     @property
     def force(self) -> float:
         """The integral of lambda_H."""
-        return float(self.discrete.spaces.partition.lengths @ self.lambda_H)
+        return float(self.discrete.partition.lengths @ self.lambda_H)
 
     @property
     def balance(self) -> float:
@@ -128,7 +227,7 @@ class Solution:
 
     def algebraic(self, norm: str) -> float:
         """The part of the iteration in that error: its bound, over beta for lambda."""
-        beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.spaces.beta
+        beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.beta
         return self.result.bound / beta if beta > 0 else math.inf
 
     def size(self, norm: str) -> float:
@@ -140,13 +239,13 @@ class Solution:
         """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that."""
         if self.result.bound <= tolerance or not self.result.converged:
             return self
-        more = self.discrete.iterated(aim * tolerance, stop, self.result.lambda_H)
-        return replace(more, result=joined(self.result, more.result))
+        return self.discrete.continued(self, aim * tolerance, stop)
 
 
 def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> Discrete:
     """The problem with a load (n,) and the means (cells,) of g; `trace` (nb,) is A^{-1} f on the boundary."""
-    return Discrete(spaces, load, spaces.B @ trace / spaces.operator.H_i - g_means[spaces.cells])
+    offset = spaces.B @ trace / spaces.operator.H_i - g_means[spaces.cells]
+    return Discrete(spaces, load, offset, g_means)
 
 
 def with_solution(spaces: MixedSpaces, exact: Exact) -> Discrete:
@@ -159,8 +258,8 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
     """The problem whose f and g are enclosed; its load is that of the enclosure's polynomials."""
     source, mesh = enclosed(spaces.mesh, data), spaces.mesh
     load = p1_load(mesh, source.moments)
-    means = data.enclosed_obstacle.means(spaces.partition.points)
-    discrete = with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means)
+    trace = spaces.condensed.solve(load)[mesh.boundary]
+    discrete = with_load(spaces, load, trace, obstacle_means(data, spaces.partition))
     if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
     return replace(discrete, data=data, source=source)
@@ -168,11 +267,20 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
 
 def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
     """The problem whose f and g are known in points: by Gauss rules, whose errors nobody knows."""
-    mesh, cells = spaces.mesh, spaces.partition
+    mesh = spaces.mesh
     load = p1_load(mesh, sampled_moments(problem, mesh))
-    rule = boundary_rule(mesh.polygon, cells.points)
-    means = rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
-    return with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means)
+    trace = spaces.condensed.solve(load)[mesh.boundary]
+    return with_load(spaces, load, trace, obstacle_means(problem, spaces.partition))
+
+
+def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
+    """(cells,) the means of g: of a case exact to rounding, else of the enclosure, or by Gauss rules."""
+    if isinstance(problem, Case):
+        return cell_means(problem, cells).g_means
+    if not isinstance(problem, Sampled):
+        return problem.enclosed_obstacle.means(cells.points)
+    rule = boundary_rule(problem.polygon, cells.points)
+    return rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
 
 
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:

@@ -1,8 +1,9 @@
-"""The peak resident memory of this process."""
+"""The peak resident memory of this process, and what is free for it."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
 import sys
 from pathlib import Path
@@ -21,3 +22,12 @@ def forget_peak() -> None:
 def peak_mb() -> float:
     """The peak in MB, since it was last forgotten."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNITS_PER_MB
+
+
+def available_mb() -> float:
+    """What can be taken without swapping, in MB, as Linux tells (proc(5)); elsewhere what the machine has."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) / 2**10
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / BYTES_PER_MB

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from unilateral import discrete
 from unilateral.accuracy.search import Search
@@ -20,7 +17,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Errors, errors
-from unilateral.norms.exact import exact
 from unilateral.problems.case import Case
 
 if TYPE_CHECKING:
@@ -55,7 +51,7 @@ class Solution:
     @property
     def partition(self) -> Partition:
         """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
-        return self.solved.discrete.spaces.partition
+        return self.solved.discrete.partition
 
     @property
     def u(self) -> Array:
@@ -67,12 +63,10 @@ class Solution:
         """(m,) lambda_H, which approximates du/dn, on the cells of the partition; 0 on free sides."""
         return self.solved.lambda_H
 
-    @cached_property
+    @property
     def gap(self) -> Array:
         """(m,) the means of u_h - g on the cells; NaN on free sides."""
-        spaces, found = self.solved.discrete.spaces, np.full(self.partition.n_cells, math.nan)
-        found[spaces.cells] = spaces.operator.gap(self.solved.result.lambda_H, self.solved.discrete.offset)
-        return found
+        return self.solved.gap
 
     @property
     def iterations(self) -> float:
@@ -92,9 +86,10 @@ class Solution:
     @cached_property
     def errors(self) -> Errors | None:
         """The true errors of a case's solution."""
-        problem, spaces = self.solved.discrete, self.solved.discrete.spaces
-        seen = problem.exact or (exact(problem.data, spaces) if isinstance(problem.data, Case) else None)
-        return errors(seen, spaces, self.solved.result.lambda_H) if seen else None
+        case, lambda_H = self.solved.discrete.data, self.multiplier
+        if not isinstance(case, Case):
+            return None
+        return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique)
 
     @cached_property
     def bounds(self) -> Bounds | None:

@@ -169,7 +169,14 @@ def test_the_most_steps_of_all_runs_count():
 )
 def test_the_safe_step_may_not_miss_a_level(safe, optimal, expected):
     """Steps but one, where the optimal one took any; or the number of levels that only that one met."""
-    assert made_is(expected, cost.safe_step, steps_of(safe=safe, optimal=optimal), 1.15)
+    assert made_is(expected, cost.safe_step, steps_of(safe=safe, optimal=optimal), 1.15, 0.01)
+
+
+@pytest.mark.parametrize(("finest", "expected"), [(0.01, (1.25, False)), (0.05, (0.0, True))])
+def test_levels_that_rounding_may_decide_do_not_count(finest, expected):
+    """At the first level, 0.1, all take one step: none but one."""
+    of = steps_of(safe=[12, 26, 34], optimal=[10, 20, 30])
+    assert made_is(expected, cost.safe_step, of, 1.15, finest)
 
 
 def errors_at_a_level(error, lower=1.0, ran=True):

@@ -63,7 +63,6 @@ def test_defaults_are_filled_in():
     configuration.check(study, SOURCES, SCHEMA)
     quick, square = study["scenes"]["quick"], study["scenes"]["square"]
     assert (quick["side"], quick["judged"], square["judged"]) == (0, False, True)
-    assert study["figures"]["rates"]["folder"] == "figures"
 
 
 @pytest.mark.parametrize(
@@ -133,15 +132,12 @@ def test_defaults_are_filled_in():
         ("figures.Rates", {}),
         ("figures.rates.module", REMOVED),
         ("figures.rates.module", "style"),
-        ("figures.rates.folder", "results/square"),
         ("figures.rates.reads.rates", REMOVED),
         ("figures.rates.reads.rates", "results/{case}/rates.nc"),
         ("figures.rates.reads.rates", "../../etc/passwd"),
         ("figures.rates.reads.floors", "results/square/floors.nc"),
-        ("figures.rates.look", {"work": "seconds"}),
         ("figures.grid_square.parameters", {}),
         ("figures.grid_square.parameters.colour", "red"),
-        ("figures.grid_square.tables", ["one", "two"]),
         ("figures.multiplier.parameters.h_over_H", []),
         ("sharpness", REMOVED),
         ("sharpness.alphas", ["1"]),
@@ -275,10 +271,6 @@ SAID = [
         "figures.rates: `table` of rates is given errors; it takes errors, rates",
     ),
     (
-        ("figures.verdict.look", {"work": "seconds"}),
-        "figures.verdict.look: `draw` of verdict has no option 'work'",
-    ),
-    (
         ("scenes.quick.H", ["1/8", "1/4"]),
         "scenes.quick.H: each number has to be smaller than the one before it",
     ),
@@ -392,8 +384,7 @@ ACCEPTED = [
     # A list may be shorter; a study may have fewer surveys and figures; some fields have defaults.
     (r".*\.\d+", "removed"),
     (r"(scenes|surveys|totals\.scenes|rates\.cases)\.[\w.]+?|figures\.\w+", "removed"),
-    (r"figures\.work_seconds\.(look(\.work)?|reads\.timings)", "removed|mapping"),
-    (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle|folder)", "removed"),
+    (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle)", "removed"),
     (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),

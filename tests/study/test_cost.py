@@ -164,6 +164,7 @@ def test_every_way_to_S_y_gives_it():
 
     assert error(history.by_A(on, of)) < 1e-12
     assert error(history.by_A_3(of)) < 1e-12
+    assert error(history.by_S(of.operator)) == 0
     assert 1e-9 < error(history.by_S32(of.operator)) < 1e-6
 
 
@@ -189,11 +190,11 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
     operator, offset = of.spaces.operator, of.offset
     tolerances = [0.01 * stop for stop in STOPS]
     rho = acceleration.STEPS[method].share / operator.lambda_max
-    seen = history.History(operator, offset, rho, tolerances)
-    uzawa(operator, offset, tolerances[-1], rho, method=method, observe=seen)
+    seen, apply = history.History(operator, offset, rho, tolerances), history.by_S(operator)
+    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
     assert len(seen.reached) == len(tolerances)
     for tolerance, found in zip(tolerances, seen.reached, strict=True):
-        alone = uzawa(operator, offset, tolerance, rho, method=method)
+        alone = uzawa(operator, offset, tolerance, rho, method=method, apply=apply)
         assert (found.steps, found.applications) == (alone.iterations, alone.operator_applications)
         np.testing.assert_array_equal(found.lambda_H, alone.lambda_H)
         assert found.bound == alone.bound <= tolerance

@@ -37,7 +37,7 @@ def told():
         "extremes": results / "extremes/extremes.nc",
     }
     given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
-    given |= {"judged": scenes, "bounded": bounded, "figures": drawings.in_git(study)}
+    given |= {"judged": scenes, "bounded": bounded, "figures": drawings.shown(study)}
     try:
         found = sources.read(paths, {**study, **given})
     except InputError as missing:

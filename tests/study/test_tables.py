@@ -20,13 +20,13 @@ SCRIPTS = ROOT / "workflow/scripts"
 RUN = ("case", "mesh", "partition")
 
 
-def level(h, case="made_up", error=0.25):
+def level(h, case="made_up", error=0.25, known=(0.5, 0.25)):
     """What a sweep gives for one mesh, in small."""
     return xr.Dataset(
         {
             "h1_error": (RUN, np.array([[[error, np.nan]]])),
             "algorithm": (RUN, np.array([[["uzawa", ""]]], dtype=object)),
-            "projection_error": (("case", "partition"), np.array([[0.5, 0.25]])),
+            "projection_error": (("case", "partition"), np.array([known])),
         },
         coords={"case": [case], "h": ("mesh", [h]), "H": ("partition", [0.5, 0.25])},
     )
@@ -152,6 +152,13 @@ def test_levels_are_put_along_mesh():
     assert np.isnan(table["h1_error"].values[0, :, 1]).all()
     assert table["projection_error"].dims == ("case", "partition")
     assert table["H"].values.tolist() == [0.5, 0.25]
+
+
+def test_what_no_mesh_changes_is_that_of_the_first_level_that_has_it():
+    nan = np.nan
+    table = tables.along_mesh([level(0.5, known=(nan, nan)), level(0.25, known=(nan, 2)), level(0.1)])
+    assert table["projection_error"].values.tolist() == [[0.5, 2]]
+    assert table["h"].values.tolist() == [0.5, 0.25, 0.1]
 
 
 def test_levels_of_different_cases_are_refused():

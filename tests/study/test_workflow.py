@@ -29,10 +29,10 @@ STUDY = {
     for file in (WORKFLOW / "config").glob("*.yaml")
     for name, field in yaml.safe_load(file.read_text()).items()
 }
-GENERIC = ("table_figure", "draw_figure")
-"""Scripts that import the module of a figure by its name."""
-STARTS = [(script, "") for script in SCRIPTS if script.stem not in GENERIC]
-STARTS += [(WORKFLOW / f"scripts/{name}.py", module) for name in GENERIC for module in drawings.modules()]
+FIGURE = WORKFLOW / "scripts/make_figure.py"
+"""The script that imports the module of a figure by its name."""
+STARTS = [(script, "") for script in SCRIPTS if script != FIGURE]
+STARTS += [(FIGURE, module) for module in drawings.modules()]
 
 
 @pytest.fixture(scope="module")
@@ -68,32 +68,29 @@ def test_a_table_plans_no_figure_and_no_other_scene(tree):
 
 def test_a_figure_plans_its_own_scene_only(tree):
     text, jobs = plan(tree, "figures/rates_square.svg")
-    assert jobs == {**jobs_of("square"), "rates": 1, "figure_table": 1, "figure": 1}
+    assert jobs == {**jobs_of("square"), "rates": 1, "figure": 1}
     assert built(text) == {"square"}
-    assert set(re.findall(r"figures/\w+\.\w+", text)) == {
-        "figures/rates_square.csv",
-        "figures/rates_square.svg",
-    }
+    assert set(re.findall(r"figures/\w+\.\w+", text)) == {"figures/rates_square.svg"}
 
 
 def test_one_figure_of_the_lshape_plans_no_other_scene(tree):
-    """Counted: its mesh, levels, dual norm, errors and rates, its table and itself."""
+    """Counted: its mesh, levels, dual norm, errors and rates, itself."""
     text, jobs = plan(tree, "figures/rates_lshape.svg")
-    assert jobs == {**jobs_of("lshape"), "rates": 1, "figure_table": 1, "figure": 1}
-    assert sum(jobs.values()) == STUDY["scenes"]["lshape"]["mesh"]["levels"] + 6
+    assert jobs == {**jobs_of("lshape"), "rates": 1, "figure": 1}
+    assert sum(jobs.values()) == STUDY["scenes"]["lshape"]["mesh"]["levels"] + 5
     assert built(text) == {"lshape"}
 
 
 def test_the_sharpness_study_plans_a_job_per_level_and_no_scene(tree):
     text, jobs = plan(tree, "figures/sharpness.svg")
-    chain = ("sharpness", "figure_table", "figure")
+    chain = ("sharpness", "figure")
     assert jobs == {"sharpness_level": len(STUDY["sharpness"]["H"])} | dict.fromkeys(chain, 1)
     assert built(text) == {"sharpness"}
 
 
 def test_the_extremes_plan_one_job_and_no_scene(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
-    assert jobs == dict.fromkeys(("extremes", "figure_table", "figure"), 1)
+    assert jobs == dict.fromkeys(("extremes", "figure"), 1)
     assert built(text) == {"extremes"}
 
 
@@ -178,7 +175,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
 
 def test_a_portrait_needs_no_results(tree):
     text, jobs = plan(tree, "figures/natural.svg")
-    assert jobs == {"figure_table": 1, "figure": 1}
+    assert jobs == {"figure": 1}
     assert built(text) == set()
 
 
@@ -271,11 +268,12 @@ def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, scri
     assert found == {file_of(each) for each in used}
 
 
-@pytest.mark.parametrize("script", GENERIC)
 @pytest.mark.parametrize("module", drawings.modules())
-def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, script, module):
+def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
-    found = [Path(file).stem for file in code(script, f"study.figures.{module}") if "study/figures" in file]
+    found = [
+        Path(file).stem for file in code(FIGURE.stem, f"study.figures.{module}") if "study/figures" in file
+    ]
     assert sorted(found) == sorted(["__init__", "style", module])
 
 
@@ -288,7 +286,7 @@ def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     found = code("solve_level")
     assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
     assert not [file for file in found if "figures" in file or "cli" in file]
-    assert "src/unilateral/solvers/uzawa.py" not in code("draw_figure", "study.figures.rates")
+    assert "src/unilateral/solvers/uzawa.py" not in code(FIGURE.stem, "study.figures.rates")
 
 
 def each_rule():

@@ -162,3 +162,15 @@ def test_a_case_has_precedence_over_a_folder_and_no_path_leads_out_of_the_catalo
     for name in ("", "../examples/shelter", "../manufactured/natural"):
         with pytest.raises(InputError, match=f"case '{name}' is unknown"):
             case.declared(name)
+
+
+def test_a_schema_is_parsed_once(tmp_path, monkeypatch):
+    """The second declaration is refused as it would be at first."""
+    schema, parsed = tmp_path / "schema.yaml", []
+    schema.write_text("{ type: object, properties: { a: { type: integer } } }")
+    parse = declarations.own
+    monkeypatch.setattr(declarations, "own", lambda file: parsed.append(file) or parse(file))
+    assert declarations.validate({"a": 1}, schema, "one") == {"a": 1}
+    with pytest.raises(InputError, match="other, field a: "):
+        declarations.validate({"a": "b"}, schema, "other")
+    assert len(parsed) == 1

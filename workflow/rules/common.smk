@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from unilateral.study.drawings import drawings, in_git
+from unilateral.study.drawings import drawings, shown
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]

@@ -4,10 +4,6 @@ DOCUMENTS = config["documents"]
 COST_TABLES = ("algorithm", "case", "scene", "algebra", "precision")
 
 
-wildcard_constraints:
-    document="|".join(map(re.escape, DOCUMENTS)),
-
-
 rule numbers:
     input:
         code("write_numbers"),
@@ -31,7 +27,7 @@ rule numbers:
             "bounded": list(config["totals"]["scenes"]),
             "judged_ratio": config["rates"]["judged_ratio"],
             "norms": config["rates"]["norms"],
-            "figures": in_git(config),
+            "figures": shown(config),
         },
     message:
         "The numbers and tables of all documents"
@@ -39,17 +35,17 @@ rule numbers:
         "../scripts/write_numbers.py"
 
 
-rule document:
+rule documents:
     input:
-        code("fill_document"),
+        code("fill_documents"),
         numbers="results/numbers.json",
         blocks="results/blocks.json",
         claims="results/claims.json",
     output:
-        document=update("{document}"),
+        documents=update(DOCUMENTS),
     log:
-        "results/logs/document/{document}.log",
+        "results/logs/documents.log",
     message:
-        "{wildcards.document}: its numbers and tables"
+        "The documents' numbers and tables"
     script:
-        "../scripts/fill_document.py"
+        "../scripts/fill_documents.py"

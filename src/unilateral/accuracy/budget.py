@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from unilateral.accuracy.level import Level, standing, unknowable
+from unilateral.memory import available_mb
 
 MARGIN = 0.9
 """Of the error that is wanted: what the next level aims at."""
@@ -13,12 +14,10 @@ LEAST_STEP, LARGEST_STEP = 1.25, 4.0
 """Between the sizes of two levels."""
 RATES = (0.25, 2.0)
 """Within which an observed rate is believed."""
-LARGEST_BOUNDARY = 4096
-"""Boundary nodes, whose Schur complement is a dense matrix."""
 GUESS = 1.05
 """More unknowns than h^-2 predicts, which gmsh may make."""
 GROWTH = 1.3
-"""Seconds grow like the unknowns to this power, at most."""
+"""Seconds and memory grow like the unknowns to this power, at most."""
 
 
 def affordable_H(done: Sequence[Level], seconds: float) -> float | None:
@@ -38,10 +37,10 @@ def affordable_H(done: Sequence[Level], seconds: float) -> float | None:
 
 def _shares(last: Level) -> dict[str, float]:
     """Of the limits to sizes, the part of a level's H to which each allows the next one to go down."""
-    most, nodes = last.goal.max_unknowns, len(last.solved.discrete.mesh.boundary)
+    most, memory = last.goal.max_unknowns, min(last.goal.max_memory, available_mb())
     return {
-        f"max_unknowns={most}": math.sqrt(GUESS * last.unknowns / most),
-        f"{LARGEST_BOUNDARY} boundary nodes": nodes / LARGEST_BOUNDARY,
+        f"max_unknowns={most:.0f}": math.sqrt(GUESS * last.unknowns / most),
+        f"max_memory={memory:.0f}": (last.mb / memory) ** (0.5 / GROWTH),
     }
 
 
@@ -57,7 +56,7 @@ def limits(done: Sequence[Level]) -> list[str]:
     found = [name for name, share in _shares(last).items() if LEAST_STEP * share > 1]
     if LEAST_STEP * _in_time(last, sum(level.seconds for level in done)) > 1:
         found.append(f"max_seconds={last.goal.max_seconds:g}")
-    return found or [f"max_unknowns={last.goal.max_unknowns}"]
+    return found or [f"max_unknowns={last.goal.max_unknowns:.0f}"]
 
 
 def wanted_H(sizes: Sequence[float], bounds: Sequence[float], target: float) -> float:

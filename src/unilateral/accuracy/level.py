@@ -14,33 +14,38 @@ NORMS = ("h1", "hm12")
 """Of u in H1, and of lambda in H^{-1/2}."""
 
 
-MAX_UNKNOWNS = 100_000
-"""On the finest mesh, which takes about 3 GB."""
+MAX_SECONDS = 600.0
+"""For all levels together, unless somebody says otherwise."""
 SHARE = 0.1
 """Of the error that is wanted: what the iteration may contribute."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it."""
+    """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
+
+    These are unknowns on the finest mesh, seconds in all, and MB, in any case no more than are free.
+    """
 
     accuracy: float
     norm: str = "h1"
-    max_unknowns: int = MAX_UNKNOWNS
-    max_seconds: float = math.inf
+    max_unknowns: float = math.inf
+    max_seconds: float = MAX_SECONDS
+    max_memory: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal; `seconds` counts its mesh, too."""
+    """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most."""
 
     solved: Solution
     goal: Goal
     seconds: float
+    mb: float = 0.0
 
     @property
     def partition(self) -> Partition:
-        return self.solved.discrete.spaces.partition
+        return self.solved.discrete.partition
 
     @property
     def unknowns(self) -> int:

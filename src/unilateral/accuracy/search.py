@@ -14,18 +14,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from unilateral.accuracy.budget import LARGEST_BOUNDARY, affordable_H
+from unilateral.accuracy.budget import affordable_H
 from unilateral.accuracy.level import SHARE, Goal, Level, standing, target
-from unilateral.discrete import AIM, FIRST, with_data
+from unilateral.choice import cheapest, condensed, levels_for
+from unilateral.discrete import AIM
 from unilateral.errors import InputError
-from unilateral.fem.condense import condense
-from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.memory import forget_peak, peak_mb
 from unilateral.problems.data import Data
 from unilateral.solvers.iterate import Stop
 
@@ -103,18 +103,13 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
     H: float | None = float(problem.polygon.lengths.max())
     while H is not None:
         start = time.perf_counter()
-        partition = partitions.uniform(problem.polygon, _nested(H, kind))
-        if 2 * partition.n_cells > LARGEST_BOUNDARY:
-            raise InputError(
-                f"'{problem.polygon.name}' needs {2 * partition.n_cells} boundary nodes for H = {H:.4g}; at "
-                f"most {LARGEST_BOUNDARY} are possible, so take fewer sides"
-            )
-        expected = SAFE * problem.polygon.area / (partition.H / 2) ** 2
+        expected = SAFE * problem.polygon.area / (H / 2) ** 2
         if not done and expected > goal.max_unknowns:
             raise _too_many(problem.polygon, f"at least {expected:.2g}", goal)
-        mesh = two_edges_per_cell(partition, kind)
+        mesh, partition = two_edges_per_cell(problem.polygon, H, kind, stop)
         if mesh.n_nodes > goal.max_unknowns:
             break
+        forget_peak()
         done.append(_solved(problem, mesh, partition, goal, stop, done[-1] if done else None, start))
         yield done[-1]
         H = affordable_H(done, time.perf_counter() - begin)
@@ -124,21 +119,18 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
 
 def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
     return InputError(
-        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; max_unknowns={goal.max_unknowns} "
-        "has to be at least that"
+        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; "
+        f"max_unknowns={goal.max_unknowns:.0f} has to be at least that"
     )
 
 
-def _nested(H: float, kind: str) -> float:
-    """H, or on structured meshes the next smaller one whose cells consist of whole edges."""
-    return float(1 / square().counts(H)[0]) if kind == "structured" else H
-
-
-def two_edges_per_cell(partition: Partition, kind: str) -> Mesh:
-    """A mesh with two equal boundary edges in every cell, h = H/2."""
-    if kind == "structured":
-        return structured(partition.polygon, partition.H / 2)
-    return meshes.with_boundary(partition.polygon, partitions.refine(partition).points[:-1])
+def two_edges_per_cell(polygon: Polygon, H: float, kind: str, stop: Stop) -> tuple[Mesh, Partition]:
+    """A mesh with two equal boundary edges, h = H/2, in every cell, and the cells, of the size H at most."""
+    if kind == "structured":  # the next smaller H whose cells consist of whole edges
+        H = float(1 / square().counts(H)[0])
+        return structured(polygon, H / 2), partitions.uniform(polygon, H)
+    halvings = levels_for(polygon, H / 2, stop)
+    return meshes.following(partitions.uniform(polygon, 2**halvings * H), 2, halvings)
 
 
 def _solved(
@@ -150,15 +142,15 @@ def _solved(
     before: Level | None,
     begin: float,
 ) -> Level:
-    spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
-    discrete = with_data(spaces, problem)
-    in_norm = spaces.beta if goal.norm == "hm12" else 1.0
-    start, tolerance = None, FIRST * discrete.first_residual
+    of_u = goal.norm == "h1"
+    discrete = cheapest(problem, mesh, partition, stop) if of_u else condensed(problem, mesh, partition)
+    in_norm = 1.0 if of_u else discrete.beta
+    start, tolerance = None, None
     if before is not None:
-        start = before.partition.means(before.solved.lambda_H, partition.points)[spaces.cells]
+        start = before.partition.means(before.solved.lambda_H, partition.points)[discrete.cells]
         if math.isfinite(before.total):
-            tolerance = AIM * SHARE * before.target * in_norm or tolerance
+            tolerance = AIM * SHARE * before.target * in_norm or None
     solved = discrete.iterated(tolerance, stop, start)
     solved = solved.improved(SHARE * target(solved, goal) * in_norm, stop)
     solved.total(goal.norm)  # its time counts, too
-    return Level(solved, goal, time.perf_counter() - begin)
+    return Level(solved, goal, time.perf_counter() - begin, peak_mb())

@@ -6,11 +6,11 @@ by its coefficients in Bernstein's basis.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.special import comb
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
@@ -124,7 +124,8 @@ def _at_unknowns(obstacle: Obstacle, mesh: Mesh) -> Array:
 def _to_bernstein() -> Array:
     """Coefficients in Bernstein's basis of degree ORDER from the values at Gauss points."""
     x, k = 0.5 * (np.polynomial.legendre.leggauss(ORDER + 1)[0] + 1), np.arange(ORDER + 1)
-    return np.linalg.inv(comb(ORDER, k) * x[:, None] ** k * (1 - x[:, None]) ** (ORDER - k))
+    binomials = np.array([math.comb(ORDER, i) for i in range(ORDER + 1)])
+    return np.asarray(np.linalg.inv(binomials * x[:, None] ** k * (1 - x[:, None]) ** (ORDER - k)))
 
 
 ROUNDING = 4 * EPS * float(np.abs(_to_bernstein()).sum(axis=1).max())

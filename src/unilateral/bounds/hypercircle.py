@@ -15,9 +15,8 @@ import skfem
 from skfem.helpers import div, dot, grad
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.fem.sparse import elimination_order
 from unilateral.geometry.mesh import Mesh
-from unilateral.norms.reference import Factor, boundary_facets, hdiv, normal_fluxes
+from unilateral.norms.reference import Factor, boundary_facets, hdiv, normal_fluxes, ranks
 
 DEGREE = 4
 """Of the products of two functions of P2 or RT1."""
@@ -33,8 +32,7 @@ class Hypercircle:
 
     `on_edges` (nb, 3) are P2's unknowns at the start, the end and the midpoint of every boundary edge;
     `facet` (nb,) is the edge in scikit-fem's numbering, `triangle` (nb,) the one at it. `rank` (n,) says in
-    which order P2's unknowns are eliminated, from a dissection of the nodes: an edge goes with the earlier
-    of its ends, so that what separates nodes separates edges, too.
+    which order P2's unknowns are eliminated.
     """
 
     mesh: Mesh
@@ -133,16 +131,8 @@ def hypercircle(mesh: Mesh, f_h: Array) -> Hypercircle:
         on_edges=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
         facet=facet,
         triangle=of_skfem.f2t[0, facet],
-        rank=_rank(p2, A),
+        rank=ranks(p2, A),
     )
-
-
-def _rank(p2: skfem.Basis, A: sp.csr_array) -> Array:
-    nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
-    order = elimination_order(A[nodes][:, nodes])
-    rank[nodes[order]] = np.arange(len(nodes))
-    rank[p2.facet_dofs[0]] = rank[nodes[p2.mesh.facets]].min(axis=0) - 0.5
-    return rank
 
 
 @skfem.BilinearForm

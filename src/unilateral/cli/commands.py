@@ -1,19 +1,17 @@
-"""The commands: what they take from the command line, and what they run."""
+"""The commands: what they take from the command line, and what they run.
+
+What takes long to import is imported for the command that needs it, so that help comes at once.
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from unilateral import __version__
-from unilateral.accuracy.level import MAX_UNKNOWNS, NORMS
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
-from unilateral.formulas.formula import real
-from unilateral.geometry.polygon import names
-from unilateral.solvers.iterate import ALGORITHMS, Stop
 
 CLAIM_FAILS = 1
 EXIT_CODES = (
@@ -32,12 +30,26 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
+    add: Callable[[argparse.ArgumentParser], None] | None = None
+    """Adds the arguments of a command once that is chosen."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self.add:
+            self.add(self)
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see '{self.prog} --help'")
 
     def _print_message(self, message: str, file: object = None) -> None:
         """Help and version; argparse's own method keeps silent where they cannot be written."""
         say(message.rstrip("\n"))
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        say(f"unilateral {load('unilateral').__version__}")
+        parser.exit()
 
 
 def _parser() -> _Parser:
@@ -47,7 +59,7 @@ def _parser() -> _Parser:
         description="Mixed finite elements for unilateral problems, verified.",
         epilog=EXIT_CODES,
     )
-    parser.add_argument("--version", action="version", version=f"unilateral {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     common: dict[str, Any] = {"allow_abbrev": False, "epilog": EXIT_CODES}
     cases = commands.add_parser("cases", help="list the manufactured cases with their certificates", **common)
@@ -58,12 +70,17 @@ def _parser() -> _Parser:
     claims.set_defaults(run=_claims)
     claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
     claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
-    _add_solve(commands.add_parser("solve", help="solve one problem, with its errors", **common))
+    solve = commands.add_parser("solve", help="solve one problem, with its errors", **common)
+    solve.set_defaults(run=_solve)
+    solve.add = _add_solve
     return parser
 
 
 def _add_solve(solve: argparse.ArgumentParser) -> None:
-    solve.set_defaults(run=_solve)
+    from unilateral.accuracy.level import MAX_SECONDS, NORMS
+    from unilateral.geometry.polygon import names
+    from unilateral.solvers.iterate import ALGORITHMS, Stop
+
     solve.description = (
         "Solve one problem, on given sizes --h and --H or up to an --accuracy that is then guaranteed."
     )
@@ -88,10 +105,19 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--max-unknowns",
         type=_count,
         metavar="N",
-        help=f"on the finest mesh (default {MAX_UNKNOWNS}, about 3 GB)",
+        help="on the finest mesh (default: what the memory allows)",
     )
     goal.add_argument(
-        "--max-seconds", type=_positive, metavar="S", help="no mesh is begun that is expected to end later"
+        "--max-seconds",
+        type=_positive,
+        metavar="S",
+        help=f"no mesh is begun that is expected to end later (default {MAX_SECONDS:g})",
+    )
+    goal.add_argument(
+        "--max-memory",
+        type=_positive,
+        metavar="MB",
+        help="no mesh is begun that is expected to take more (default: what is free)",
     )
     domain = solve.add_argument_group("domain and multipliers")
     domain.add_argument("--polygon", help=f"of a case: {' or '.join(names())} (default: the case's first)")
@@ -111,18 +137,23 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
     )
     method = solve.add_argument_group("iteration")
     method.add_argument(
-        "--algorithm", choices=ALGORITHMS, default="auto", help="default auto: uzawa where it can"
+        "--algorithm",
+        choices=ALGORITHMS,
+        default="auto",
+        help="default auto: multigrid on large meshes, else uzawa",
     )
     method.add_argument("--rho", type=_positive, help="Uzawa's step (default 1.9 / lambda_max(S))")
     method.add_argument(
         "--max-steps",
         type=_count,
         default=Stop.max_steps,
-        help=f"of all but active_set (default {Stop.max_steps})",
+        help=f"of uzawa and its faster kinds (default {Stop.max_steps})",
     )
 
 
 def _positive(text: str) -> float:
+    from unilateral.formulas.formula import real
+
     try:
         value = real(text, "")
     except InputError:
@@ -165,7 +196,6 @@ def _claims(options: argparse.Namespace) -> int:
 
 def _solve(options: argparse.Namespace) -> int:
     _check_alternatives(options)
-    options.max_unknowns = options.max_unknowns or MAX_UNKNOWNS
     return int(load("unilateral.cli.solve").run(options))
 
 
@@ -178,7 +208,7 @@ def _check_alternatives(options: argparse.Namespace) -> None:
         if missing:
             named = " and ".join(f"--{name}" for name in needed)
             raise InputError(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
-        wrong, why = {"norm", "max_unknowns", "max_seconds"} & given, "is only for --accuracy"
+        wrong, why = {"norm", "max_unknowns", "max_seconds", "max_memory"} & given, "is only for --accuracy"
     else:
         if options.accuracy >= 1:
             raise InputError("argument --accuracy: it is relative and must be below 1, such as 1e-2")

@@ -75,7 +75,7 @@ def level_head(name: str, first: Level) -> str:
 
 def level_line(level: Level) -> str:
     solved = level.solved
-    numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.spaces.cells)]
+    numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.cells)]
     numbers += [solved.result.iterations, level.algebraic, level.total, level.target]
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
-from unilateral.accuracy.level import Level
+from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import INTERRUPTED as BY_USER
 from unilateral.accuracy.search import Search
 from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, table
@@ -45,14 +45,15 @@ def run(options: argparse.Namespace) -> int:
             algorithm=options.algorithm,
             rho=options.rho,
         ),
-        max_unknowns=options.max_unknowns,
-        max_seconds=options.max_seconds or math.inf,
+        max_unknowns=options.max_unknowns or math.inf,
+        max_seconds=options.max_seconds or MAX_SECONDS,
+        max_memory=options.max_memory or math.inf,
         tell=None if options.json else _told(problem.name),
     )
     search = found.search
     cheap = search or not isinstance(problem, Case) or found.mesh.n_nodes <= CHEAP
     bounds = found.bounds if cheap else None
-    unique = bool(search) or not found.solved.discrete.spaces.operator.singular
+    unique = bool(search) or found.solved.discrete.unique
     if search:
         _tell_faults(search)
     if not unique:
@@ -120,7 +121,7 @@ def _printed(found: Solution, bounds: Bounds | None) -> dict[str, Any]:
         "diameter": found.mesh.diameter,
         "H": found.partition.H,
         "unknowns": found.mesh.n_nodes,
-        "multipliers": len(discrete.spaces.cells),
+        "multipliers": len(discrete.cells),
         "iterations": found.iterations,
         "converged": found.certified if search else found.converged,
         "algebraic_bound": found.solved.result.bound,

@@ -50,7 +50,7 @@ class Condensed:
 
     def solve_boundary(self, rhs: Array) -> Array:
         """A_3^{-1} rhs for rhs (nb,) or (nb, k)."""
-        return cho_solve((self.cholesky, False), rhs)
+        return cho_solve((self.cholesky, False), rhs, check_finite=False)
 
     @cached_property
     def sigma_1(self) -> float:

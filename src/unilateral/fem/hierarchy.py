@@ -1,24 +1,16 @@
-"""Nested spaces V_0, ..., V_L by uniform refinement of a mesh, and loads on the finest one."""
+"""Nested spaces V_0, ..., V_L on a mesh that was made by uniform refinement."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.fem import refinement
+from unilateral.arrays import Array, Int32
+from unilateral.fem.inherited import Elements, elements, matrix, prolongation
 from unilateral.fem.p1 import stiffness_and_mass
-from unilateral.fem.refinement import Array, Int32, Triangles
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
-
-BLOCK = 1 << 14
-"""Triangles of the level before the last whose children are looked at together."""
-FEWEST = 4
-"""Squares in a unit of length that are not halved: coarser levels save nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,68 +33,19 @@ class Level:
         return int(self.A.shape[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Hierarchy:
-    """Levels 0 to L, the nodes (n, 2) of level L, and its triangles in short.
-
-    These are the nodes and the opposite edges, (T, 3) each, of the triangles of level L - 1; None where
-    L = 0.
-    """
-
-    coarse: Mesh
-    levels: list[Level]
-    points: Array
-    parents: tuple[Int32, Int32] | None
-
-    @property
-    def mesh(self) -> Mesh:
-        """The finest mesh."""
-        return self._with_triangles(slice(None))
-
-    def parts(self) -> Iterator[Mesh]:
-        """The finest mesh in blocks, each with all nodes and some of the triangles."""
-        count = len(self.parents[0] if self.parents else self.coarse.triangles)
-        for start in range(0, count, BLOCK):
-            yield self._with_triangles(slice(start, start + BLOCK))
-
-    def load(self, moments: Callable[[Mesh], Array]) -> Array:
-        """(n,) values of (f, phi_i), from the moments (m, 3) of f against the hats on each part."""
-        found = np.zeros(len(self.points))
-        for part in self.parts():
-            np.add.at(found, part.triangles, moments(part))
-        return found
-
-    def _with_triangles(self, block: slice) -> Mesh:
-        if self.parents is None:
-            return replace(self.coarse, triangles=self.coarse.triangles[block])
-        nodes, edges = self.parents
-        triangles = refinement.corners(self.levels[-2].n, nodes[block], edges[block])
-        boundary = self.levels[-1].boundary.astype(np.intp)
-        return Mesh(self.coarse.polygon, self.points, triangles.astype(np.intp), boundary, self.levels[-1].s)
-
-
-def hierarchy(coarse: Mesh, refinements: int) -> Hierarchy:
-    """The levels from a mesh on, each the uniform refinement of the one before."""
+def hierarchy(mesh: Mesh) -> list[Level]:
+    """The levels from the coarse mesh that it was refined from, to the mesh itself."""
+    coarse = mesh.coarse or mesh
     A, P = sum(stiffness_and_mass(coarse)), sp.eye_array(coarse.n_nodes, format="csr")
     A = sp.csr_array((A.data, A.indices.astype(np.int32), A.indptr.astype(np.int32)), shape=A.shape)
     levels = [Level(A, P, np.zeros(0), coarse.boundary.astype(np.int32), coarse.s)]
-    points, of = coarse.points, None
-    for _ in range(refinements):
-        of = refinement.children(of) if of else refinement.triangles(coarse)
-        points = np.concatenate([points, 0.5 * (points[of.ends[:, 0]] + points[of.ends[:, 1]])])
-        levels.append(_finer(of, levels[-1]))
-    return Hierarchy(coarse, levels, points, (of.nodes, of.edges) if of else None)
-
-
-def of_squares(polygon: Polygon, h: float) -> Hierarchy:
-    """Levels up to `structured(polygon, h)`, numbered otherwise, from as few squares as halving leads to.
-
-    Raises InputError unless the polygon consists of unit squares between whole numbers.
-    """
-    n, refinements = int(square().counts(h)[0]), 0
-    while n % 2 == 0 and n > FEWEST:
-        n, refinements = n // 2, refinements + 1
-    return hierarchy(structured(polygon, 1 / n), refinements)
+    of = elements(coarse) if mesh.halvings else None
+    while of:
+        every = 2 ** (mesh.halvings - len(levels))
+        boundary = mesh.boundary[::every].astype(np.int32)
+        levels.append(_finer(of, boundary, mesh.s[::every]))
+        of = of.children() if every > 1 else None
+    return levels
 
 
 def roundness(stiffness: Array) -> Array:
@@ -115,12 +58,8 @@ def roundness(stiffness: Array) -> Array:
     return np.asarray(2 / (both + np.sqrt(np.maximum(both**2 - 4, 0))))
 
 
-def _finer(of: Triangles, coarser: Level) -> Level:
+def _finer(coarser: Elements, boundary: Int32, s: Array) -> Level:
     """The level whose triangles are the children of these."""
-    middle = of.n + np.arange(of.inside, len(of.ends), dtype=np.int32)
-    boundary = np.column_stack([coarser.boundary, middle]).ravel()
-    s = coarser.s
-    s = np.append(np.column_stack([s[:-1], 0.5 * (s[:-1] + s[1:])]), s[-1])
-    P = refinement.prolongation(of)
-    of_edges = of.on_edges(roundness(of.stiffness)[:, None])
-    return Level(refinement.matrix(of, P), P, of_edges, boundary, s)
+    P = prolongation(coarser.of)
+    of_edges = coarser.of.sums(roundness(coarser.stiffness)[:, None])
+    return Level(matrix(coarser, P), P, of_edges, boundary, s)

@@ -1,6 +1,9 @@
-"""Moments of f against the hats of each triangle, of which loads are made."""
+"""Loads, made of the moments of f against the hats of each triangle."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +15,24 @@ from unilateral.problems.sampled import Sampled
 
 SAMPLED = 8
 """Degree of the rule on triangles for an f that is known in points only."""
+
+BLOCK = 1 << 16
+"""Triangles that are looked at together: a part of a mesh takes some 10 MB."""
+
+
+def parts(mesh: Mesh) -> Iterator[Mesh]:
+    """The mesh in blocks, each with all nodes and some of the triangles."""
+    for start in range(0, len(mesh.triangles), BLOCK):
+        block = mesh.triangles[start : start + BLOCK]
+        yield replace(mesh, triangles=block, coarse=None, halvings=0)
+
+
+def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
+    """(n,) values of (f, phi_i), from the moments (m, 3) on each part, in little memory."""
+    found = np.zeros(mesh.n_nodes)
+    for part in parts(mesh):
+        np.add.at(found, part.triangles, moments(part))
+    return found
 
 
 def case_moments(case: Case, mesh: Mesh) -> Array:

@@ -8,13 +8,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.hierarchy import Level
 from unilateral.geometry.partition import VERTEX_TOLERANCE, Partition
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 LEAST = 2
 """Edges in a cell: a node then lies inside, and the rows of B are independent."""
 
@@ -36,7 +34,7 @@ class Cells:
         """(m,) the cells' lengths H_i."""
         return np.asarray(self.B.sum(axis=1))
 
-    def nodes(self, chosen: NDArray[np.bool_]) -> Index:
+    def nodes(self, chosen: Mask) -> Index:
         """The nodes of the chosen cells (m,), increasing."""
         return np.unique(self.B[chosen].indices)
 

@@ -35,9 +35,12 @@ def load(mesh: Mesh, moments: Array) -> Array:
     return values.astype(float)
 
 
-def h1_load(mesh: Mesh, moments: Array, gradient_integrals: Array) -> Array:
-    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient."""
-    return load(mesh, moments + np.einsum("tid,td->ti", gradients(mesh), gradient_integrals))
+def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
+    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient.
+
+    `slopes` are the `gradients` of the mesh.
+    """
+    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
 
 
 def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:

@@ -152,10 +152,11 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
         block = slice(start, start + BLOCK)
         yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
     for apart in split.singular:
-        rule = _place(mesh, apart.corners, apart.parent, *_duffy(of_pieces, apart.grading))
-        edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point
-        weights = _duffy(of_pieces, apart.grading)[0][:, 1:]
-        yield replace(rule, origin=apart.point[None], offset=(weights @ edges).reshape(-1, 2))
+        points, weights = _duffy(of_pieces, apart.grading)
+        rule = _place(mesh, apart.corners, apart.parent, points, weights)
+        edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
+        offset = (points[:, 1:] @ edges).reshape(-1, 2)
+        yield replace(rule, origin=np.repeat(apart.point, len(weights), axis=0), offset=offset)
 
 
 @cache

@@ -21,10 +21,8 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from unilateral.arrays import Array, Index
-from unilateral.geometry.mesh import Mesh, split
-
-CONGRUENT = 1e-13
-"""Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.refinement import Triangulation
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +88,19 @@ class Recursive:
         x = np.array(np.atleast_2d(rhs.T), dtype=float)
         for stage in self.stages:
             stage.reduce(x)
-        x[:, self.boundary] = cho_solve((self.cholesky, False), x[:, self.boundary].T).T
+        loads = x[:, self.boundary].T
+        x[:, self.boundary] = cho_solve((self.cholesky, False), loads, check_finite=False).T
         for stage in reversed(self.stages):
             stage.expand(x)
         return x.T.reshape(rhs.shape)
 
     def _macro_elements(self, mesh: Mesh) -> tuple[Index, Array]:
         """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
-        coarse, halvings = mesh.coarse or mesh, mesh.halvings
-        triangles = by_shape(coarse.points, coarse.triangles)
-        K = element_matrices(coarse.points[triangles[:, 0]] / 2.0**halvings)
-        lines = boundary_lines(triangles, coarse.n_nodes, halvings)
+        coarse = mesh.coarse or mesh
+        of = coarse.triangulation
+        shapes = 1 if of.alike else len(of.nodes)
+        K = element_matrices(coarse.points[of.nodes[:shapes]] / 2.0**mesh.halvings)
+        lines = (each.reshape(shapes, -1, each.shape[-1]) for each in boundary_lines(of, mesh.halvings))
         nodes = next(lines)
         for around in lines:
             shapes, parts, _ = around.shape
@@ -157,21 +157,6 @@ class Recursive:
         return schur
 
 
-def by_shape(points: Array, triangles: Index) -> Index:
-    """Triangles (t, 3) as (1, t, 3), their corners in such an order that all are alike, else as (t, 1, 3).
-
-    Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
-    """
-    sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
-    alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
-    for turn in range(3):
-        turned = np.roll(sides, -turn, axis=1)
-        apart = [np.abs(turned - sign * sides[0]).max(axis=(1, 2)) for sign in (1, -1)]
-        new = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
-        found[new], alike = np.roll(triangles, -turn, axis=1)[new], alike | new
-    return found[None] if alike.all() else triangles[:, None]
-
-
 def element_matrices(corners: Array) -> Array:
     """(s, 3, 3): (., .)_1 of the barycentric functions of the triangles with those corners (s, 3, 2)."""
     sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
@@ -179,37 +164,19 @@ def element_matrices(corners: Array) -> Array:
     return sides @ np.swapaxes(sides, 1, 2) / (4 * area) + area / 12 * (np.ones((3, 3)) + np.eye(3))
 
 
-def boundary_lines(triangles: Index, n: int, halvings: int) -> Iterator[Index]:
-    """The nodes (s, p, 3m) around the triangles of each level, m = 1, 2, ..., anticlockwise from a corner.
+def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:
+    """The nodes (T, 3m) around the triangles of each level, m = 1, 2, ..., anticlockwise from a corner.
 
-    They are numbered as by `refine` from triangles (s, p, 3) of n nodes; part j of a level has the parts
-    4j ... 4j + 3 of the finer one.
+    They are numbered as by `refine`; triangle t of a level has the children 4t ... 4t + 3 on the finer one.
     """
-    levels, edges = [triangles], []
+    levels = [coarse]
     for _ in range(halvings):
-        children, ends = split(levels[-1].reshape(-1, 3), n)
-        levels.append(children.reshape(len(triangles), -1, 3))
-        edges.append((n, ends))
-        n += len(ends)
-    yield levels.pop()
-    along: Index = np.empty((0, 2), dtype=np.intp)
-    finer, m = along, n
+        levels.append(levels[-1].children())
+    along = levels[-1].ends
     while levels:
-        n, ends = edges.pop()
-        middle = n + np.arange(len(ends))
-        if len(finer):
-            first, second = (along[edge_number(finer, m, end, middle)] for end in ends.T)
-            along = np.concatenate([first, second[:, -2::-1]], axis=1)
-        else:
-            along = np.insert(ends, 1, middle, axis=1)
-        finer, m = ends, n
-        starts = levels.pop()
-        stops = np.roll(starts, -1, axis=-1)
-        line = along[edge_number(ends, n, starts, stops)]
-        line = np.where((starts < stops)[..., None], line, line[..., ::-1])[..., :-1]
-        yield line.reshape(*line.shape[:2], -1)
-
-
-def edge_number(edges: Index, n: int, a: Index, b: Index) -> Index:
-    """The rows of the edges (e, 2) from a to b or from b to a, of n nodes, in the order of `split`."""
-    return np.searchsorted(edges @ [n, 1], np.minimum(a, b) * n + np.maximum(a, b))
+        of = levels.pop()
+        if len(along) > len(of.ends):
+            along = np.concatenate([along[of.halves], along[of.halves + 1, 1:]], axis=1)
+        line = along[np.roll(of.edges, 1, axis=1)]
+        line = np.where((line[..., 0] == of.nodes)[..., None], line, line[..., ::-1])[..., :-1]
+        yield line.reshape(len(line), -1).astype(np.intp)

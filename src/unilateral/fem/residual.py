@@ -39,13 +39,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pyamg.amg_core import gauss_seidel
 from scipy.sparse.linalg import SuperLU
 
+from unilateral.arrays import Array
 from unilateral.fem.hierarchy import Level
 
-Array = NDArray[np.float64]
 COMPUTED, SLOPE = 9, 0.6
 """(2) is used with k up to COMPUTED."""
 

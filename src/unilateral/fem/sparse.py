@@ -76,3 +76,18 @@ def last_block(lu: SuperLU, size: int) -> Array:
         raise RuntimeError("SuperLU moved the boundary unknowns away from the end of the elimination")
     block = lu.U[:, first:][first:].toarray()
     return block / np.sqrt(np.diag(block))[:, None]
+
+
+def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
+    """X (n, k) with X^T X = F^T A^{-1} F, for a symmetric positive definite A (n, n) and a sparse F (n, k).
+
+    A factorisation of A bordered by F, its unknowns last, leaves L^{-1} F beside the factors of A = L U,
+    U = diag(pivots) L^T: it fills in only along the separators, where solutions are dense.
+    """
+    n, k = F.shape
+    bordered = sp.block_array([[A, F], [F.T, -sp.eye_array(k)]], format="csr")
+    lu = factorise(bordered, np.append(order, np.arange(n, n + k)))
+    if not np.array_equal(lu.perm_r, lu.perm_c):
+        raise RuntimeError("SuperLU exchanged rows of a symmetric matrix")
+    of_A, pivots = lu.perm_c[:n], lu.U.diagonal()
+    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])

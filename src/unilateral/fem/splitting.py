@@ -17,7 +17,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.plane import cross
+from unilateral.geometry.plane import circles, cross
 from unilateral.problems.case import Case
 
 KINK_LEVELS = 2
@@ -32,7 +32,7 @@ ON_CORNER = 1e-10
 
 @dataclass(frozen=True)
 class Apart:
-    """Pieces, corners (k, 3, 3) of the triangles parent (k,), whose first corner is a singular point (2,)."""
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), with a singular `point` (k, 2) as first one."""
 
     corners: Array
     parent: Index
@@ -42,7 +42,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Split:
-    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at each singular point.
+    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at singular points of each grading.
 
     Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
@@ -59,11 +59,12 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
     smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
-    singular = []
+    apart: dict[int, list[tuple[Array, Index, Array]]] = {}
     corners, parent = _one_point_each(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
         holds = _contains(mesh, corners, parent, point)
-        singular.append(Apart(*_at_corner(mesh, corners[holds], parent[holds], point), point, grading))
+        pieces, of = _at_corner(mesh, corners[holds], parent[holds], point)
+        apart.setdefault(grading, []).append((pieces, of, np.tile(point, (len(of), 1))))
         corners, parent = corners[~holds], parent[~holds]
     done: list[tuple[Array, Index]] = []
     for level in range(NEAR_LEVELS):
@@ -80,12 +81,16 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
         corners, parent = quarter(corners[marked]), np.repeat(parent[marked], 4)
     done.append((corners, parent))
     corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
+    singular = []
+    for grading, parts in apart.items():
+        pieces, of, first = (np.concatenate(each) for each in zip(*parts, strict=True))
+        singular.append(Apart(pieces, of, first, grading))
     return Split(corners, parent, singular)
 
 
 def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
     """The triangles that a point is near or a kink may cross; no other one is ever cut."""
-    centre, radius = _around(mesh.points[mesh.triangles])
+    centre, radius = mesh.circles
     concerned = np.zeros(len(radius), dtype=bool)
     for point in points:
         concerned |= np.hypot(*(centre - point).T) < NEAR * radius
@@ -121,13 +126,7 @@ def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
 
 def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
     """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
-    return _around(_vertices(mesh, corners, parent))
-
-
-def _around(vertices: Array) -> tuple[Array, Array]:
-    centre = vertices.mean(axis=1)
-    away = vertices - centre[:, None]
-    return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
+    return circles(_vertices(mesh, corners, parent))
 
 
 def _barycentric(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:

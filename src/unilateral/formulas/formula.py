@@ -11,9 +11,11 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import sympy
+from sympy.simplify.cse_main import tree_cse
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
@@ -79,7 +81,13 @@ def _compiled(expressions: tuple[sympy.Expr, ...], symbols: tuple[sympy.Symbol, 
     for_numpy = [
         e.xreplace({n: n.n(17) for n in e.atoms(sympy.Rational) if _is_large(n)}) for e in expressions
     ]
-    return sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=True)
+    return sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=_shared)
+
+
+def _shared(expressions: list[sympy.Expr]) -> tuple[list[Any], list[sympy.Expr]]:
+    """What occurs more than once, by name; not what factors or terms have in common, which takes long."""
+    found: tuple[list[Any], list[sympy.Expr]] = tree_cse(expressions, sympy.numbered_symbols())
+    return found
 
 
 def _is_large(n: sympy.Rational) -> bool:
@@ -119,10 +127,15 @@ def _as_float(root: sympy.Expr) -> float:
 
 def _real_roots(polynomial: sympy.Poly) -> list[sympy.Expr]:
     """Without simplifying irrational coefficients, which one of degree 1 or 2 may have."""
-    if polynomial.degree() > 1 and all(c.is_Rational for c in polynomial.coeffs()):
-        return sympy.real_roots(polynomial)
+    rational = all(c.is_Rational for c in polynomial.coeffs())
+    if polynomial.degree() == 2 and rational:
+        a, b, c = polynomial.all_coeffs()
+        square = b**2 - 4 * a * c
+        return [(sign * sympy.sqrt(square) - b) / (2 * a) for sign in (-1, 1)] if square >= 0 else []
     if polynomial.degree() == 2:
         found = np.roots([float(c) for c in polynomial.all_coeffs()])
         return [sympy.Float(root) for root in found[found.imag == 0].real]
+    if polynomial.degree() > 2:
+        return sympy.real_roots(polynomial)
     slope, constant = (polynomial.nth(power) for power in (1, 0))
     return [] if slope == 0 else [-constant / slope]

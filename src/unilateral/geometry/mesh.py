@@ -11,10 +11,12 @@ from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.geometry import checks
+from unilateral.geometry import checks, refinement
+from unilateral.geometry import partition as partitions
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.plane import longest_edges, signed_areas
+from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.refinement import Triangulation
 
 ROUNDED = 1e-6
 """How much of the longest boundary edge the rounding of coordinates may be; larger, it shows in A_3."""
@@ -37,6 +39,10 @@ class Mesh:
     s: Array
     coarse: Mesh | None = None
     halvings: int = 0
+
+    def __post_init__(self) -> None:
+        for array in (self.points, self.triangles, self.boundary, self.s):
+            array.setflags(write=False)
 
     @property
     def n_nodes(self) -> int:
@@ -61,6 +67,21 @@ class Mesh:
     def longest_edges(self) -> Array:
         """(m,) the longest edge of each triangle."""
         return longest_edges(self.points, self.triangles)
+
+    @cached_property
+    def triangulation(self) -> Triangulation:
+        """With its edges; their midpoints are numbered as `refine` does."""
+        if self.coarse is None:
+            return refinement.triangulation(self.points, self.triangles, self.boundary)
+        found = self.coarse.triangulation
+        for _ in range(self.halvings):
+            found = found.children()
+        return found
+
+    @cached_property
+    def circles(self) -> tuple[Array, Array]:
+        """Centroids (m, 2) of the triangles, and radii (m,) of the circles about them that contain them."""
+        return circles(self.points[self.triangles])
 
     @cached_property
     def areas(self) -> Array:
@@ -113,13 +134,16 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
             f"{where}: the boundary edges do not cover polygon '{polygon.name}' once; another one has to "
             f"begin where the one that begins at node {checks.node(points, edges[gap[0], 0])} ends"
         )
+    s = _arc_lengths(polygon, side, s)
+    _check_rounding(polygon, float(np.diff(s).max()), where)
+    return Mesh(polygon, points, triangles, edges[:, 0].copy(), s)
+
+
+def _arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
+    """(nb + 1,) from those (nb,) of the starts of edges on the sides: exact where they are known."""
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= checks.round_off(polygon)
-    s = np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
-    _check_rounding(polygon, float(np.diff(s).max()), where)
-    for array in (points, triangles, boundary := edges[:, 0].copy(), s):
-        array.setflags(write=False)
-    return Mesh(polygon, points, triangles, boundary, s)
+    return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
 
 
 def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
@@ -149,30 +173,25 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
     return replace(mesh, s=edges.points)
 
 
-def refine(mesh: Mesh) -> Mesh:
-    """Uniform refinement, by `split`; the new mesh knows the one that it came from, over all refinements."""
-    triangles, edges = split(mesh.triangles, mesh.n_nodes)
-    points = np.concatenate([mesh.points, 0.5 * mesh.points[edges].sum(axis=1)])
-    refined = conforming(mesh.polygon, points, triangles)
-    return replace(refined, coarse=mesh.coarse or mesh, halvings=mesh.halvings + 1)
+def following(cells: Partition, edges: int, halvings: int = 0) -> tuple[Mesh, Partition]:
+    """A mesh by gmsh with so many equal boundary edges in every cell, and the cells; both then halved."""
+    mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1])
+    return refine(mesh, halvings), partitions.refine(cells, 2**halvings)
 
 
-def split(triangles: Index, n: int) -> tuple[Index, Index]:
-    """The children (4 t, 3) of triangles (t, 3) of n nodes, and the edges (e, 2), in lexical order.
+def refine(mesh: Mesh, times: int = 1) -> Mesh:
+    """Uniform refinement; the new mesh knows the one that it came from, over all refinements.
 
-    The midpoint of edge k is node n + k. Triangle k becomes 4k ... 4k + 3, the last of them the middle one.
-    Child i < 3 lies at vertex i; vertex i of the middle one is the midpoint opposite vertex i, so that
-    every child is its parent halved, the middle one also turned by 180 degrees.
+    The nodes of `mesh` keep their numbers. Raises InputError where edges become as short as rounding.
     """
-    v = triangles
-    opposite = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
-    edges, number = np.unique(opposite.min(axis=0) * n + opposite.max(axis=0), return_inverse=True)
-    m = n + number.reshape(-1, 3)
-    children = [
-        (v[:, 0], m[:, 2], m[:, 1]),
-        (m[:, 2], v[:, 1], m[:, 0]),
-        (m[:, 1], m[:, 0], v[:, 2]),
-        tuple(m.T),
-    ]
-    halves = np.stack([np.column_stack(child) for child in children], axis=1).reshape(-1, 3)
-    return halves, np.column_stack(np.divmod(edges, n))
+    for _ in range(times):
+        of = mesh.triangulation
+        points = np.concatenate([mesh.points, 0.5 * mesh.points[of.ends].sum(axis=1)])
+        middle = np.arange(len(points) - len(mesh.boundary), len(points))
+        boundary = np.column_stack([mesh.boundary, middle]).ravel()
+        s = np.column_stack([mesh.s[:-1], 0.5 * (mesh.s[:-1] + mesh.s[1:])]).ravel()
+        s = _arc_lengths(mesh.polygon, mesh.side.repeat(2), s)
+        _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
+        triangles, coarse = of.corners_of_children().astype(np.intp), mesh.coarse or mesh
+        mesh = Mesh(mesh.polygon, points, triangles, boundary, s, coarse, mesh.halvings + 1)
+    return mesh

@@ -141,11 +141,10 @@ def common_refinement(partitions: Sequence[Partition]) -> Partition:
     return from_points(polygon, points[new])
 
 
-def refine(partition: Partition) -> Partition:
-    """Every cell halved."""
-    points = partition.points
-    middles = points[:-1] + 0.5 * partition.lengths
-    return Partition(partition.polygon, np.sort(np.concatenate([points, middles])))
+def refine(partition: Partition, parts: int = 2) -> Partition:
+    """Every cell cut into that many equal ones."""
+    at = np.arange(parts * partition.n_cells + 1) / parts
+    return Partition(partition.polygon, np.interp(at, np.arange(partition.n_cells + 1), partition.points))
 
 
 def _check(polygon: Polygon, points: Array) -> None:

@@ -32,6 +32,13 @@ def longest_edges(points: Array, triangles: Index) -> Array:
     return np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
 
 
+def circles(vertices: Array) -> tuple[Array, Array]:
+    """The centroids (k, 2) of triangles with the vertices (k, 3, 2), and the largest distance (k,) of one."""
+    centre = vertices.mean(axis=1)
+    away = vertices - centre[:, None]
+    return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
+
+
 def first_crossing(v: Array) -> tuple[int, int] | None:
     """The first two sides of a polygon with the vertices (n, 2) that meet elsewhere than in one of them."""
     after = np.roll(v, -1, axis=0)

@@ -7,14 +7,14 @@ from functools import cache, cached_property
 from importlib import resources
 
 import numpy as np
-import yaml
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.declarations import own
 from unilateral.errors import InputError
 from unilateral.geometry.plane import cross, first_crossing
 
 MAX_VERTICES = 1000
-"""With more sides hardly a level is left below `accuracy.LARGEST_BOUNDARY`, at two nodes a side or more."""
+"""Polygons with more sides are taken for a mistake: such as curves that are drawn by points."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
 SMALLEST, LARGEST = 1e-75, 1e75
@@ -158,8 +158,7 @@ def square() -> Polygon:
 
 @cache
 def _named() -> dict[str, list[list[int]]]:
-    text = (resources.files("unilateral.geometry") / "polygons.yaml").read_text(encoding="utf-8")
-    found: dict[str, list[list[int]]] = yaml.safe_load(text)
+    found: dict[str, list[list[int]]] = own(resources.files("unilateral.geometry") / "polygons.yaml")
     return found
 
 

@@ -6,15 +6,17 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import Mesh, conforming
+from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.polygon import Polygon, square
 
+FEWEST = 4
+"""Squares in a unit of length that are not halved: coarser meshes save nothing."""
 MOST_SQUARES = 1000
 """Whole numbers up to which a polygon is taken to consist of unit squares."""
 
 
 def structured(polygon: Polygon, h: float) -> Mesh:
-    """Squares of side 1 / ceil(1 / h).
+    """Squares of side 1 / ceil(1 / h), made by halving those of as coarse a mesh as that leads to.
 
     Raises InputError unless the polygon consists of unit squares between whole numbers.
     """
@@ -23,7 +25,14 @@ def structured(polygon: Polygon, h: float) -> Mesh:
             f"polygon '{polygon.name}' has no structured mesh, for that its sides have to be parallel to the "
             "axes, between whole numbers; use an unstructured one"
         )
-    n = int(square().counts(h)[0])
+    n, halvings = int(square().counts(h)[0]), 0
+    while n % 2 == 0 and n > FEWEST:
+        n, halvings = n // 2, halvings + 1
+    return refine(_squares(polygon, n), halvings)
+
+
+def _squares(polygon: Polygon, n: int) -> Mesh:
+    """n squares in a unit of length."""
     (left, right), (low, high) = ((int(x.min()), int(x.max())) for x in polygon.vertices.T)
     middles = np.stack(np.meshgrid(np.arange(left, right) + 0.5, np.arange(low, high) + 0.5), axis=-1)
     kept = polygon.contains(middles).repeat(n, axis=0).repeat(n, axis=1)

@@ -16,19 +16,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-import xarray as xr
 
 from unilateral.arrays import Array
-from unilateral.fem.spaces import MixedSpaces
+from unilateral.fem.loads import parts
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.exact import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
+from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
@@ -61,6 +66,8 @@ class Gram:
 
     def table(self, cases: Sequence[Case]) -> xr.Dataset:
         """The forms, the ends of their cells and what belongs to the cases, with the names of all."""
+        import xarray as xr
+
         form = ("functional", "functional_too")
         dimensions = (("point",), ("case", "cell"), form, form, ("case",))
         values = (self.points, self.means, self.lower, self.upper, self.oscillation)
@@ -103,12 +110,12 @@ class Gram:
         lower, upper = (np.einsum("ki,ij,kj->k", x, form, x) for form in (self.lower, self.upper))
         return Bounds(_root(lower), _root(upper) + self.oscillation[c])
 
-    def best_approximation(self, c: int) -> float:
-        """A lower bound of the distance of lambda of case c from P0(T_H) in ||.||_{-1/2}."""
+    @cached_property
+    def best_approximations(self) -> Array:
+        """(c,) lower bounds of the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
         m = self.n_cells
-        mixed = self.lower[:m, m + c]
-        square = self.lower[m + c, m + c] - mixed @ np.linalg.solve(self.p0.lower, mixed)
-        return math.sqrt(max(float(square), 0.0))
+        mixed, own = self.lower[:m, m:], np.diag(self.lower)[m:]
+        return _root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,15 +182,16 @@ class Errors(NamedTuple):
     l2: float
 
 
-def errors(exact: Exact, spaces: MixedSpaces, mu: Array) -> Errors:
-    """The errors of (u(mu), mu) for mu (m,)."""
-    found = exact.errors(spaces, mu)
-    if spaces.operator.singular:
-        return Errors(found.h1, math.nan, math.nan, math.nan)
-    case, cells = exact.ritz.case, spaces.partition
-    bounds = dual_norm(cells, [case]).of_error(case, spaces.extended(mu)[None])
-    lower = max(found.hm12_discrete, float(bounds.lower[0]))
-    return Errors(found.h1, lower, float(bounds.upper[0]), found.l2)
+def errors(
+    case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool = True
+) -> Errors:
+    """The errors of u_h (n,) and lambda_H (m,), constant on the cells."""
+    h1 = math.sqrt(sum(h1_distance(case, part, u_h) ** 2 for part in parts(mesh)))
+    if not unique:
+        return Errors(h1, math.nan, math.nan, math.nan)
+    bounds = dual_norm(cells, [case]).of_error(case, lambda_H[None])
+    l2 = cell_means(case, cells).l2_error(lambda_H)
+    return Errors(h1, float(bounds.lower[0]), float(bounds.upper[0]), l2)
 
 
 def _root(squares: Array) -> Array:

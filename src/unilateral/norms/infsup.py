@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import xarray as xr
 from scipy.linalg import eigh
 
 from unilateral.arrays import Array, Index
@@ -23,6 +22,9 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.geometry.plane import cross
 from unilateral.norms.dual import Bounds
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 ZERO = 1e-12
 TIE = 1e-3
@@ -57,6 +59,8 @@ def of_runs(errors: xr.Dataset) -> xr.Dataset:
     1 + 1/beta and 1/beta, every factor taken on its unfavourable side. NaN where beta or, to round-off, the
     error is 0.
     """
+    import xarray as xr
+
     beta, upper = errors["beta_upper"], errors["hm12_error_upper"]
     known = (beta > 0) & (upper > ZERO * errors["u_norm"])
     right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta

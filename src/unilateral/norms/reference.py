@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from scipy.sparse.linalg import SuperLU
 from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import check_constants
-from unilateral.fem.sparse import elimination_order, factorise
+from unilateral.fem.sparse import elimination_order, factorise, half_solved
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -25,29 +27,26 @@ from unilateral.norms.grading import boundary_nodes
 
 EDGES_PER_CELL = 8
 GROWTH = 0.45
-BLOCK = 16
 
 
 class Factor:
-    """A symmetric positive definite matrix (n, n), factorised in an order (n,) or by nested dissection."""
+    """A symmetric positive definite matrix (n, n), eliminated in an order (n,)."""
 
-    def __init__(self, A: sp.csr_array, order: Index | None = None) -> None:
-        self.order = elimination_order(A) if order is None else order
-        self.lu = factorise(A, self.order)
+    def __init__(self, A: sp.csr_array, order: Index) -> None:
+        self.A, self.order = A, order
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs, (n,), its entries in the order of elimination."""
-        return self.lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
+        return self._lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
+
+    @cached_property
+    def _lu(self) -> SuperLU:
+        return factorise(self.A, self.order)
 
     def products(self, F: sp.csc_array) -> Array:
         """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
-        found = np.empty((F.shape[1], F.shape[1]))
-        permuted = F.tocsr()[self.order].tocsc()
-        transposed = permuted.T.tocsr()
-        for start in range(0, F.shape[1], BLOCK):
-            block = slice(start, start + BLOCK)
-            found[:, block] = transposed @ self.lu.solve(permuted[:, block].toarray())
-        return 0.5 * (found + found.T)
+        half = half_solved(self.A, F, self.order)
+        return (half.T @ half).toarray()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +95,10 @@ def reference_spaces(
     A = sp.csr_array(hdiv.assemble(bdm1))
     inner = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facet])
     M = mass.assemble(p2)
-    factor = Factor(sp.csr_array(laplace.assemble(p2) + M))
+    matrix = sp.csr_array(laplace.assemble(p2) + M)
+    rank, of_bdm1 = ranks(p2, matrix), np.empty(bdm1.N)
+    of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
+    factor = Factor(matrix, np.argsort(rank, kind="stable"))
     check_constants(mesh, factor.solve(M.sum(axis=1)))
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
     return ReferenceSpaces(
@@ -107,9 +109,22 @@ def reference_spaces(
         normal=normal_fluxes(bdm1, mesh, facet),
         bdm1=A,
         inner=inner,
-        bdm1_inner=Factor(A[inner][:, inner].tocsr()),
+        bdm1_inner=Factor(A[inner][:, inner].tocsr(), np.argsort(of_bdm1[inner], kind="stable")),
         triangle=of_skfem.f2t[0, facet],
     )
+
+
+def ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
+    """(n,) in which order the unknowns of P2, with the matrix A (n, n), are eliminated.
+
+    From a dissection of the nodes alone: an edge goes with the earlier of its ends, so that what separates
+    nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
+    """
+    nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
+    order = elimination_order(A[nodes][:, nodes])
+    rank[nodes[order]] = np.arange(len(nodes))
+    rank[p2.facet_dofs[0]] = rank[nodes[p2.mesh.facets]].min(axis=0) - 0.5
+    return rank
 
 
 @skfem.BilinearForm

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks, pos
 from unilateral.formulas.taylor import Model, by_part, number
@@ -81,6 +81,10 @@ class Smooth:
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         """(k,) values of -Delta u + u."""
         return self._values[1](*(points + offset).T)[0]
+
+    def vanishes(self, centre: Array, radius: Array) -> Mask:
+        """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
+        return np.zeros(len(radius), dtype=bool)
 
     def kinks(self) -> list[Kink]:
         return []
@@ -184,6 +188,9 @@ class Tensor(Local):
         """(k,) values of u and of its outward normal derivative on the side."""
         v, _, v_d = self._values[0](along.t, np.zeros_like(along.t))
         return self.length * v, -v_d
+
+    def vanishes(self, centre: Array, radius: Array) -> Mask:
+        return self.local(centre)[1] - radius / self.length > float(self.cutoff)
 
     @cached_property
     def _profile_kinks(self) -> list[tuple[float, sympy.Expr]]:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import sympy
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.formula import Compiled, compile_numpy, pos
 from unilateral.formulas.interval import total
 from unilateral.formulas.taylor import EPS, Model, settled
@@ -102,6 +102,9 @@ class Cantor(Local):
             found[index] += self.length * length ** (1 + alpha) * v
             found[index] -= length ** (alpha - 1) / self.length * laplacian
         return found
+
+    def vanishes(self, centre: Array, radius: Array) -> Mask:
+        return self.local(centre)[1] - radius / self.length > np.diff(self._contact).max()
 
     def value_model(self, x: Model, y: Model) -> Model:
         return self._sum(Polar.value_model, x, y)

@@ -19,7 +19,7 @@ import numpy as np
 import sympy
 
 from unilateral import declarations
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, shown
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks
@@ -60,6 +60,10 @@ class Case:
         """f = -Delta u + u (k,) at the places points + offset (k, 2) of Omega, (1.1)."""
         first, *others = (atom.source(points, offset) for atom in self.atoms)
         return sum(others, start=first)
+
+    def vanishes(self, centre: Array, radius: Array) -> Mask:
+        """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
+        return np.logical_and.reduce([atom.vanishes(centre, radius) for atom in self.atoms])
 
     @property
     def jumps(self) -> dict[sympy.Expr, Kink]:

@@ -13,13 +13,14 @@ from functools import cached_property
 import numpy as np
 import sympy
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.elementary import evaluate, real_power
 from unilateral.formulas.formula import Compiled, compile_numpy, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity
 
+HALF = sympy.Rational(1, 2)
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
@@ -111,6 +112,9 @@ class Polar(Local):
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         return self._in_disc(self._values[1], *self._polar(points, offset))[0]
 
+    def vanishes(self, centre: Array, radius: Array) -> Mask:
+        return np.hypot(*self.local(centre)) - radius / self.length > self._reach
+
     @property
     def at_vertex(self) -> bool:
         return self.t == 0
@@ -134,11 +138,12 @@ class Polar(Local):
 
     @cached_property
     def regularity(self) -> Regularity:
-        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
-        ends = [self.beta * (theta - self.theta_0) for theta in (0, self.omega)]
-        no_trace, no_flux = (
-            all(sympy.simplify(of(end)) == 0 for end in ends) for of in (sympy.cos, sympy.sin)
-        )
+        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1).
+
+        beta, and the angles over pi, are rational.
+        """
+        turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in (0, self.omega)]
+        no_flux, no_trace = (all((turn - shift).is_integer for turn in turns) for shift in (0, HALF))
         return Regularity(
             in_H2=bool(self.beta > 1),
             lipschitz=bool(self.beta >= 1) or no_trace,

@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 from scipy.linalg.blas import dnrm2
-from scipy.optimize import nnls
 
 from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
@@ -49,6 +48,8 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
 
 def _least_distance(operator: DualOperator, offset: Array) -> Array:
     """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0."""
+    from scipy.optimize import nnls
+
     scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
     if scale == 0:
         return np.zeros(len(offset))

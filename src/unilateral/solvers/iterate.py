@@ -14,7 +14,7 @@ from unilateral.solvers.active_set import active_set
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
 
-ALGORITHMS = ("auto", *STEPS, "active_set")
+ALGORITHMS = ("auto", *STEPS, "active_set", "multigrid")
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,10 @@ class Stop:
     """When and how the iteration ends.
 
     `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
-    `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is the active
-    set where S is singular, Nesterov where no rho is given and more than `max_steps` plain steps are
-    predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and a rho without a use.
+    `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is multigrid on
+    large meshes, the active set where S is singular, Nesterov where no rho is given and more than
+    `max_steps` plain steps are predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and
+    a rho without a use.
     """
 
     fraction: float = 0.01
@@ -37,9 +38,9 @@ class Stop:
         if self.algorithm not in ALGORITHMS:
             known = ", ".join(ALGORITHMS)
             raise InputError(f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}")
-        if self.algorithm == "active_set" and self.rho is not None:
+        if self.algorithm in ("active_set", "multigrid") and self.rho is not None:
             raise InputError(
-                "the algorithm active_set has no step rho; leave rho out, or take uzawa or nesterov"
+                f"the algorithm {self.algorithm} has no step rho; leave rho out, or take uzawa or nesterov"
             )
 
 

@@ -20,17 +20,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from pyamg.amg_core import gauss_seidel_indexed
 from scipy.linalg.blas import daxpy
 from scipy.sparse.linalg import splu
 
+from unilateral.arrays import Array, Index, Int32, Mask
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.nested_cells import Cells
 from unilateral.solvers.truncated import Truncated
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 ROUNDING = 1e-13
 """Of the largest |u|: a mean of g - u of that size is no violation."""
 MOST_ITERATIONS = 200
@@ -47,8 +45,8 @@ class Grid:
     cells: Cells
     load: Array
     d: Array
-    ring: NDArray[np.intp]
-    inside: NDArray[np.int32]
+    ring: Index
+    inside: Int32
     of_ring: sp.csr_array
 
     @property
@@ -76,7 +74,7 @@ class Run:
     `rz` is r . z, and `first_rz` its first value; `multiplier` belongs to the active cells.
     """
 
-    def __init__(self, grid: Grid, active: Bools, u: Array) -> None:
+    def __init__(self, grid: Grid, active: Mask, u: Array) -> None:
         self.grid, self.active, self.u = grid, active, u
         B = grid.cells.B[active]
         self.B_T = B[:, grid.ring].T.tocsr()
@@ -108,7 +106,7 @@ class Run:
         while self.rz > rz and not self.exhausted:
             self._advance()
 
-    def next_set(self) -> Bools:
+    def next_set(self) -> Mask:
         """(m,) the active cells that are pressed, and the others on which u lies below g."""
         gap = self.grid.cells.B @ self.u - self.grid.d
         below = gap < -ROUNDING * np.max(np.abs(self.u)) * self.grid.cells.lengths

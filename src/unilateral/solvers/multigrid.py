@@ -28,16 +28,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
+from unilateral.arrays import Array, Mask
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.nested_cells import Cells
-from unilateral.fem.residual import dual_norm
+from unilateral.fem.residual import downwards, dual_norm
 from unilateral.solvers.kernel_cg import Grid, Run, grid
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 DECADE = 1e-2
 """Of r . z, after which the active set is looked at; enough on coarser levels."""
 AT_FIRST = 1e-6
@@ -63,12 +61,13 @@ class Found:
 
     u: Array
     lambda_H: Array
-    active: Bools
+    active: Mask
     bound: float
     converged: bool
     counts: list[tuple[int, int]]
     ritz: Array
     rz: float
+    tolerance: float
 
     @property
     def estimate(self) -> float:
@@ -83,18 +82,33 @@ class Multigrid:
     grids: list[Grid]
     coarsest: SuperLU
 
-    def solve(self, tolerance: float, start: Found | None = None) -> Found:
-        """(u_h, lambda_H) with a bound of at most the tolerance, from 0, or from what was found before.
+    def solve(
+        self,
+        tolerance: float | None,
+        start: tuple[Array, Mask] | None = None,
+        fraction: float = 0.01,
+    ) -> Found:
+        """(u_h, lambda_H) with a bound of at most the tolerance, from 0, or from u (n,) and a set (m,).
 
-        If rounding, MOST_STEPS or MOST_ITERATIONS end it before, converged is False.
+        Without a tolerance it is that fraction of an estimate of the discretisation error. If rounding,
+        MOST_STEPS or MOST_ITERATIONS end it before, converged is False.
         """
         counts: list[tuple[int, int]] = []
-        u, active = (start.u.copy(), start.active) if start else self._nested_iteration(counts)
-        ends = Bounded(self, tolerance)
+        u, active = (start[0].copy(), start[1]) if start else self._nested_iteration(counts)
+        ends = Bounded(self, tolerance, fraction)
         run = settled(self.grids[-1], u, active, ends, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
         bound = self.bound(u, lambda_H) if ends.bound is None else ends.bound
-        return Found(u, lambda_H, run.active, bound, bound <= tolerance, counts, run.ritz(), run.rz)
+        wanted = ends.tolerance or 0.0
+        return Found(u, lambda_H, run.active, bound, bound <= wanted, counts, run.ritz(), run.rz, wanted)
+
+    def dual_norm_below(self, lambda_H: Array) -> float:
+        """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
+        finest = self.grids[-1]
+        R = finest.cells.B.T @ lambda_H
+        v = downwards(finest.levels, self.coarsest, R)
+        norm = math.sqrt(float(v @ (finest.A @ v)))
+        return float(R @ v) / norm if norm > 0 else 0.0
 
     def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
@@ -111,7 +125,7 @@ class Multigrid:
         norm_of_w = math.sqrt(max(float(w @ (A[inside][:, inside] @ w)), 0.0))
         return dual_norm(finest.levels, self.coarsest, R) + norm_of_w
 
-    def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Bools]:
+    def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
         first, share = self.grids[0], AT_FIRST
         u, active = np.zeros(len(first.load)), np.ones(len(first.d), dtype=bool)
@@ -133,7 +147,7 @@ def multigrid(levels: Sequence[Level], cells: Sequence[Cells], load: Array, d: A
     return Multigrid(grids, splu(levels[0].A.tocsc()))
 
 
-def settled(on: Grid, u: Array, active: Bools, ends: Reduced | Bounded, counts: list[tuple[int, int]]) -> Run:
+def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: list[tuple[int, int]]) -> Run:
     """The run whose set stays the same, or the last of MOST_STEPS; u (n,) changes in place."""
     steps = 0
     while True:
@@ -146,7 +160,7 @@ def settled(on: Grid, u: Array, active: Bools, ends: Reduced | Bounded, counts: 
         del run  # its memory is needed for the next one
 
 
-def _after(run: Run, ends: Reduced | Bounded) -> Bools:
+def _after(run: Run, ends: Reduced | Bounded) -> Mask:
     """The set (m,) after the run has ended, or has met another one."""
     look: float | None = ends.first_look(run)
     while look is not None:
@@ -174,28 +188,38 @@ class Reduced:
 
 @dataclass(eq=False)
 class Bounded:
-    """Ends a run when its `bound` is at most the tolerance, or falls no more."""
+    """Ends a run when its `bound` is at most the tolerance, or falls no more.
+
+    Without a tolerance the first run sets it, to a fraction of an estimate of ||u - u_h||_1. That run begins
+    at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1. Where
+    errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1.
+    """
 
     problem: Multigrid
-    tolerance: float
+    tolerance: float | None
+    fraction: float
     bound: float | None = None
     before: float = math.inf
 
     def first_look(self, run: Run) -> float:
         """The r . z at which to look at the set."""
-        return max(DECADE * run.rz, self._worth_a_bound(run))
+        if self.tolerance is None:
+            self.tolerance = self.fraction * math.sqrt(run.first_rz / 3)
+        return max(DECADE * run.rz, self._worth_a_bound(run, self.tolerance))
 
     def __call__(self, run: Run) -> float | None:
         """The r . z at which to look again, None to end."""
-        if run.rz > self._worth_a_bound(run) and not run.exhausted:
+        tolerance = self.tolerance or 0.0
+        if run.rz > self._worth_a_bound(run, tolerance) and not run.exhausted:
             return self.first_look(run)
         bound = self.problem.bound(run.u, np.maximum(run.lambda_H, 0))
-        if bound <= self.tolerance or bound > STAGNANT * self.before or run.exhausted:
+        if bound <= tolerance or bound > STAGNANT * self.before or run.exhausted:
             self.bound = bound
             return None
         self.before = bound
-        return run.rz * max(DECADE, (AIM * self.tolerance / bound) ** 2)
+        return run.rz * max(DECADE, (AIM * tolerance / bound) ** 2)
 
-    def _worth_a_bound(self, run: Run) -> float:
+    @staticmethod
+    def _worth_a_bound(run: Run, tolerance: float) -> float:
         """The r . z above which the bound is expected to be larger than the tolerance."""
-        return max((self.tolerance / INDEX) ** 2, LEAST * run.first_rz)
+        return max((tolerance / INDEX) ** 2, LEAST * run.first_rz)

@@ -17,14 +17,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from pyamg.amg_core import gauss_seidel
 from scipy.sparse.linalg import splu
 
+from unilateral.arrays import Array, Index
 from unilateral.fem.hierarchy import Level
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 CUT_AWAY = 1e-10
 """Of a hat's energy: where less is left, all is rounding, and the hat is 0."""
 

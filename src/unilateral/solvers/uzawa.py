@@ -90,7 +90,7 @@ def uzawa(
 
     `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) >= 0 to 0. Another `method` of
     `steps.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
-    to S y; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step of the loop.
+    to S y than `Columns`; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step.
     A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
     Raises InputError for an offset, a rho or a tolerance that cannot be meant, for "newton" where S is
     singular, and for data or a start from which the first residual is not below DIVERGED.
@@ -123,6 +123,19 @@ def warn_unless_converged(result: DualResult, tolerance: float) -> None:
         warnings.warn(message, RuntimeWarning, stacklevel=3)
 
 
+class Columns:
+    """y -> S y from the columns of the cells in contact, copied when these change; often they are few."""
+
+    def __init__(self, S: Array) -> None:
+        self.S, self.contact, self.columns = S, np.zeros(0, dtype=np.intp), S[:0]
+
+    def __call__(self, y: Array, out: Array) -> None:
+        contact = y.nonzero()[0]
+        if not np.array_equal(contact, self.contact):
+            self.contact, self.columns = contact, self.S[contact]  # rows: S is symmetric
+        np.dot(y[contact], self.columns, out=out)
+
+
 class _Iteration:
     """The loop and its buffers: F = S y + b is the scaled gap, R = min(y, rho F) the scaled residual."""
 
@@ -130,8 +143,9 @@ class _Iteration:
         self, operator: DualOperator, b: Array, rho: float, apply: Apply | None, observe: Observe | None
     ) -> None:
         self.operator, self.b, self.rho, self.observe = operator, b, rho, observe
-        self.apply = apply or (lambda y, out: np.dot(operator.S, y, out=out))
-        self.per_residual = math.inf if operator.singular else 1 / (rho * math.sqrt(operator.lambda_min))
+        self.apply = apply or Columns(operator.S)
+        self.singular = operator.singular
+        self.per_residual = math.inf if self.singular else 1 / (rho * math.sqrt(operator.lambda_min))
         self.applications = 0
 
     def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
@@ -151,7 +165,7 @@ class _Iteration:
                     "start from smaller numbers, or take a smaller rho"
                 )
             last = step == max_steps or not size < DIVERGED
-            if last or self.operator.singular or size * self.per_residual <= tolerance:
+            if last or self.singular or size * self.per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
                 if last or bound <= tolerance:
                     break
@@ -160,7 +174,7 @@ class _Iteration:
         return step, bound
 
     def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
-        if self.operator.singular:
+        if self.singular:
             root = np.sqrt(self.operator.H_i)
             return _energy(F / root, root * y, self.operator.area)
         if not size < DIVERGED:

@@ -21,51 +21,44 @@ STUDIES = ("algorithm", "cost", "extremes", "sharpness")
 
 
 class Drawing(NamedTuple):
-    """A figure. `parts` are the names of its tables by their path; a figure's only table has no name.
+    """A figure: `reads` are files of results, and `arguments` what else the module's `table` is given.
 
-    `reads` are files of results, and `arguments` what else the module's `table` is given; `cases` are the
-    cases that it names. `look` is what `draw` is given beside the tables and the path of the figure.
+    `cases` are the cases that it names.
     """
 
     module: str
-    parts: dict[str, str]
     reads: dict[str, str | list[str]]
     arguments: dict[str, Any]
     cases: list[str]
-    look: dict[str, Any]
 
 
 def drawings(study: Fields) -> dict[str, Drawing]:
-    """All figures, by their path without its ending."""
-    return {path: drawing for name in study["figures"] for path, drawing in _of_entry(name, study)}
+    """All figures, by their names."""
+    return {figure: drawing for name in study["figures"] for figure, drawing in _of_entry(name, study)}
 
 
-def in_git(study: Fields) -> list[tuple[list[str], str]]:
-    """Of each entry whose figures are in git, their names, and what they show."""
-    entries = {name: entry for name, entry in study["figures"].items() if entry["folder"] == "figures"}
+def shown(study: Fields) -> list[tuple[list[str], str]]:
+    """Of each entry the names of its figures, and what they show."""
     return [
-        ([path.removeprefix("figures/") for path, _ in _of_entry(name, study)], entry["shows"])
-        for name, entry in entries.items()
+        ([figure for figure, _ in _of_entry(name, study)], entry["shows"])
+        for name, entry in study["figures"].items()
     ]
 
 
 def _of_entry(name: str, study: Fields) -> Iterator[tuple[str, Drawing]]:
     entry = study["figures"][name]
     for scene in entry["scenes"] or [""]:
-        path = f"{entry['folder']}/{name}{'_' if scene else ''}{scene}"
-        yield path, _drawing(path, entry, scene, study)
+        yield f"{name}{'_' if scene else ''}{scene}", _drawing(entry, scene, study)
 
 
-def _drawing(path: str, entry: Fields, scene: str, study: Fields) -> Drawing:
+def _drawing(entry: Fields, scene: str, study: Fields) -> Drawing:
     given = entry["parameters"]
     cases = [*given.get("cases", []), *([given["case"]] if "case" in given else [])]
     return Drawing(
         module=entry["module"],
-        parts={f"{path}_{part}": part for part in entry["tables"]} or {path: ""},
         reads={key: _files(files, scene, study["surveys"]) for key, files in entry["reads"].items()},
         arguments={key: _fields(where, scene, study) for key, where in entry["study"].items()} | given,
         cases=list(dict.fromkeys(cases)),
-        look=entry["look"],
     )
 
 
@@ -108,7 +101,7 @@ def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, s
 
 
 def _unfit(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
-    """Results and cases that there are not, and what the module's functions do not take."""
+    """Results and cases that there are not, and what the module's `table` does not take."""
     folders = (*study["scenes"], *study["surveys"], *STUDIES)
     for _, drawing in _of_entry(name, study):
         read = [(key, folder) for key, files in drawing.reads.items() for folder in _folders(files)]
@@ -134,16 +127,10 @@ def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     if not {"table", "draw"} <= set(of_module):
         yield ("module",), f"{module} has to have the functions `table` and `draw`"
         return
-    table, draw = of_module["table"], of_module["draw"]
+    table = of_module["table"]
     taken = [*table.needed, *table.optional]
     if not set(table.needed) <= set(given) <= set(taken) or len(given) > len(set(given)):
         yield (), f"`table` of {module} is given {', '.join(given)}; it takes {', '.join(taken)}"
-    tables = [path.removesuffix("_csv") for path in draw.needed[:-1]]
-    if entry["tables"] != (tables if len(tables) > 1 else []):
-        yield ("tables",), f"`draw` of {module} takes {' and '.join(tables)}"
-    for name in entry["look"]:
-        if name not in draw.optional:
-            yield ("look",), f"`draw` of {module} has no option '{name}'"
 
 
 def modules() -> list[str]:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
-import yaml
 
+from unilateral.declarations import own
 from unilateral.geometry import polygon
 from unilateral.study import functions
 
@@ -43,7 +43,7 @@ def faults(study: dict[str, Any], schema: str) -> Iterator[tuple[tuple[str | int
 @cache
 def _validator(schema: str) -> Any:
     """Names that the library knows are those that it has."""
-    rules = yaml.safe_load(Path(schema).read_text(encoding="utf-8"))
+    rules = own(Path(schema))
     rules["$defs"]["polygon"]["enum"] = polygon.names()
     rules["$defs"]["kind"]["enum"] = list(functions.axes())
     return _Validator(rules)

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-import yaml
 
 from unilateral import __version__
+from unilateral.declarations import own
 from unilateral.errors import InputError, StorageError
 from unilateral.files import replacing
 
@@ -31,9 +31,7 @@ LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
 FLOAT_DIGITS = 4
 NEGLIGIBLE = 1e-12
 
-VARIABLES: dict[str, list[str]] = yaml.safe_load(
-    (resources.files("unilateral.study") / "variables.yaml").read_text(encoding="utf-8")
-)
+VARIABLES: dict[str, list[str]] = own(resources.files("unilateral.study") / "variables.yaml")
 """Name: long name, units, the paper's equation or definition."""
 
 
@@ -108,8 +106,11 @@ SEAL = len(_seal(b""))
 
 
 def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
-    """One table from those of single levels, coarse to fine."""
-    return xr.concat(
+    """One table from those of single levels, coarse to fine.
+
+    What does not depend on the mesh is taken from the first level that has it.
+    """
+    table = xr.concat(
         levels,
         "mesh",
         data_vars="minimal",
@@ -118,6 +119,10 @@ def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
         join="exact",
         combine_attrs="drop",
     )
+    common = [name for name, variable in table.data_vars.items() if "mesh" not in variable.dims]
+    for level in levels[1:]:
+        table = table.assign(table[common].fillna(level[common]))
+    return table
 
 
 def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:

@@ -13,28 +13,28 @@ from conftest import ROOT
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-FIGURES = {  # of each module the tables of one figure, and numbers that are drawn as they are
-    "consistency": (["consistency"], ["lambda_mean", "over_H2"]),
-    "dual_norm": (["dual_square"], ["mean", "gap", "shortcut"]),
-    "extremes": (["extremes"], ["log10_value"]),
-    "grid": (["grid_square"], ["error"]),
-    "infsup": (["infsup"], ["beta_lower"]),
-    "multiplier": (["multiplier"], ["mu"]),
-    "portrait": (["natural"], ["computed"]),
-    "rates": (["rates_square"], ["error", "rate", "expected"]),
-    "sharpness": (["sharpness"], ["rate", "before"]),
-    "verdict": (["verdict"], ["margin"]),
-    "work_precision": (["work_precision"], ["error"]),
+FIGURES = {  # of each module a figure in git, and numbers that are drawn as they are
+    "consistency": ("consistency", ["lambda_mean", "over_H2"]),
+    "dual_norm": ("dual_square", ["mean", "gap", "shortcut"]),
+    "extremes": ("extremes", ["log10_value"]),
+    "grid": ("grid_square", ["error"]),
+    "infsup": ("infsup", ["beta_lower"]),
+    "multiplier": ("multiplier", ["mu"]),
+    "portrait": ("natural", ["computed"]),
+    "rates": ("rates_square", ["error", "rate", "expected"]),
+    "sharpness": ("sharpness", ["rate", "before"]),
+    "verdict": ("verdict", ["margin"]),
+    "work_precision": ("work_precision", ["error"]),
 }
 
 
 def committed(figure):
-    return [pd.read_csv(ROOT / f"figures/{name}.csv") for name in FIGURES[figure][0]]
+    return pd.read_csv(ROOT / f"figures/{FIGURES[figure][0]}.csv")
 
 
 def table(figure):
-    """Its first table, each of the numbers times a factor of its own: none follows from others."""
-    found = committed(figure)[0]
+    """Its table, each of the numbers times a factor of its own: none follows from others."""
+    found = committed(figure)
     for k, name in enumerate(FIGURES[figure][1], start=1):
         found[name] *= 1 + 0.1 * k
     return found
@@ -57,14 +57,12 @@ def recorded():
         Figure.savefig = savefig
 
 
-def drawn(figure, first):
-    """The page drawn from that first table and the others in git, and its SVG."""
+def drawn(figure, table):
+    """The page drawn from that table, and its SVG."""
     with TemporaryDirectory() as folder, recorded() as pages:
-        paths = [Path(folder) / f"{name}.csv" for name in FIGURES[figure][0]]
-        for path, of in zip(paths, [first, *committed(figure)[1:]], strict=True):
-            of.to_csv(path, index=False)
-        target = Path(folder) / "figure.svg"
-        import_module(f"unilateral.study.figures.{figure}").draw(*paths, target)
+        path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
+        table.to_csv(path, index=False)
+        import_module(f"unilateral.study.figures.{figure}").draw(path, target)
         return pages[0][0], target.read_bytes()
 
 

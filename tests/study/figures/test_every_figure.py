@@ -24,28 +24,25 @@ def committed():
     """The figures in git."""
     study, sources = config.read([str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))])
     config.check(study, sources, str(ROOT / "workflow/schemas/study.schema.yaml"))
-    found = drawings.drawings(study)
-    return {path: found[path] for path in found if path.startswith("figures/")}
+    return drawings.drawings(study)
 
 
 def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
-    files = {f"{path}.svg" for path in committed()}
-    files |= {f"{table}.csv" for drawing in committed().values() for table in drawing.parts}
-    assert files == {f"figures/{file.name}" for file in (ROOT / "figures").iterdir()}
+    files = {f"{name}.{kind}" for name in committed() for kind in ("csv", "svg")}
+    assert files == {file.name for file in (ROOT / "figures").iterdir()}
     assert sorted(FIGURES) == drawings.modules()
-    of_modules = [(drawing.module, list(drawing.parts)) for drawing in committed().values()]
-    assert all((each, [f"figures/{name}" for name in FIGURES[each][0]]) in of_modules for each in FIGURES)
+    assert all(committed()[name].module == module for module, (name, _) in FIGURES.items())
 
 
-@pytest.mark.parametrize("path", committed())
-def test_a_committed_figure_is_what_its_tables_give_and_on_the_page(path, tmp_path):
+@pytest.mark.parametrize("name", committed())
+def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, tmp_path):
     """Whatever settings a user has. Text is drawn as paths, and there is no date."""
-    drawing, target = committed()[path], tmp_path / "figure.svg"
-    draw = import_module(f"unilateral.study.figures.{drawing.module}").draw
+    target = tmp_path / "figure.svg"
+    draw = import_module(f"unilateral.study.figures.{committed()[name].module}").draw
     with rc_context(ODD), recorded() as pages:
-        draw(*(ROOT / f"{table}.csv" for table in drawing.parts), target, **drawing.look)
+        draw(ROOT / f"figures/{name}.csv", target)
     svg = target.read_bytes()
-    assert svg == (ROOT / f"{path}.svg").read_bytes()
+    assert svg == (ROOT / f"figures/{name}.svg").read_bytes()
     assert svg.startswith(b"<?xml")
     assert not re.search(rb"\d{4}-\d\d-\d\d|dc:date|<text", svg)
     check_page(*pages[0])
@@ -67,29 +64,26 @@ def check_page(figure, box):
 def test_another_process_gives_the_same_bytes(tmp_path):
     """With other seeds of its hashes and another time zone; and without what of matplotlib has windows."""
     program = "import sys\nfrom importlib import import_module\n"
-    modules = {drawing.module: (path, drawing) for path, drawing in committed().items()}
-    for path, drawing in modules.values():
-        files = [*(str(ROOT / f"{table}.csv") for table in drawing.parts), f"{os.path.basename(path)}.svg"]
-        program += f"import_module('unilateral.study.figures.{drawing.module}').draw(*{files})\n"
+    for module, (name, _) in FIGURES.items():
+        files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"
+        program += f"import_module('unilateral.study.figures.{module}').draw(*{files})\n"
     program += "assert 'matplotlib.pyplot' not in sys.modules"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
-    for path, _ in modules.values():
-        name = f"{os.path.basename(path)}.svg"
-        assert (tmp_path / name).read_bytes() == (ROOT / "figures" / name).read_bytes()
+    for name, _ in FIGURES.values():
+        assert (tmp_path / f"{name}.svg").read_bytes() == (ROOT / f"figures/{name}.svg").read_bytes()
 
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_another_table_gives_another_figure(figure):
     """Control."""
-    others = {(ROOT / f"{path}.svg").read_bytes() for path in committed()}
+    others = {(ROOT / f"figures/{name}.svg").read_bytes() for name in committed()}
     assert page(figure)[1] not in others
 
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
-    names = FIGURES[figure][0]
-    given = [tmp_path / "missing.csv", *(ROOT / f"figures/{name}.csv" for name in names[1:])]
+    given = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        import_module(f"unilateral.study.figures.{figure}").draw(*given, tmp_path / "figure.svg")
+        import_module(f"unilateral.study.figures.{figure}").draw(given, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -38,18 +38,15 @@ def problem(name):
 
 def on_level(of, cells_per_side):
     """The problem with that many cells on the longest side, H = 2h."""
-    cells = partitions.uniform(of.polygon, of.polygon.lengths.max() / cells_per_side)
-    return discretise(of, two_edges_per_cell(cells, natural_kind(of.polygon)), cells)
+    H = of.polygon.lengths.max() / cells_per_side
+    return discretise(of, *two_edges_per_cell(of.polygon, H, natural_kind(of.polygon), Stop()))
 
 
 def finer(discrete, u_h, lambda_H, times):
     """The same problem on the mesh and the partition refined so often, and u_h and lambda_H there."""
     mesh, cells = discrete.mesh, discrete.spaces.partition
     for _ in range(times):
-        v, n = mesh.triangles, mesh.n_nodes
-        ends = np.stack([np.roll(v, -1, axis=1), np.roll(v, -2, axis=1)])
-        low, high = np.divmod(np.unique(ends.min(axis=0) * n + ends.max(axis=0)), n)
-        u_h = np.concatenate([u_h, 0.5 * (u_h[low] + u_h[high])])
+        u_h = np.concatenate([u_h, u_h[mesh.triangulation.ends].mean(axis=1)])
         mesh, cells = meshes.refine(mesh), partitions.refine(cells)
     fine = discretise(discrete.data, mesh, cells)
     return fine, u_h, np.repeat(lambda_H, 2**times)
@@ -175,10 +172,12 @@ def test_prolongation_keeps_the_integral_and_nested_values():
     "polygon", [square(), named("lshape"), Polygon(np.array([[0, 0], [2, 0], [2, 0.1]]))]
 )
 def test_every_cell_has_two_edges(polygon):
-    cells = partitions.uniform(polygon, 1 / 3)
-    kinds = [natural_kind(polygon), "unstructured"]
-    for mesh in (two_edges_per_cell(cells, kind) for kind in kinds):
-        assert mesh.s == pytest.approx(partitions.refine(cells).points, abs=1e-12)
+    for kind in (natural_kind(polygon), "unstructured"):
+        for stop in (Stop(), Stop(algorithm="multigrid")):
+            mesh, cells = two_edges_per_cell(polygon, 1 / 3, kind, stop)
+            assert mesh.s == pytest.approx(partitions.refine(cells).points, abs=1e-12)
+            assert cells.H <= 1 / 3 + 1e-12
+            assert (kind == "unstructured" and stop.algorithm == "multigrid") <= (mesh.halvings > 0)
 
 
 @pytest.mark.parametrize(
@@ -293,8 +292,7 @@ def test_a_peak_of_g_is_found_where_terms_cancel(problem_of):
 def test_free_sides_have_no_multipliers():
     """Counted: those of the 4 cells on the bottom, of 10 in all; elsewhere lambda_H is 0."""
     of = problem("rectangle_free_sides")
-    cells = partitions.uniform(of.polygon, 1 / 2)
-    mesh = two_edges_per_cell(cells, "unstructured")
+    mesh, cells = two_edges_per_cell(of.polygon, 1 / 2, "unstructured", Stop())
     discrete = discretise(of, mesh, cells)
     assert (cells.n_cells, len(discrete.spaces.cells), discrete.spaces.operator.D.shape) == (10, 4, (4, 4))
     assert len(discrete.offset) == 4
@@ -306,8 +304,7 @@ def test_free_sides_have_no_multipliers():
 
 def test_no_multiplier_at_all_is_the_neumann_problem():
     of = replace(problem("rectangle_free_sides"), free_sides=(0, 1, 2, 3))
-    cells = partitions.uniform(of.polygon, 1 / 2)
-    discrete = discretise(of, two_edges_per_cell(cells, "unstructured"), cells)
+    discrete = discretise(of, *two_edges_per_cell(of.polygon, 1 / 2, "unstructured", Stop()))
     solved = solve(discrete)
     assert solved.result.converged
     assert discrete.spaces.condensed.A @ solved.u_h == pytest.approx(discrete.load, abs=1e-13)
@@ -349,26 +346,15 @@ def test_a_peak_at_a_declared_kink_is_seen(problem_of):
     assert first.solved.total("h1") >= 0.49
 
 
-@pytest.mark.parametrize(
-    ("limits", "said"),
-    [
-        ({}, r"'wheel' needs 1200 boundary nodes .* at most 1024 are possible"),
-        ({"max_unknowns": 20_000}, r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"),
-    ],
-)
-def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch, limits, said):
-    """600 sides: two nodes each, for a dense matrix of at most 1024 in place of the library's own limit.
-
-    Or h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles.
-    """
-    if not limits:
-        monkeypatch.setattr("unilateral.accuracy.search.LARGEST_BOUNDARY", 1024)
+def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
+    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles."""
+    said = r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"
     monkeypatch.setattr("unilateral.accuracy.search.two_edges_per_cell", None)
     angles = 2 * np.pi * np.arange(600) / 600
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
     wheel = replace(problem_of(f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
     with pytest.raises(InputError, match=said):
-        next(levels(wheel, Goal(0.05, **limits)))
+        next(levels(wheel, Goal(0.05, max_unknowns=20_000)))
 
 
 @pytest.mark.parametrize("width", [20_000, 282_000])
@@ -442,9 +428,9 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     known = []
     made = search.Level
 
-    def recorded(solved, goal, seconds):
+    def recorded(solved, *others):
         known.append("bound" in vars(solved))
-        return made(solved, goal, seconds)
+        return made(solved, *others)
 
     monkeypatch.setattr(search, "Level", recorded)
     assert len(list(levels(load("natural"), Goal(0.2)))) == len(known) > 1

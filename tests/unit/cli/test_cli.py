@@ -462,8 +462,11 @@ SINGULAR, ACCURATE = ("--h", "1/8", "--H", "1/8", "--rho", "1/2"), ("natural", "
         (("solve", "natural", *SIZES, "--levels", "3"), "unrecognized arguments: --levels 3"),
         (("solve", "natural", *SIZES, "--js"), "unrecognized arguments: --js"),
         (("solve", "two\nlines", *SIZES), "case 'two lines' is unknown"),
-        (("solve", "natural", "--h", "1/2000", "--H", "1/4"), "h = 0.0005 is too fine for 'square'; it must"),
-        (("solve", "natural", "--h", "1/4", "--H", "1/2000"), "H = 0.0005 is too fine for 'square'; it must"),
+        (
+            ("solve", "natural", "--h", "1e-7", "--H", "1/4"),
+            "h = 1e-07 makes 1e+14 unknowns on 'square',",
+        ),
+        (("solve", "natural", "--h", "1/4", "--H", "1e-6"), "16 of them on the boundary, take about"),
         (("solve", "thirds", *SIZES, "--polygon", "disc"), "polygon 'disc' is unknown; the named ones are"),
         (("solve", "thirds", *SIZES, "--side", "left"), "argument --side: invalid int value: 'left'"),
         (
@@ -592,11 +595,37 @@ def test_a_file_s_name_that_is_no_text_is_printed(tmp_path, problem_file_of):
     assert found.stdout.startswith(rb"\udcff: h = ")
 
 
-def test_the_entry_point_imports_next_to_nothing():
-    """So that `main` is there to be interrupted; control: --help, which knows all options, imports more."""
-    source = "import sys, unilateral.cli; {} print({{'numpy', 'sympy', 'argparse'}} & set(sys.modules))"
-    assert in_a_process(source.format("")).endswith("set()\n")
-    assert "numpy" in in_a_process(source.format("unilateral.cli.main(['--version']);"))
+SLOW = {
+    *("numpy", "scipy", "sympy", "gmsh", "skfem", "xarray", "pandas", "matplotlib", "jsonschema", "yaml"),
+    "importlib.metadata",
+}
+"""What takes long to import."""
+
+
+@pytest.mark.parametrize(
+    ("imported", "run"),
+    [
+        ("unilateral", "None"),
+        ("unilateral.cli", "None"),
+        ("unilateral.cli", "unilateral.cli.main(['--help'])"),
+    ],
+    ids=["library", "entry", "help"],
+)
+def test_what_comes_at_once_imports_next_to_nothing(imported, run):
+    """The library's names are imported when they are asked for; `main` is there to be interrupted."""
+    assert found_imported(imported, run) == set()
+
+
+def test_what_needs_it_is_imported():
+    """Control: the arguments of `solve` name polygons, which are read from YAML, and algorithms."""
+    found = found_imported("unilateral.cli", "unilateral.cli.main(['solve', '--help'])")
+    assert {"numpy", "scipy", "sympy", "yaml"} <= found
+
+
+def found_imported(imported, run):
+    """Which of the slow modules a process has imported after an import and a call."""
+    source = f"import sys, {imported}; {run}; print('', *{SLOW} & set(sys.modules))"
+    return set(in_a_process(source).splitlines()[-1].split())
 
 
 @pytest.mark.parametrize(

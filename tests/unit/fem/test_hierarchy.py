@@ -7,13 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay, cKDTree
+from nested import Nested, refined
+from scipy.spatial import Delaunay
 
-from unilateral.fem import hierarchy as hierarchies
-from unilateral.fem.hierarchy import Hierarchy, Level, hierarchy, of_squares, roundness
+from unilateral.fem.hierarchy import Level, roundness
+from unilateral.fem.inherited import elements
 from unilateral.fem.nested_cells import Cells, nested_cells
-from unilateral.fem.p1 import coupling, gradients, load, stiffness_and_mass
-from unilateral.fem.refinement import triangles
+from unilateral.fem.p1 import coupling, gradients, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -64,8 +64,8 @@ COARSE = ["square 1", "square 3", "lshape 2", "gmsh", "scattered"]
 
 
 @cache
-def nested(name: str, refinements: int) -> Hierarchy:
-    return hierarchy(coarse(name), refinements)
+def nested(name: str, refinements: int) -> Nested:
+    return refined(coarse(name), refinements)
 
 
 def assembled(mesh: Mesh) -> np.ndarray:
@@ -77,35 +77,20 @@ def assembled(mesh: Mesh) -> np.ndarray:
 @pytest.mark.parametrize("refinements", [0, 1, 3])
 def test_inherited_matrices_are_those_of_the_refined_mesh(name: str, refinements: int) -> None:
     found = nested(name, refinements)
-    mesh = coarse(name)
-    for level in found.levels:
-        n = level.n
-        assert n == mesh.n_nodes
-        # Renumbered by place: `refine` numbers the midpoints in another order.
-        distance, number = cKDTree(mesh.points).query(found.points[:n])
-        assert distance.max() < ROUND_OFF
-        expected = assembled(mesh)[np.ix_(number, number)]
-        assert np.abs(level.A.toarray() - expected).max() < ROUND_OFF
-        assert np.array_equal(number[level.boundary], mesh.boundary)
+    assert len(found.levels) == found.mesh.halvings + 1 > refinements
+    for k, level in enumerate(found.levels):
+        mesh = meshes.refine(found.mesh.coarse or found.mesh, k)
+        assert np.abs(level.A.toarray() - assembled(mesh)).max() < ROUND_OFF
+        assert np.array_equal(level.boundary, mesh.boundary)
         assert np.abs(level.s - mesh.s).max() < ROUND_OFF
         assert level.A.indices.dtype == np.int32
-        last, mesh = mesh, meshes.refine(mesh)
-    assert found.mesh.n_nodes == last.n_nodes
-
-
-@pytest.mark.parametrize("name", COARSE)
-def test_the_finest_mesh_is_a_triangulation_with_its_boundary_in_order(name: str) -> None:
-    found = nested(name, 3).mesh
-    checked = meshes.from_arrays(found.polygon, found.points, found.triangles)
-    assert np.array_equal(checked.boundary, found.boundary)
-    assert np.abs(checked.s - found.s).max() < ROUND_OFF
 
 
 def test_a_moved_node_is_seen_in_the_matrices() -> None:
     found = nested("square 3", 2)
-    points = found.points.copy()
+    points = found.mesh.points.copy()
     points[np.setdiff1d(np.arange(len(points)), found.levels[-1].boundary)[0]] += 1e-6
-    moved = meshes.from_arrays(found.coarse.polygon, points, found.mesh.triangles)
+    moved = meshes.from_arrays(found.mesh.polygon, points, found.mesh.triangles)
     assert np.abs(found.levels[-1].A.toarray() - assembled(moved)).max() > 1e-7
 
 
@@ -117,34 +102,6 @@ def test_coarse_matrices_are_galerkins(name: str) -> None:
         assert np.array_equal(finer.P[: level.n].toarray(), np.eye(level.n))
 
 
-@pytest.mark.parametrize(("n", "coarsest"), [(1, 1), (7, 7), (8, 4), (20, 5), (24, 3)])
-def test_refined_squares_are_finer_squares(n: int, coarsest: int) -> None:
-    levels = of_squares(named("lshape"), 1 / n).levels
-    assert levels[0].n == structured(named("lshape"), 1 / coarsest).n_nodes
-    found, expected = of_squares(named("lshape"), 1 / n).mesh, structured(named("lshape"), 1 / n)
-    number = cKDTree(expected.points).query(found.points)[1]
-    ours, theirs = (np.sort(t, axis=1) for t in (number[found.triangles], expected.triangles))
-    assert np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
-
-
-@pytest.mark.parametrize("refinements", [0, 2])
-def test_loads_by_parts_are_those_of_the_mesh(refinements: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hierarchies, "BLOCK", 5)
-    found = nested("gmsh", refinements)
-    sizes = [len(part.triangles) for part in found.parts()]
-    assert len(sizes) > 1
-    assert sum(sizes) == len(found.mesh.triangles)
-
-    def moments(mesh: Mesh) -> np.ndarray:
-        f = np.exp(mesh.points[mesh.triangles].sum(axis=2))
-        return mesh.areas[:, None] * f
-
-    expected = load(found.mesh, moments(found.mesh))
-    assert np.abs(found.load(moments) - expected).max() < ROUND_OFF
-    parts = list(found.parts())[1:]
-    assert abs(sum(part.areas.sum() for part in parts) - found.mesh.polygon.area) > 1e-3
-
-
 def test_roundness_is_the_ratio_of_singular_values() -> None:
     mesh = coarse("scattered")
     equilateral = np.array([[0, 0], [1, 0], [0.5, np.sqrt(0.75)]])
@@ -152,8 +109,8 @@ def test_roundness_is_the_ratio_of_singular_values() -> None:
     corners = mesh.points[mesh.triangles]
     maps = to_sides @ (corners[:, 1:] - corners[:, :1])
     sigma = np.linalg.svd(maps, compute_uv=False)
-    assert np.allclose(roundness(triangles(mesh).stiffness), sigma[:, 1] / sigma[:, 0])
-    right = roundness(triangles(coarse("square 1")).stiffness)
+    assert np.allclose(roundness(elements(mesh).stiffness), sigma[:, 1] / sigma[:, 0])
+    right = roundness(elements(coarse("square 1")).stiffness)
     assert np.allclose(right, 1 / np.sqrt(3))
 
 
@@ -167,8 +124,9 @@ def test_roundness_is_summed_over_the_triangles_at_an_edge() -> None:
 
 def test_edges_know_their_stiffness() -> None:
     mesh = coarse("scattered")
-    of, slopes, area = triangles(mesh), gradients(mesh), mesh.areas
+    of, slopes, area = elements(mesh), gradients(mesh), mesh.areas
     K = area[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    assert not of.of.alike  # else corners are turned
     assert np.allclose(of.stiffness, K[:, [1, 2, 0], [2, 0, 1]])
 
 
@@ -181,7 +139,7 @@ def partition_of(level: Level, polygon: Polygon, every: int) -> Partition:
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[Cells]:
     found = nested(name, refinements)
-    cells = nested_cells(found.levels, partition_of(found.levels[-1], found.coarse.polygon, every), free)
+    cells = nested_cells(found.levels, partition_of(found.levels[-1], found.mesh.polygon, every), free)
     assert cells is not None
     return cells
 
@@ -191,7 +149,7 @@ def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()
 )
 def test_B_is_the_coupling_of_mesh_and_partition(name: str, every: int) -> None:
     found = nested(name, 3)
-    partition = partition_of(found.levels[-1], found.coarse.polygon, every)
+    partition = partition_of(found.levels[-1], found.mesh.polygon, every)
     B = cells_of(name, 3, every)[-1].B
     expected = coupling(found.mesh, partition).toarray()
     assert np.abs(B[:, found.levels[-1].boundary].toarray() - expected).max() < ROUND_OFF

@@ -137,6 +137,13 @@ def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
     assert abs(found / power_over_square(1 / 3, -0.5) - 1) > 1e-4
 
 
+def test_points_of_one_grading_share_a_rule():
+    """In `violates_jjj` the generations 1, 3, 5 and 7 have 1 + 4 + 16 + 64 points where contact begins."""
+    case = load("violates_jjj")
+    (apart,) = quadrature.split_triangles(structured(square(), 1 / 8), case).singular
+    assert len(np.unique(apart.point, axis=0)) == len(case.flux_singular()) == 85
+
+
 def unsplit(mesh, case):
     return Split(np.empty((0, 3, 3)), np.empty(0, dtype=np.intp), [])
 

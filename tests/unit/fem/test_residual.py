@@ -7,10 +7,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from nested import Nested, refined
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.fem import residual
-from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.fem.residual import dual_norm, growth, without_coarsest
 from unilateral.geometry import mesh as meshes
@@ -27,12 +27,12 @@ def equilateral(side: float = 1.0) -> Mesh:
 
 
 @cache
-def nested(name: str, refinements: int) -> Hierarchy:
+def nested(name: str, refinements: int) -> Nested:
     if name == "equilateral":
-        return hierarchy(equilateral(), refinements)
+        return refined(equilateral(), refinements)
     if name == "gmsh":
-        return hierarchy(meshes.unstructured(named("lshape"), 0.4), refinements)
-    return hierarchy(structured(named(name), 1), refinements)
+        return refined(meshes.unstructured(named("lshape"), 0.4), refinements)
+    return refined(structured(named(name), 1), refinements)
 
 
 def least_energy(k: int) -> float:
@@ -68,11 +68,11 @@ def test_hats_of_an_equilateral_triangle_have_at_least_the_stated_energy() -> No
     assert np.allclose(np.abs(vectors[:, 0]), 1 / math.sqrt(3))
 
 
-def functionals(found: Hierarchy) -> list[np.ndarray]:
+def functionals(found: Nested) -> list[np.ndarray]:
     """Random ones, rough and smooth, and what a V-cycle leaves of one."""
     rng, A = np.random.default_rng(5), found.levels[-1].A
     n = A.shape[0]
-    x, y = found.points.T
+    x, y = found.mesh.points.T
     rough = rng.standard_normal(n)
     left = rough.copy()
     for _ in range(3):
@@ -82,11 +82,11 @@ def functionals(found: Hierarchy) -> list[np.ndarray]:
     return [rough, left, one, A @ rough, A @ (np.sin(7 * x) * np.exp(y)), A @ np.ones(n)]
 
 
-def coarsest(found: Hierarchy) -> SuperLU:
+def coarsest(found: Nested) -> SuperLU:
     return splu(found.levels[0].A.tocsc())
 
 
-def true_norm(found: Hierarchy, R: np.ndarray) -> float:
+def true_norm(found: Nested, R: np.ndarray) -> float:
     return math.sqrt(R @ splu(found.levels[-1].A.tocsc()).solve(R))
 
 
@@ -111,7 +111,7 @@ def worst(side: float) -> tuple[float, float]:
 
     For these (1) is an equality; the mass, which makes the norm smaller, vanishes with the side.
     """
-    found = hierarchy(equilateral(side), 1)
+    found = refined(equilateral(side), 1)
     R = found.levels[-1].A @ np.array([0.0, 0, 0, 1, 1, 1])
     return without_coarsest(found.levels, R), true_norm(found, R)
 

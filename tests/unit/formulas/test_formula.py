@@ -285,6 +285,9 @@ def test_kinks_with_their_exponents():
     of_square = [root for root, _ in kinks(parse("pos(t**2 - pi/8, 2)", ("t",), "here"), T)]
     assert of_square == pytest.approx([-math.sqrt(math.pi / 8), math.sqrt(math.pi / 8)])
     assert kinks(parse("pos(t**2 + pi, 2)", ("t",), "here"), T) == []
+    of_rational = [root for root, _ in kinks(parse("pos(2*t**2 - 2*t - 1, 2)", ("t",), "here"), T)]
+    assert of_rational == pytest.approx([(1 - math.sqrt(3)) / 2, (1 + math.sqrt(3)) / 2], rel=1e-15)
+    assert kinks(parse("pos((t - 1/2)**2, 3)", ("t",), "here"), T) == [(0.5, three)]
 
 
 @pytest.mark.parametrize(

@@ -324,5 +324,5 @@ def test_the_best_approximation_against_a_minimisation():
     for c, case in enumerate(of):
         means = cell_means(case, norm.partition).lambda_means
         best = minimize(lambda x, case=case: norm.of_error(case, x[None]).lower[0] ** 2, means, tol=1e-9)
-        assert gram.best_approximation(c) == pytest.approx(sqrt(best.fun), rel=1e-6)
-        assert gram.best_approximation(c) < norm.of_error(case, means[None]).lower[0]
+        assert gram.best_approximations[c] == pytest.approx(sqrt(best.fun), rel=1e-6)
+        assert gram.best_approximations[c] < norm.of_error(case, means[None]).lower[0]

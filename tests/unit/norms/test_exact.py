@@ -26,6 +26,30 @@ def test_the_norm_of_u_and_the_order_of_its_approximations():
     assert problem.ritz_error < 0.999 * distance
 
 
+@pytest.mark.parametrize("name", ["smooth", "thirds", "vertex"])
+def test_where_u_vanishes_a_function_counts_that_does_not(name):
+    """The parallelogram law: ||u - 1||^2 + ||u + 1||^2 = 2 ||u||^2 + 2 |Omega|."""
+    case, on = load(name), condensed("square", 8)
+    one = np.ones(on.mesh.n_nodes)
+    of_u, less, more = (h1_distance(case, on.mesh, v) ** 2 for v in (0 * one, one, -one))
+    assert less + more == pytest.approx(2 * of_u + 2, rel=1e-12)
+
+
+def test_triangles_on_which_u_and_its_approximation_are_0_are_left_out(monkeypatch):
+    """The places at which `thirds` is evaluated lie within its cutoff and a triangle's diameter of 1/3."""
+    case, on = load("thirds"), condensed("square", 16)
+    seen = []
+
+    def source(places, offset=0.0):
+        seen.append(places + offset)
+        return np.zeros(len(seen[-1]))
+
+    monkeypatch.setattr(type(case), "source", lambda self, *places: source(*places))
+    ritz_projection(case, on)
+    away = np.hypot(*(np.concatenate(seen) - [1 / 3, 0]).T)
+    assert 0.2 < away.max() < 1 / 4 + 2 * on.mesh.diameter
+
+
 def test_norms_of_a_multiplier_in_closed_form():
     """6^6 ((s - 1/3)(2/3 - s))^3 on two sides: by Euler's beta function; its parts are orthogonal."""
     found = cell_means(load("smooth"), uniform(square(), 1 / 8))

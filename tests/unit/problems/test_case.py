@@ -81,6 +81,32 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     assert not np.allclose(case.source(points), u + laplacian, atol=1e-4 * scale)
 
 
+PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("violates_jjj", "square", 0)]
+
+
+@pytest.mark.parametrize(("name", "polygon", "side"), PLACED)
+def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
+    """At the vertices and in the centroids of triangles; somewhere, unless an atom has no cutoff."""
+    case, mesh = load(name, polygon, side), structured(POLYGONS[polygon], 1 / 32)
+    zero = case.vanishes(*mesh.circles)
+    corners = mesh.points[mesh.triangles[zero]]
+    points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
+    for values in (*case.value_and_gradient(points), case.source(points)):
+        assert not values.any()
+    everywhere = name in ("natural", "full_contact", "no_contact", "violates_j")
+    assert zero.any() != everywhere
+
+
+@pytest.mark.parametrize(("inside", "radius", "zero"), [(0.26, 0.009, True), (0.26, 0.011, False)])
+@pytest.mark.parametrize(("name", "reach"), [("thirds", 1 / 4), ("smooth", 1 / 3)])
+@pytest.mark.parametrize("size", [1.0, 10.0])
+def test_a_case_vanishes_on_a_circle_beyond_its_cutoff(name, reach, inside, radius, zero, size):
+    """By hand, on a square of that size: the distance from the cutoff's end is 0.01."""
+    case = cases.load(name, Polygon(size * square().vertices, "large"))
+    centre = size * np.array([[1 / 3, inside + reach - 1 / 4]])
+    assert case.vanishes(centre, np.array([size * radius])).tolist() == [zero]
+
+
 @pytest.mark.parametrize(("polygon", "side"), [p[1:] for p in PLACES if p[0] == "thirds"])
 def test_the_harmonic_atoms_flux(polygon, side):
     """lambda = s_+^(1/2) (1 - (4 s)^2)_+^4 on the own side, else 0; s = t - 1/3 in side lengths."""

@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from nested import Nested, refined
 from scipy.linalg import eigh
 
-from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 from unilateral.solvers.truncated import Truncated
@@ -17,8 +17,8 @@ CASES = ["nothing", "a strip", "islands", "the boundary"]
 
 
 @cache
-def nested() -> Hierarchy:
-    return hierarchy(structured(named("lshape"), 1), 3)
+def nested() -> Nested:
+    return refined(structured(named("lshape"), 1), 3)
 
 
 def fixed(case: str) -> np.ndarray:

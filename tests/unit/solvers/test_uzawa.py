@@ -12,7 +12,7 @@ from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.uzawa import energy_bound, predicted_steps, residual_bound, uzawa
+from unilateral.solvers.uzawa import Columns, energy_bound, predicted_steps, residual_bound, uzawa
 
 SIGMA_1 = math.tanh(1 / (2 * math.sqrt(2))) / math.sqrt(2)
 """First Steklov eigenvalue of -Delta + 1 on the unit square: cosh((x-1/2)/sqrt 2) cosh((y-1/2)/sqrt 2)."""
@@ -308,6 +308,32 @@ def test_operator_applications_count_steps_and_bounds():
     of = operator(16, 2)
     result = uzawa(of, partial_contact(of), 1e-8)
     assert result.iterations + 2 <= result.operator_applications <= 1.3 * result.iterations + 2
+
+
+def test_a_product_reads_the_columns_in_contact_only():
+    """Between two other cells S is made NaN, which a product of all columns would keep, for 0 NaN is NaN."""
+    S = operator(16, 2).S
+    y = np.maximum(0, np.sin(np.arange(len(S))))
+    inside = y > 0
+    spoilt = np.where(inside | inside[:, None], S, np.nan)
+    out = np.empty_like(y)
+    Columns(spoilt)(y, out)
+    assert np.isnan(spoilt @ y).any()
+    np.testing.assert_allclose(out, S @ y, rtol=1e-14, atol=1e-15)
+
+
+def test_columns_follow_the_contact():
+    """From one set to a part of it, to another one of the same size, to none and to all."""
+    S = operator(16, 2).S
+    apply, out = Columns(S), np.empty(len(S))
+    for chosen in (slice(0, 8), slice(2, 6), slice(10, 14), slice(0), slice(None)):
+        y = np.zeros(len(S))
+        y[chosen] = 1.0
+        apply(y, out)
+        np.testing.assert_allclose(out, S[:, chosen].sum(axis=1), rtol=1e-14, atol=1e-15)
+        held = apply.columns
+        apply(2 * y, out)
+        assert apply.columns is held
 
 
 def test_tolerance_below_rounding_ends_by_the_step_limit():

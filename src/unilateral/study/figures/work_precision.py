@@ -15,7 +15,6 @@ from unilateral.formulas.formula import real
 from unilateral.study import tables
 from unilateral.study.figures import style
 from unilateral.study.judge import cost
-from unilateral.study.runs.cost.variants import Variant
 
 COLUMNS = (
     *("kind", "norm", "label", "H_over_h", "h", "H", "unknowns", "stop"),
@@ -55,9 +54,8 @@ def table(
     algebra: style.FilePath,
     base: Mapping[str, Any],
     coarsest: object,
-    timings: style.FilePath | None = None,
 ) -> pd.DataFrame:
-    """Work and relative errors, and what is behind them; work in seconds where timings are given.
+    """Work, in operations, and relative errors, and what is behind them.
 
     kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
     algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
@@ -65,26 +63,10 @@ def table(
     largest excess at a level.
     """
     runs, of_cases, of_matrix = (tables.load(path) for path in (crossed, cases, algebra))
-    config = Variant(**{**base, "H_over_h": real(base["H_over_h"], "H_over_h")})
-    if timings:
-        runs, of_matrix = _in_seconds(runs, of_matrix, tables.load(timings), config)
-    largest = real(coarsest, "coarsest")
+    ratio, largest = real(base["H_over_h"], "H_over_h"), real(coarsest, "coarsest")
     parts = [_of_norm(runs, of_cases, norm, largest) for norm in style.NORMS]
-    parts += [_of_steps(runs, config.H_over_h, largest), _of_matrices(of_matrix)]
+    parts += [_of_steps(runs, ratio, largest), _of_matrices(of_matrix)]
     return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
-
-
-def _in_seconds(
-    crossed: xr.Dataset, algebra: xr.Dataset, timings: xr.Dataset, base: Variant
-) -> tuple[xr.Dataset, xr.Dataset]:
-    """The same tables with seconds in the place of operations."""
-    axes = [str(name) for name in crossed["operations"].dims if name in Variant._fields]
-    seconds, of_matrix = cost.along(timings, base, axes), cost.along(timings, base, ["algebra"])
-    step, setup = of_matrix["seconds_per_step"], of_matrix["setup_seconds"]
-    return (
-        crossed.assign(operations=seconds["seconds"]),
-        algebra.assign(step_operations=step, setup_operations=setup),
-    )
 
 
 def _of_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> pd.DataFrame:
@@ -127,12 +109,11 @@ def _of_matrices(algebra: xr.Dataset) -> pd.DataFrame:
     return pd.concat(parts)
 
 
-def draw(csv_path: style.FilePath, svg_path: style.FilePath, work: str = "operations") -> None:
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """Above: relative errors over work at fixed H/h, and the front of all. Below: steps, one step, stops.
 
     Columns: kind (front, line, steps, step, stop), norm, label (algorithm or matrix), H_over_h, H, unknowns,
-    stop, work, error, steps, slope (p of steps ~ H^-p), excess. `work` is "operations" or "seconds". Raises
-    InputError for a table without them.
+    stop, work, error, steps, slope (p of steps ~ H^-p), excess. Raises InputError for a table without them.
     """
     data = style.read(csv_path)
     parts = {kind: rows for kind, rows in data.groupby("kind")}
@@ -146,13 +127,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath, work: str = "operat
             _line(axes, rows["work"], rows["error"], FRONT)
             for ratio, rows in parts["line"][parts["line"]["norm"] == norm].groupby("H_over_h"):
                 _line(axes, rows["work"], rows["error"], looks[ratio])
-            axes.set(title=f"{title}, relative", xlabel=work)
+            axes.set(title=f"{title}, relative", xlabel="operations")
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_locator(NullLocator())
         lower = [style.axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
         _steps(lower[0], parts["steps"])
-        _step(lower[1], parts["step"], work)
+        _step(lower[1], parts["step"])
         _stop(lower[2], parts["stop"])
         fronts = [style.key(f"$H/h={style.as_fraction(ratio)}$", **look) for ratio, look in looks.items()]
         fronts.append(style.key("front of all runs", **FRONT))
@@ -188,11 +169,11 @@ def _steps(axes: Axes, rows: pd.DataFrame) -> None:
     axes.set(title=r"steps to the level $10^{-6}$", xlabel="$H$")
 
 
-def _step(axes: Axes, rows: pd.DataFrame, work: str) -> None:
+def _step(axes: Axes, rows: pd.DataFrame) -> None:
     for label, (name, look) in MATRICES.items():
         line = rows[rows["label"] == label]
         _line(axes, line["unknowns"], line["work"], {**look, **THIN, "label": name})
-    axes.set(title=f"{work}: a step, the set-up", xlabel="unknowns in $\\Omega$")
+    axes.set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
     axes.set_ylim(top=200 * axes.get_ylim()[1])
     _named(axes, "upper left")
 

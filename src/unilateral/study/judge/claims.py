@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-import yaml
 
+from unilateral.declarations import own
 from unilateral.errors import InputError
 from unilateral.study.judge.checks import algorithm, cost, estimates, extremes, rates, stability
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
@@ -130,8 +130,8 @@ def _numbers(evidence: Evidence) -> dict[str, Any]:
 @cache
 def ledger() -> tuple[Claim, ...]:
     """All claims, in the order of the paper. Raises InputError for an entry that is none."""
-    text = (resources.files("unilateral.study.judge") / "ledger.yaml").read_text(encoding="utf-8")
-    return tuple(declared(entry) for entry in yaml.safe_load(text)["claims"])
+    entries = own(resources.files("unilateral.study.judge") / "ledger.yaml")["claims"]
+    return tuple(declared(entry) for entry in entries)
 
 
 def declared(entry: Mapping[str, Any]) -> Claim:

@@ -66,11 +66,11 @@ def sweep(
             table[name][c, 0] = getattr(problem, name)
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
-        cells = [cell_means(case, partition) for case in cases]
-        for name in PER_CELLS:
-            table[name][:, k] = [getattr(each, name) for each in cells]
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
+        cells = [cell_means(case, partition) for case in cases]
+        for name in PER_CELLS:
+            table[name].values[:, k] = [getattr(each, name) for each in cells]
         spaces = mixed_spaces(condensed, partition)
         form = _form(spaces, gram)
         stability = infsup(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
@@ -89,7 +89,7 @@ def sweep(
                 lower, upper = form.error(c, difference[None])
                 table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), errors.hm12_discrete)
                 table["hm12_error_upper"][c, 0, k] = upper[0]
-                table["hm12_best"][c, 0, k] = form.best_approximation(c)
+                table["hm12_best"][c, 0, k] = form.best_approximations[c]
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
         {
@@ -158,6 +158,6 @@ def _record(table: xr.Dataset, c: int, k: int, solution: Solution, errors: Exact
         "converged": float(result.converged),
     }
     for name, value in values.items():
-        table[name][c, 0, k] = value
-    table["algorithm"][c, 0, k] = result.algorithm
-    table["lambda_H"][c, 0, k, : len(result.lambda_H)] = result.lambda_H
+        table[name].values[c, 0, k] = value
+    table["algorithm"].values[c, 0, k] = result.algorithm
+    table["lambda_H"].values[c, 0, k, : len(result.lambda_H)] = result.lambda_H

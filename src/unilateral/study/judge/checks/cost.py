@@ -32,9 +32,13 @@ def few(tables: Tables, algorithm: str, most: float) -> Evidence:
     return worst(rows, "steps to the last level", most, False)
 
 
-def safe_step(tables: Tables, most: float) -> Evidence:
-    """Steps but one with rho = 1.9 sigma_1 over those with the optimal one, at all levels that this meets."""
+def safe_step(tables: Tables, most: float, finest: float) -> Evidence:
+    """Steps but one with rho = 1.9 sigma_1 over those with the optimal one, where that meets a level.
+
+    Levels below `finest` are left out: there rounding may decide whether a step meets them.
+    """
     steps = tables["cost/algorithm"]["steps"]
+    steps = steps.sel(stop=steps["stop"] >= finest)
     rows, missed = {}, {}
     for ratio in steps["H_over_h"].values:
         safe, optimal = (steps.sel(H_over_h=ratio, algorithm=name) for name in ("safe", "optimal"))

@@ -106,6 +106,11 @@ def by_A_3(spaces: MixedSpaces) -> Apply:
     return apply
 
 
+def by_S(operator: DualOperator) -> Apply:
+    """y -> S y by all of S, which is what `operations` counts; the loop's own way leaves columns out."""
+    return lambda y, out: np.dot(operator.S, y, out=out)
+
+
 def by_S32(operator: DualOperator) -> Apply:
     """y -> S y in single precision, S and y rounded to it."""
     S = operator.S.astype(np.float32)

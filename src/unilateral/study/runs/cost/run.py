@@ -25,7 +25,7 @@ from unilateral.problems.case import Case
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import Apply, uzawa
 from unilateral.study.runs.cost import operations
-from unilateral.study.runs.cost.history import History, Reached, by_A, by_A_3, by_S32, refined
+from unilateral.study.runs.cost.history import History, Reached, by_A, by_A_3, by_S, by_S32, refined
 from unilateral.study.runs.cost.variants import REFRESH, Variant
 
 Array = NDArray[np.float64]
@@ -97,17 +97,17 @@ class Measured:
             return 2 / (operator.lambda_min + operator.lambda_max)
         return STEPS[algorithm].share / operator.lambda_max
 
-    def apply(self, variant: Variant) -> Apply | None:
+    def apply(self, variant: Variant) -> Apply:
         """The way to S y."""
         spaces, operator = self.spaces, self.spaces.operator
         ways = {
             ("A", "float64"): lambda: by_A(self.alone, spaces),
             ("A_3", "float64"): lambda: by_A_3(spaces),
+            ("S", "float64"): lambda: by_S(operator),
             ("S", "float32"): lambda: by_S32(operator),
             ("S", "refined"): lambda: refined(operator),
         }
-        way = ways.get((variant.algebra, variant.precision))
-        return way() if way else None
+        return ways[variant.algebra, variant.precision]()
 
     def costs(self, variant: Variant) -> Costs:
         """By the formulas of `operations`. The set-up has two solves, with f and for u_h.
