@@ -7,24 +7,23 @@ macro-elements or by sparse factors, then the algorithms on the boundary, each f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.driver import Clock, matched, order, report
+from benchmarks.peers.driver import Clock, order, report
 from benchmarks.plan import OTHER
-from benchmarks.problem import coarsest, grid, nested, partition
+from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
 from unilateral.discrete import with_load
-from unilateral.fem.condense import condense
+from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
+from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.recursive import Recursive
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.geometry.mesh import Mesh, refine
-from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
+from unilateral.fem.sparse import dissected
+from unilateral.geometry.mesh import Mesh
 from unilateral.solvers.multigrid import Found, multigrid
 from unilateral.solvers.uzawa import uzawa
 
@@ -40,65 +39,60 @@ def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     H, tolerance = of["H_over_h"], tolerance_of(data, of)
     load, means = data["load"], {edges: data[f"means_{edges}"] for edges in OTHER}
     clock.skip()
-    levels = nested(of)
+    mesh = mesh_of(of)
+    clock.lap("mesh")
+    levels = hierarchy(mesh)
     clock.lap("assembly")
-    first = grid(levels, load, means[H], H).solve(tolerance)
+    first = grid(mesh, levels, load, means[H], H).solve(tolerance)
     clock.lap("solve")
-    further = grid(levels, load, means[OTHER[H]], OTHER[H]).solve(tolerance)
+    further = grid(mesh, levels, load, means[OTHER[H]], OTHER[H]).solve(tolerance)
     clock.lap("further")
+    phases = clock.only(["mesh", "assembly", "solve"]), {"solve": clock.phases["further"]}
     results = [
-        {"way": "multigrid", "H_over_h": H, "phases": clock.only(["assembly", "solve"]), **counts(first)},
-        {
-            "way": "further",
-            "H_over_h": OTHER[H],
-            "phases": {"solve": clock.phases["further"]},
-            **counts(further),
-        },
+        {"way": "multigrid", "H_over_h": H, "phases": phases[0], **counts(first)},
+        {"way": "further", "H_over_h": OTHER[H], "phases": phases[1], **counts(further)},
     ]
-    return levels.points, results, [first.u, further.u]
+    return mesh.points, results, [first.u, further.u]
 
 
 def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """Without cells."""
     load, none = data["load"], data["load"][:0]
     clock.skip()
-    levels = nested(of)
+    mesh = mesh_of(of)
+    clock.lap("mesh")
+    levels = hierarchy(mesh)
     clock.lap("assembly")
-    cells = nested_cells(
-        levels.levels, partition(levels, of["H_over_h"]), range(levels.coarse.polygon.n_sides)
-    )
+    cells = nested_cells(levels, partition(mesh, of["H_over_h"]), range(mesh.polygon.n_sides))
     assert cells is not None
-    found = multigrid(levels.levels, cells, load, none).solve(tolerance_of(data, of))
+    found = multigrid(levels, cells, load, none).solve(tolerance_of(data, of))
     clock.lap("solve")
-    return levels.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(found)}], []
+    return mesh.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(found)}], []
 
 
 def recursive(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """By macro-elements."""
-    mesh, refinements = coarsest(of)
-    for _ in range(refinements):
-        mesh = refine(mesh)
-    clock.lap("mesh")
-    return eliminated(clock, data, of, mesh)
+    return eliminated(clock, data, of, condense)
 
 
 def sparse(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """By sparse factors."""
-    mesh = structured(named(of["polygon"]), 1 / of["n"])
-    clock.lap("mesh")
-    return eliminated(clock, data, of, mesh)
+    return eliminated(clock, data, of, lambda mesh: by_sparse(mesh, dissected(matrix(mesh), mesh.boundary)))
 
 
-def eliminated(clock: Clock, data: Mapping[str, Array], of: Order, mesh: Mesh) -> Told:
+def eliminated(
+    clock: Clock, data: Mapping[str, Array], of: Order, condense: Callable[[Mesh], Condensed]
+) -> Told:
     """All algorithms, each from nothing, and further: the load eliminated, and the steps."""
+    load, means = data["load"], data[f"means_{of['H_over_h']}"]
     clock.skip()
+    mesh = mesh_of(of)
+    clock.lap("mesh")
     condensed = condense(mesh)
     clock.lap("assembly")
-    cells = Partition(mesh.polygon, mesh.s[:: of["H_over_h"]].copy())
-    spaces = mixed_spaces(condensed, cells)
+    spaces = mixed_spaces(condensed, partition(mesh, of["H_over_h"]))
     assert spaces.operator.lambda_min > 0
     clock.lap("operator")
-    load, means = data["load"][matched(mesh.points, data["points"])], data[f"means_{of['H_over_h']}"]
     results, us = [], []
     for algorithm in ALGORITHMS:
         clock.skip()

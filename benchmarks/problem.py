@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,11 @@ from benchmarks.peers.driver import matched
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.hierarchy import FEWEST, Hierarchy, hierarchy
-from unilateral.fem.loads import case_moments
+from unilateral.fem.hierarchy import Level, hierarchy
+from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.files import replacing
-from unilateral.geometry.mesh import Mesh, conforming
+from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
@@ -42,23 +42,16 @@ CONVERGED = 1e-7
 Order = Mapping[str, Any]
 
 
-def coarsest(order: Order) -> tuple[Mesh, int]:
-    """The structured mesh to begin with, and how often to refine it until a unit has n squares."""
-    n, refinements = order["n"], 0
-    while n % 2 == 0 and n > FEWEST:
-        n, refinements = n // 2, refinements + 1
-    return flattened(structured(named(order["polygon"]), 1 / n), order["flat"]), refinements
-
-
-def nested(order: Order) -> Hierarchy:
-    """All levels."""
-    return hierarchy(*coarsest(order))
+def mesh_of(order: Order) -> Mesh:
+    """The structured mesh of n squares in a unit, made by refinement."""
+    mesh = structured(named(order["polygon"]), 1 / order["n"])
+    return (
+        mesh if order["flat"] == 1 else refine(flattened(mesh.coarse or mesh, order["flat"]), mesh.halvings)
+    )
 
 
 def flattened(mesh: Mesh, flat: float) -> Mesh:
     """Every second inner node moved to the right, until a share `flat` of the distance h is left."""
-    if flat == 1:
-        return mesh
     points = mesh.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), mesh.boundary)
     moved = inner[np.round(points[inner].sum(axis=1) / mesh.h) % 2 == 0]
@@ -73,13 +66,13 @@ def prepare(order: Order, path: Path) -> None:
     w. Up to the size `judged` also the mesh, g at its boundary nodes, w and `residual` (n,), r above; beyond
     it the error is that of the size `judged`, smaller by the ratio of the sizes.
     """
-    case, levels = cases.load(order["case"], named(order["polygon"])), nested(order)
-    load = levels.load(partial(case_moments, case))
+    case, mesh = cases.load(order["case"], named(order["polygon"])), mesh_of(order)
+    load = by_parts(mesh, partial(case_moments, case))
     found: dict[str, Any] = {"load": load} | {
-        f"means_{k}": cell_means(case, partition(levels, k)).g_means for k in OTHER
+        f"means_{k}": cell_means(case, partition(mesh, k)).g_means for k in OTHER
     }
     if order["n"] <= order["judged"]:
-        found |= _judged(case, levels, load, found[f"means_{CELLS}"])
+        found |= _judged(case, mesh, load, found[f"means_{CELLS}"])
     else:
         of_judged = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
         found["error"] = of_judged["error"] * order["judged"] / order["n"]
@@ -87,35 +80,34 @@ def prepare(order: Order, path: Path) -> None:
         np.savez(temporary, **found)
 
 
-def partition(levels: Hierarchy, edges: int) -> Partition:
+def partition(mesh: Mesh, edges: int) -> Partition:
     """Cells of that many edges."""
-    return Partition(levels.coarse.polygon, levels.levels[-1].s[::edges].copy())
+    return Partition(mesh.polygon, mesh.s[::edges].copy())
 
 
-def _judged(case: Case, levels: Hierarchy, load: Array, means: Array) -> dict[str, Any]:
-    mesh, A = levels.mesh, levels.levels[-1].A
-    w = grid(levels, load, means, CELLS).solve(CONVERGED).u
-    error = h1_distance(case, mesh, w)
-    residual = load - A @ w
+def _judged(case: Case, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
+    levels = hierarchy(mesh)
+    w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
+    residual = load - levels[-1].A @ w
     residual[mesh.boundary] += flux_load(case, mesh)
-    at = mesh.s[:-1] - mesh.polygon.starts[mesh.side]
-    u, _, gap = case.boundary(mesh.side, at)
+    u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
     found = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32), "boundary": mesh.boundary}
-    return {**found, "s": mesh.s, "obstacle": u - gap, "w": w, "residual": residual, "error": error}
+    errors = {"w": w, "residual": residual, "error": h1_distance(case, mesh, w)}
+    return {**found, "s": mesh.s, "obstacle": u - gap, **errors}
 
 
-def grid(levels: Hierarchy, load: Array, means: Array, edges: int) -> Multigrid:
+def grid(mesh: Mesh, levels: Sequence[Level], load: Array, means: Array, edges: int) -> Multigrid:
     """The problem on cells of that many edges, with the cell means (m,) of g."""
-    cells_of_H = partition(levels, edges)
-    cells = nested_cells(levels.levels, cells_of_H)
+    cells_of_H = partition(mesh, edges)
+    cells = nested_cells(levels, cells_of_H)
     if cells is None:
         raise InputError(f"cells of {edges} edges do not fit the mesh; take a size that is a multiple of 4")
-    return multigrid(levels.levels, cells, load, cells_of_H.lengths * means)
+    return multigrid(levels, cells, load, cells_of_H.lengths * means)
 
 
 def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w."""
-    known, given, A = np.load(data), np.load(found), nested(order).levels[-1].A
+    known, given, A = np.load(data), np.load(found), hierarchy(mesh_of(order))[-1].A
     numbers, squares = matched(known["points"], given["points"]), []
     for k in range(len(given.files) - 1):
         apart = known["w"] - given[f"u_{k}"][numbers]

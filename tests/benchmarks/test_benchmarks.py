@@ -202,7 +202,7 @@ def ordered(**more: Any) -> dict[str, Any]:
 
 def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
     known = np.load(data)
-    rng, mesh = np.random.default_rng(0), problem.nested(ordered()).mesh
+    rng, mesh = np.random.default_rng(0), problem.mesh_of(ordered())
     v, order = known["w"] + 0.01 * rng.standard_normal(len(known["w"])), rng.permutation(len(known["w"]))
     np.savez(tmp_path / "found.npz", points=known["points"][order], u_0=v[order], u_1=known["w"][order])
     judged = problem.judge(ordered(), data, tmp_path / "found.npz")
