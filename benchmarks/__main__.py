@@ -17,6 +17,7 @@ from typing import Any
 from benchmarks import plan
 from benchmarks.plan import FOLDER, ROOT, Run
 from unilateral.errors import InputError
+from unilateral.files import replacing
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 STARTS, GUESS = 3.0, 2e-5
@@ -66,7 +67,8 @@ class Runner:
         told = {**self.measured(run, data, found), **self.judged(run, data, found)}
         record = {"solver": run.solver, "problem": run.problem, "n": run.n, "order": run.order, **told}
         record["seconds"] = time.perf_counter() - start
-        (self.folder / f"{run.name}.json").write_text(json.dumps(record), encoding="utf-8")
+        with replacing(self.folder / f"{run.name}.json") as temporary:
+            temporary.write_text(json.dumps(record), encoding="utf-8")
         return record
 
     def data(self, run: Run) -> Path:
@@ -103,18 +105,24 @@ def started(python: str, module: str, *arguments: object) -> str:
     return done.stdout
 
 
-def available(given: dict[str, Any], sizes: list[int]) -> list[Run]:
-    """The runs whose solvers are there; of the others it is said what is missing."""
-    runs = plan.runs(given, sizes)
+def available(given: dict[str, Any], sizes: list[str]) -> list[Run]:
+    """The runs, of those sizes if there are any, whose solvers are there; it is said who is missing.
+
+    Raises InputError for a size that no run has.
+    """
+    known = sorted({run.n for run in plan.runs(given)})
+    for size in sizes:
+        if size not in map(str, known):
+            raise InputError(f"there is no run of size '{size}'; sizes are {', '.join(map(str, known))}")
+    runs = plan.runs(given, [int(size) for size in sizes])
     lacking = {solver: plan.missing(given, solver) for solver in dict.fromkeys(run.solver for run in runs)}
     for said in filter(None, lacking.values()):
         print(f"benchmarks: {said}", file=sys.stderr)
     return [run for run in runs if not lacking[run.solver]]
 
 
-def main(arguments: list[str]) -> int:
+def main(sizes: list[str]) -> int:
     """Runs the plan, or the part of those sizes."""
-    sizes = [int(size) for size in arguments]
     try:
         given = plan.read(FOLDER / "benchmarks.yaml")
         records = Runner(given, FOLDER / "runs").all(available(given, sizes))

@@ -25,6 +25,7 @@ from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.study import tables
 from unilateral.study.judge import benchmarks as judge
+from unilateral.study.text import benchmark_tables
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 N = 16
@@ -96,6 +97,16 @@ def test_who_is_missing_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pyte
     assert runner.available(given, []) == []
 
 
+@pytest.mark.parametrize("size", ["255", "many"])
+def test_a_size_that_no_run_has_is_refused(size: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert runner.main([size]) == InputError.exit_code
+    said = capsys.readouterr().err
+    assert (
+        said
+        == f"benchmarks: there is no run of size '{size}'; sizes are 64, 128, 256, 512, 1024, 2048, 4096\n"
+    )
+
+
 def record(cpu: float, repeat: int) -> dict[str, Any]:
     """Of a process that took so long, half of it in the operator, with another wall-clock time."""
     phases = {"assembly": [cpu / 4, 1.0], "operator": [cpu / 2, 2.0], "solve": [cpu / 4, 3.0]}
@@ -115,7 +126,7 @@ def test_a_summary_has_medians_and_the_spread() -> None:
 
 
 def made_up() -> pd.DataFrame:
-    """Seconds n^2 of multigrid, 3 n^2 and 5 n^2 of two peers, of which one has no largest n."""
+    """Seconds (n / 256)^2 of multigrid, and 3, 5 and 2 times that of peers; the last has no largest n."""
     times = {"multigrid": 1, "fenicsx": 3, "skfem": 5, "ngsolve": 2}
     rows = [
         {
@@ -123,7 +134,7 @@ def made_up() -> pd.DataFrame:
             "problem": "natural",
             "n": n,
             "H_over_h": judge.H_OVER_H.get(way, 2),
-            "cpu_seconds": c * n**2,
+            "cpu_seconds": c * (n / 256) ** 2,
         }
         for way, c in times.items()
         for n in (256, 512, 1024)
@@ -137,6 +148,17 @@ def test_ratios_and_growth_of_made_up_times() -> None:
     assert judge.ratios(runs, "skfem").to_dict() == {256: 5, 512: 5, 1024: 5}
     assert judge.fastest(runs).to_dict() == {256: 2, 512: 2, 1024: 3}
     assert judge.growth(judge.along(runs, "multigrid")["cpu_seconds"]) == pytest.approx(2, abs=1e-12)
+
+
+def test_a_table_has_ratios_first_and_says_where_memory_was_measured() -> None:
+    """Who was not there has no row."""
+    table = xr.Dataset.from_dataframe(made_up().assign(peak_mb=1234.4))
+    rows = benchmark_tables.solvers(table).set_index("`natural`, H = 2h")
+    ways = ("multigrid", "fenicsx", "skfem", "ngsolve")
+    assert list(rows.index) == [benchmark_tables.NAMES[way] for way in ways]
+    assert rows["66 049 unknowns"].tolist() == ["1 s", "× 3 (3 s)", "× 5 (5 s)", "× 2 (2 s)"]
+    assert rows["1 050 625 unknowns"].tolist() == ["16 s", "× 3 (48 s)", "× 5 (80 s)", "–"]
+    assert rows["peak memory"].tolist() == ["1234 MB"] * 3 + ["1234 MB (at 263 169)"]
 
 
 def test_the_limits_of_a_made_up_machine() -> None:
@@ -237,6 +259,6 @@ def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) 
 def test_all_that_was_measured_reached_the_error() -> None:
     """On cells of two edges and with nodal constraints, on meshes fine enough for the problem."""
     runs = tables.load(ROOT / "benchmarks/results.nc").to_dataframe()
-    judged = runs[(runs["over_discrete"].notna()) & (runs["H_over_h"] != 4) & (runs["n"] >= 256)]
+    judged = runs[runs["over_discrete"].notna() & benchmark_tables.comparable(runs)]
     assert len(judged) > 20
     assert (judged["over_discrete"] <= 1 + plan.read(COMMITTED)["within"]).all()
