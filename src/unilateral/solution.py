@@ -86,10 +86,14 @@ class Solution:
     @cached_property
     def errors(self) -> Errors | None:
         """The true errors of a case's solution."""
+        return self.true_errors()
+
+    def true_errors(self, dual: bool = True) -> Errors | None:
+        """The same; without `dual` that in H^{-1/2} is NaN, which on large meshes costs more than a solve."""
         case, lambda_H = self.solved.discrete.data, self.multiplier
         if not isinstance(case, Case):
             return None
-        return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique)
+        return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique, dual)
 
     @cached_property
     def bounds(self) -> Bounds | None:

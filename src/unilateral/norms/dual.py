@@ -23,7 +23,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array
-from unilateral.fem.loads import parts
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import cell_means
@@ -183,14 +182,19 @@ class Errors(NamedTuple):
 
 
 def errors(
-    case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool = True
+    case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool, dual: bool
 ) -> Errors:
-    """The errors of u_h (n,) and lambda_H (m,), constant on the cells."""
-    h1 = math.sqrt(sum(h1_distance(case, part, u_h) ** 2 for part in parts(mesh)))
+    """The errors of u_h (n,) and lambda_H (m,), constant on the cells, that in H^{-1/2} if `dual`.
+
+    Those of lambda are not judged unless lambda_H is `unique`.
+    """
+    h1 = h1_distance(case, mesh, u_h)
     if not unique:
         return Errors(h1, math.nan, math.nan, math.nan)
-    bounds = dual_norm(cells, [case]).of_error(case, lambda_H[None])
     l2 = cell_means(case, cells).l2_error(lambda_H)
+    if not dual:
+        return Errors(h1, math.nan, math.nan, l2)
+    bounds = dual_norm(cells, [case]).of_error(case, lambda_H[None])
     return Errors(h1, float(bounds.lower[0]), float(bounds.upper[0]), l2)
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
+from unilateral.fem.loads import parts
 from unilateral.fem.p1 import gradients, h1_load, load
-from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.fem.quadrature import TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.case import Case
 
@@ -91,14 +92,41 @@ def _check_size(case: Case, size: float) -> None:
 
 
 def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
-    """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature."""
-    return math.sqrt(_moments(case, mesh, v_h, degree)[2])
+    """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature, part by part of a large mesh."""
+    square = 0.0
+    for part in parts(mesh):
+        used = _where_not_0(case, part, v_h)
+        of_v = v_h[used.triangles], np.einsum("ti,tid->td", v_h[used.triangles], gradients(used))
+        for rule in triangle_rules(used, case, degree):
+            value, slope, _ = _difference(case, rule, *of_v)
+            square += _square(rule.weight, value, slope)
+    return math.sqrt(square)
+
+
+def _where_not_0(case: Case, mesh: Mesh, v_h: Array) -> Mesh:
+    """Without the triangles on which u and v_h are 0."""
+    zero = case.vanishes(*mesh.circles) & ~v_h[mesh.triangles].any(axis=1)
+    return replace(mesh, triangles=mesh.triangles[~zero])
+
+
+def _difference(
+    case: Case, rule: TriangleRule, nodal: Array, slope_of_v: Array
+) -> tuple[Array, Array, float]:
+    """u - v_h (k, q) and its gradient (k, q, 2) at the rule's points, and its part of ||u||_1^2."""
+    w = rule.weight
+    u, grad_u = case.value_and_gradient(rule.origin, rule.offset)
+    value = u.reshape(w.shape) - np.einsum("kb,kqb->kq", nodal[rule.triangle], rule.barycentric)
+    slope = grad_u.reshape(*w.shape, 2) - slope_of_v[rule.triangle][:, None]
+    return value, slope, _square(w.ravel(), u, grad_u)
+
+
+def _square(w: Array, value: Array, slope: Array) -> float:
+    return float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
 
 
 def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass where u or v_h is not 0."""
-    zero = case.vanishes(*mesh.circles) & ~v_h[mesh.triangles].any(axis=1)
-    mesh = replace(mesh, triangles=mesh.triangles[~zero])
+    mesh = _where_not_0(case, mesh, v_h)
     nodal, slopes = v_h[mesh.triangles], gradients(mesh)
     slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
     m = len(mesh.triangles)
@@ -106,11 +134,9 @@ def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Ar
     square = u_square = 0.0
     for rule in triangle_rules(mesh, case, degree):
         w, phi = rule.weight, rule.barycentric
-        u, grad_u = case.value_and_gradient(rule.origin, rule.offset)
-        u_square += float(w.ravel() @ (u**2 + grad_u[:, 0] ** 2 + grad_u[:, 1] ** 2))
-        value = u.reshape(w.shape) - np.einsum("kb,kqb->kq", nodal[rule.triangle], phi)
-        slope = grad_u.reshape(*w.shape, 2) - slope_of_v[rule.triangle][:, None]
-        square += float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
+        value, slope, of_u = _difference(case, rule, nodal, slope_of_v)
+        u_square += of_u
+        square += _square(w, value, slope)
         f = case.source(rule.origin, rule.offset).reshape(w.shape)
         np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
         np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
