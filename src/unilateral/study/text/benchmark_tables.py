@@ -80,7 +80,7 @@ def phases(table: xr.Dataset) -> pd.DataFrame:
             }
             row["least to most"] = " to ".join(two_digits(at[f"cpu_{end}"]) for end in ("least", "most"))
             row |= {title: _count(at[column]) for column, title in COUNTS.items()}
-            row["grows like"] = f"n^{judge.growth(of['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
+            row["p"] = f"{judge.growth(of['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
             rows.append(row)
     return pd.DataFrame(rows)
 
