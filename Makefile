@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper test fuzz lock clean help git FORCE
+.PHONY: study quick paper bench test fuzz lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -36,6 +36,9 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md docs >&2; exit 1; \
 	fi
 	@echo "figures, docs, README.md and paper.md are as committed."
+
+bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
+	python -m benchmarks $(sizes)
 
 fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (some minutes)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py

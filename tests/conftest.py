@@ -143,4 +143,6 @@ def copy_project(folder):
     for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
+    (copied / "benchmarks").mkdir()
+    shutil.copy(ROOT / "benchmarks/results.nc", copied / "benchmarks")
     return copied

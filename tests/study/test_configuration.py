@@ -389,6 +389,7 @@ ACCEPTED = [
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
+    (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.
     (r".*\.(levels|max_steps|steps|compared_steps|costly_steps|positions|side|seed)", "three|zero"),

@@ -35,6 +35,7 @@ def told():
         "floors": results / "square/floors.nc",
         "sharpness": results / "sharpness/rates.nc",
         "extremes": results / "extremes/extremes.nc",
+        "benchmarks": ROOT / "benchmarks/results.nc",
     }
     given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
     given |= {"judged": scenes, "bounded": bounded, "figures": drawings.shown(study)}

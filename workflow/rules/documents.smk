@@ -15,6 +15,7 @@ rule numbers:
         sharpness="results/sharpness/rates.nc",
         totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
         extremes="results/extremes/extremes.nc",
+        benchmarks="benchmarks/results.nc",
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",

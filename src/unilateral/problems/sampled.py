@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
 
 Function = Callable[[Array, Array], Array]
@@ -27,18 +28,24 @@ class Sampled:
     free_sides: tuple[int, ...] = ()
 
     def source(self, points: Array) -> Array:
-        """f (...) at points (..., 2)."""
-        return _values(self.f, points)
+        """f (...) at points (..., 2); raises InputError where it is no finite number."""
+        return _values(self.f, points, f"{self.name}, field f")
 
     def obstacle(self, side: Index, s: Array) -> Array:
         """g (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
         points, found = self.polygon.at(side, s), np.zeros(len(s))
         for i in np.unique(side).tolist():
             if i not in self.free_sides:
-                found[side == i] = _values(self.g[i], points[side == i])
+                found[side == i] = _values(self.g[i], points[side == i], f"{self.name}, field g[{i}]")
         return found
 
 
-def _values(function: Function, points: Array) -> Array:
+def _values(function: Function, points: Array, where: str) -> Array:
+    """Raises InputError where the function has no finite number."""
     x, y = np.moveaxis(points, -1, 0)
-    return np.broadcast_to(np.asarray(function(x, y), dtype=float), x.shape)
+    with np.errstate(all="ignore"):
+        found = np.broadcast_to(np.asarray(function(x, y), dtype=float), x.shape)
+    if not np.isfinite(found).all():
+        at = np.unravel_index(np.argmin(np.isfinite(found)), found.shape)
+        raise InputError(f"{where}: the function is {found[at]} at ({x[at]:.6g}, {y[at]:.6g})")
+    return found

@@ -99,7 +99,7 @@ class Run:
     @property
     def exhausted(self) -> bool:
         """Whether no further step is made."""
-        return len(self.steps) >= MOST_ITERATIONS or self.rz <= 0
+        return len(self.steps) >= MOST_ITERATIONS or not self.rz > 0
 
     def descend(self, rz: float) -> None:
         """Steps until r . z is at most that."""

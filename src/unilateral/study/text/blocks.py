@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from unilateral.formulas.formula import real
-from unilateral.study.text import cost_tables, error_tables, extremes_tables, verdicts
+from unilateral.study.text import benchmark_tables, cost_tables, error_tables, extremes_tables, verdicts
 from unilateral.study.text.sources import Sources
 
 LINE = 150
@@ -54,6 +54,9 @@ def collect(told: Sources) -> dict[str, str]:
         "targets": cost_tables.targets(of["algorithm"], study["cost"]["targets"]),
         "extremes-limits": extremes_tables.limits(of["extremes"]),
         "extremes-unlimited": extremes_tables.unlimited(of["extremes"]),
+        "benchmarks": benchmark_tables.solvers(of["benchmarks"]),
+        "benchmark-phases": benchmark_tables.phases(of["benchmarks"]),
+        "benchmark-problems": benchmark_tables.problems(of["benchmarks"]),
         "figures": figures(study["figures"]),
     }
     return {name: markdown(frame) for name, frame in frames.items()}

@@ -14,7 +14,7 @@ import xarray as xr
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.runs.cost.variants import REFRESH
-from unilateral.study.text import cost_tables, extremes_tables
+from unilateral.study.text import benchmark_tables, cost_tables, extremes_tables
 from unilateral.study.text.error_tables import ROUNDED
 from unilateral.study.text.formats import Value
 from unilateral.study.text.sources import Sources
@@ -48,6 +48,7 @@ def collect(told: Sources) -> dict[str, Value]:
             },
             "totals": totals(told.totals["corners"]),
             "extremes": outcomes(of["extremes"]),
+            "benchmarks": benchmark_tables.numbers(of["benchmarks"]),
         }
     )
 

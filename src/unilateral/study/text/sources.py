@@ -15,7 +15,17 @@ from unilateral.formulas.formula import real
 from unilateral.study import tables
 from unilateral.study.judge import records
 
-TABLES = ("algorithm", "case", "scene", "algebra", "precision", "floors", "sharpness", "extremes")
+TABLES = (
+    "algorithm",
+    "case",
+    "scene",
+    "algebra",
+    "precision",
+    "floors",
+    "sharpness",
+    "extremes",
+    "benchmarks",
+)
 
 
 class Sources(NamedTuple):

@@ -1,0 +1,144 @@
+"""`make bench`: runs what has not yet run, one process after the other, and writes benchmarks/results.nc.
+
+With sizes, as in `make bench sizes="256"`, these only, and the table is printed, not written. A run that was
+stopped goes on where it was; `benchmarks/runs` holds what is done, and is to be removed to measure anew.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks import plan
+from benchmarks.plan import FOLDER, ROOT, Run
+from unilateral.errors import InputError
+from unilateral.files import replacing
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
+STARTS, GUESS = 3.0, 2e-5
+"""Seconds for the processes of a run, and for an unknown before anything is known of a solver."""
+
+
+class Runner:
+    """The plan, and the folder with the data of problems and a file for each run."""
+
+    def __init__(self, given: dict[str, Any], folder: Path) -> None:
+        self.plan, self.folder = given, folder
+        (folder / "data").mkdir(parents=True, exist_ok=True)
+        self.paces: dict[str, float] = {}
+
+    def all(self, runs: list[Run]) -> list[dict[str, Any]]:
+        """The records of all runs, of which those are made that there are not."""
+        found = [self.stored(run) for run in runs]
+        left = [run for run, record in zip(runs, found, strict=True) if record is None]
+        for record in filter(None, found):
+            self.learn(record)
+        for k, run in enumerate(left):
+            minutes = sum(map(self.expected, left[k:])) / 60
+            print(f"{k + 1} of {len(left)}: {run.name}; about {minutes:.0f} min left", flush=True)
+            self.learn(self.made(run))
+        return [record for record in map(self.stored, runs) if record]
+
+    def stored(self, run: Run) -> dict[str, Any] | None:
+        """The record of the same run, if there is one."""
+        path = self.folder / f"{run.name}.json"
+        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        return record if record.get("order") == run.order else None
+
+    def expected(self, run: Run) -> float:
+        """Wall-clock seconds."""
+        return STARTS + self.paces.get(run.solver, GUESS) * run.n**2
+
+    def learn(self, record: dict[str, Any]) -> None:
+        """How fast a solver is."""
+        self.paces[record["solver"]] = max(record["seconds"] - STARTS, 0) / record["n"] ** 2
+
+    def made(self, run: Run) -> dict[str, Any]:
+        """Runs it, after one run that does not count if it is the solver's first: caches are filled then."""
+        start = time.perf_counter()
+        data, found = self.data(run), self.folder / "found.npz"
+        if run.solver not in self.paces:
+            self.measured(run, data, found)
+        told = {**self.measured(run, data, found), **self.judged(run, data, found)}
+        record = {"solver": run.solver, "problem": run.problem, "n": run.n, "order": run.order, **told}
+        record["seconds"] = time.perf_counter() - start
+        with replacing(self.folder / f"{run.name}.json") as temporary:
+            temporary.write_text(json.dumps(record), encoding="utf-8")
+        return record
+
+    def data(self, run: Run) -> Path:
+        """The file of the problem's data, made if it is not there; beyond `judged` that of this size, too."""
+        for n in sorted({min(run.n, self.plan["judged"]), run.n}):
+            path = self.folder / "data" / f"{run.problem}-{n}.npz"
+            if not path.exists():
+                started(sys.executable, "benchmarks.problem", "prepare", {**run.order, "n": n}, path)
+        return path
+
+    def measured(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
+        """What the driver says."""
+        module = self.plan["solvers"][run.solver]["module"]
+        said = started(plan.interpreter(self.plan, run.solver), module, data, found, run.order)
+        measured: dict[str, Any] = json.loads(said.splitlines()[-1])
+        return measured
+
+    def judged(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
+        """The errors of what was found, in the first of the repeats: the others find the same."""
+        if run.repeat > 0 or run.n > self.plan["judged"]:
+            return {}
+        said = started(sys.executable, "benchmarks.problem", "judge", run.order, data, found)
+        judged: dict[str, Any] = json.loads(said)
+        return judged
+
+
+def started(python: str, module: str, *arguments: object) -> str:
+    """What a module of the benchmarks prints, run on one thread in a process of its own."""
+    environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
+    command = plan.command(python, module, *arguments)
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        raise InputError(f"{module} failed on {arguments}: {done.stderr.strip()[-500:]}")
+    return done.stdout
+
+
+def available(given: dict[str, Any], sizes: list[str]) -> list[Run]:
+    """The runs, of those sizes if there are any, whose solvers are there; it is said who is missing.
+
+    Raises InputError for a size that no run has.
+    """
+    known = sorted({run.n for run in plan.runs(given)})
+    for size in sizes:
+        if size not in map(str, known):
+            raise InputError(f"there is no run of size '{size}'; sizes are {', '.join(map(str, known))}")
+    runs = plan.runs(given, [int(size) for size in sizes])
+    lacking = {solver: plan.missing(given, solver) for solver in dict.fromkeys(run.solver for run in runs)}
+    for said in filter(None, lacking.values()):
+        print(f"benchmarks: {said}", file=sys.stderr)
+    return [run for run in runs if not lacking[run.solver]]
+
+
+def main(sizes: list[str]) -> int:
+    """Runs the plan, or the part of those sizes."""
+    try:
+        given = plan.read(FOLDER / "benchmarks.yaml")
+        records = Runner(given, FOLDER / "runs").all(available(given, sizes))
+        machine = json.loads(started(sys.executable, "benchmarks.machine"))
+    except InputError as fault:
+        print(f"benchmarks: {fault}", file=sys.stderr)
+        return fault.exit_code
+    from benchmarks import summary  # not before: what is started counts the peak memory of who starts it
+    from unilateral.study import tables
+
+    if sizes:
+        print(summary.rows(records).to_string(index=False))
+    else:
+        tables.save(summary.dataset(records, machine), FOLDER / "results.nc", "benchmarks")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

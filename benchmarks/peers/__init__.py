@@ -1,0 +1,1 @@
+"""One driver per peer: each a module that knows arrays only, for an interpreter that has that peer."""

@@ -1,0 +1,65 @@
+"""What every driver shares: its order, its phases in seconds, the order of nodes, and how it reports."""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+Seconds = tuple[float, float]
+SAME_PLACE = 2.0**-30
+"""A power of 2: nodes of structured meshes are whole multiples of it, and rounding decides no tie."""
+
+
+def order() -> tuple[Mapping[str, Any], Mapping[str, Any], str]:
+    """The arrays of the problem, the parameters of the run, and the file for what is found."""
+    data, found, parameters = sys.argv[1:]
+    return np.load(data), json.loads(parameters), found
+
+
+class Clock:
+    """Seconds (processor, wall) of phases; `start` is all processor time before the first one."""
+
+    def __init__(self) -> None:
+        self.start = time.process_time()
+        self.phases: dict[str, Seconds] = {}
+        self.skip()
+
+    def skip(self) -> None:
+        """What was done since the last phase counts nowhere."""
+        self._last = (time.process_time(), time.perf_counter())
+
+    def lap(self, phase: str) -> None:
+        """What was done since the last phase is this one."""
+        now = (time.process_time(), time.perf_counter())
+        self.phases[phase] = (now[0] - self._last[0], now[1] - self._last[1])
+        self.skip()
+
+    def only(self, phases: Iterable[str]) -> dict[str, Seconds]:
+        """Those phases."""
+        return {name: self.phases[name] for name in phases}
+
+
+def report(
+    clock: Clock, path: str, points: np.ndarray, results: list[dict[str, Any]], us: list[np.ndarray]
+) -> None:
+    """Writes each u (n,) with its nodes (n, 2), and prints what was measured; memory in MB of 2^20 bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+    found: dict[str, Any] = {f"u_{k}": u for k, u in enumerate(us)}
+    np.savez(path, points=points, **found)
+    print(json.dumps({"start": clock.start, "peak_mb": peak, "results": results}))
+
+
+def matched(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(n,) the numbers, among the `others` (n, 2), of the points (n, 2): both are the nodes of one mesh."""
+    order, found = (np.lexsort(np.round(each / SAME_PLACE).T) for each in (points, others))
+    numbers = np.empty_like(found)
+    numbers[order] = found
+    if np.abs(points - others[numbers]).max() > SAME_PLACE:
+        raise ValueError("these are not the nodes of one mesh")
+    return numbers

@@ -1,0 +1,127 @@
+"""A problem's data, made once and the same for all solvers; and the judge of what they find.
+
+For the discrete solution w on cells of two edges, r_i = (u - w, phi_i)_1 and any v in V_h,
+
+    ||u - v||_1^2 = ||u - w||_1^2 + 2 r . (w - v) + ||w - v||_1^2.
+
+The first term comes from `h1_distance`, by quadrature; the others are sums.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers.driver import matched
+from benchmarks.plan import CELLS, OTHER
+from unilateral.arrays import Array
+from unilateral.errors import InputError
+from unilateral.fem.hierarchy import Level, hierarchy
+from unilateral.fem.loads import by_parts, case_moments
+from unilateral.fem.nested_cells import nested_cells
+from unilateral.files import replacing
+from unilateral.geometry.mesh import Mesh, conforming, refine
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
+from unilateral.norms.exact import cell_means
+from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.problems import case as cases
+from unilateral.problems.case import Case
+from unilateral.solvers.multigrid import Multigrid, multigrid
+
+CONVERGED = 1e-7
+"""The algebraic error of w: below all errors in H1 here by four orders of magnitude."""
+Order = Mapping[str, Any]
+
+
+def mesh_of(order: Order) -> Mesh:
+    """The structured mesh of n squares in a unit, made by refinement."""
+    mesh = structured(named(order["polygon"]), 1 / order["n"])
+    return (
+        mesh if order["flat"] == 1 else refine(flattened(mesh.coarse or mesh, order["flat"]), mesh.halvings)
+    )
+
+
+def flattened(mesh: Mesh, flat: float) -> Mesh:
+    """Every second inner node moved to the right, until a share `flat` of the distance h is left."""
+    points = mesh.points.copy()
+    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary)
+    moved = inner[np.round(points[inner].sum(axis=1) / mesh.h) % 2 == 0]
+    points[moved, 0] += (1 - flat) * mesh.h
+    return conforming(mesh.polygon, points, mesh.triangles)
+
+
+def prepare(order: Order, path: Path) -> None:
+    """The data of a problem in a file, see below.
+
+    `load` (n,), and the cell `means_K` of g on cells of K edges; the `error` in H1 of the discrete solution
+    w. Up to the size `judged` also the mesh, g at its boundary nodes, w and `residual` (n,), r above; beyond
+    it the error is that of the size `judged`, smaller by the ratio of the sizes.
+    """
+    case, mesh = cases.load(order["case"], named(order["polygon"])), mesh_of(order)
+    load = by_parts(mesh, partial(case_moments, case))
+    found: dict[str, Any] = {"load": load} | {
+        f"means_{k}": cell_means(case, partition(mesh, k)).g_means for k in OTHER
+    }
+    if order["n"] <= order["judged"]:
+        found |= _judged(case, mesh, load, found[f"means_{CELLS}"])
+    else:
+        of_judged = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
+        found["error"] = of_judged["error"] * order["judged"] / order["n"]
+    with replacing(path) as temporary:
+        np.savez(temporary, **found)
+
+
+def partition(mesh: Mesh, edges: int) -> Partition:
+    """Cells of that many edges."""
+    return Partition(mesh.polygon, mesh.s[::edges].copy())
+
+
+def _judged(case: Case, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
+    levels = hierarchy(mesh)
+    w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
+    residual = load - levels[-1].A @ w
+    residual[mesh.boundary] += flux_load(case, mesh)
+    u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
+    found = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32), "boundary": mesh.boundary}
+    errors = {"w": w, "residual": residual, "error": h1_distance(case, mesh, w)}
+    return {**found, "s": mesh.s, "obstacle": u - gap, **errors}
+
+
+def grid(mesh: Mesh, levels: Sequence[Level], load: Array, means: Array, edges: int) -> Multigrid:
+    """The problem on cells of that many edges, with the cell means (m,) of g."""
+    cells_of_H = partition(mesh, edges)
+    cells = nested_cells(levels, cells_of_H)
+    if cells is None:
+        raise InputError(f"cells of {edges} edges do not fit the mesh; take a size that is a multiple of 4")
+    return multigrid(levels, cells, load, cells_of_H.lengths * means)
+
+
+def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
+    """||u - v||_1 of each v that a driver has found, and of w."""
+    known, given, A = np.load(data), np.load(found), hierarchy(mesh_of(order))[-1].A
+    numbers, squares = matched(known["points"], given["points"]), []
+    for k in range(len(given.files) - 1):
+        apart = known["w"] - given[f"u_{k}"][numbers]
+        squares.append(float(known["error"] ** 2 + 2 * known["residual"] @ apart + apart @ (A @ apart)))
+    return {"reference": float(known["error"]), "errors": [math.sqrt(max(square, 0)) for square in squares]}
+
+
+def main(what: str, order: str, *paths: str) -> None:
+    """What the runner asks for, in a process of its own."""
+    if what == "prepare":
+        prepare(json.loads(order), Path(paths[0]))
+    else:
+        print(json.dumps(judge(json.loads(order), Path(paths[0]), Path(paths[1]))))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,64 @@
+"""The runs as a table: of each way, problem and size the median over its repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+PHASES = {"mesh": "mesh_cpu", "assembly": "assembly_cpu", "operator": "assembly_cpu", "solve": "solve_cpu"}
+KEYS = ["way", "problem", "n", "H_over_h"]
+MEDIANS = (
+    *("cpu_seconds", "wall", "start_cpu", "mesh_cpu", "assembly_cpu", "solve_cpu"),
+    *("peak_mb", "iterations", "sets", "h1_error", "over_discrete", "operations"),
+)
+Record = Mapping[str, Any]
+
+
+def rows(records: Iterable[Record]) -> pd.DataFrame:
+    """A row per way, problem, n and H/h, 0 where there are no cells; what nobody measured is NaN."""
+    each = pd.DataFrame([row for record in records for row in of_record(record)])
+    grouped = each.groupby(KEYS, sort=False)
+    found = grouped[list(MEDIANS)].median()
+    seconds = grouped["cpu_seconds"]
+    found["cpu_least"], found["cpu_most"], found["repeats"] = seconds.min(), seconds.max(), seconds.count()
+    return found.reset_index()
+
+
+def of_record(record: Record) -> list[dict[str, Any]]:
+    """A row per result of a run; errors are measured in one of its repeats."""
+    errors = record.get("errors") or [np.nan] * len(record["results"])
+    return [
+        {
+            "way": result["way"],
+            "problem": record["problem"],
+            "n": record["n"],
+            "H_over_h": result.get("H_over_h", 0),
+            "start_cpu": record["start"],
+            "peak_mb": record["peak_mb"],
+            "iterations": result.get("iterations", np.nan),
+            "operations": result.get("operations", np.nan),
+            "sets": result.get("sets", np.nan),
+            "h1_error": error,
+            "over_discrete": error / record.get("reference", np.nan),
+            **of_phases(result["phases"]),
+        }
+        for result, error in zip(record["results"], errors, strict=True)
+    ]
+
+
+def of_phases(phases: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """Processor seconds of the phases, of all of them, and the wall-clock time of all."""
+    found = dict.fromkeys(PHASES.values(), 0.0)
+    for name, (cpu, _) in phases.items():
+        found[PHASES[name]] += cpu
+    cpu, wall = map(sum, zip(*phases.values(), strict=True))
+    return {**found, "cpu_seconds": float(cpu), "wall": float(wall)}
+
+
+def dataset(records: Iterable[Record], machine: Mapping[str, Any]) -> xr.Dataset:
+    """The table over `run`, and what the machine can do."""
+    return xr.Dataset.from_dataframe(rows(records).rename_axis("run")).assign(machine).drop_vars("run")

@@ -1,0 +1,75 @@
+"""What the table of the benchmarks says: ratios of times, growth, and how near to the machine's limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import pandas as pd
+import xarray as xr
+
+NODAL = 0
+"""H/h of who has no cells."""
+MULTIGRID, FURTHER, LINEAR = "multigrid", "further", "linear"
+PEERS = ("fenicsx", "skfem", "ngsolve")
+"""With nodal constraints; GetFEM has this very method, on cells of four edges."""
+H_OVER_H = {FURTHER: 4, "getfem": 4, LINEAR: NODAL} | dict.fromkeys(PEERS, NODAL)
+"""Of what is compared; 2 where it is not listed."""
+ROW_BYTES = 7 * (8 + 4) + 4
+"""Of a row of A: seven entries with their columns, and where it starts."""
+
+
+def along(
+    runs: pd.DataFrame, way: str, problem: str = "natural", H_over_h: int | None = None
+) -> pd.DataFrame:
+    """The runs of a way over n, increasing."""
+    H = H_OVER_H.get(way, 2) if H_over_h is None else H_over_h
+    chosen = (runs["way"] == way) & (runs["problem"] == problem) & (runs["H_over_h"] == H)
+    return runs[chosen].set_index("n").sort_index()
+
+
+def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID, problem: str = "natural") -> pd.Series:
+    """Seconds of a way over those of another one, over n where both were measured.
+
+    GetFEM is compared with multigrid on the same cells.
+    """
+    other = along(runs, to, problem, H_OVER_H[way] if way == "getfem" else None)
+    return (along(runs, way, problem)["cpu_seconds"] / other["cpu_seconds"]).dropna()
+
+
+def fastest(runs: pd.DataFrame, to: str = MULTIGRID, problem: str = "natural") -> pd.Series:
+    """The same of the fastest nodal peer, over n."""
+    of_peers = pd.DataFrame({peer: ratios(runs, peer, to, problem) for peer in PEERS})
+    return of_peers.min(axis=1)
+
+
+def growth(seconds: pd.Series) -> float:
+    """p of seconds ~ n^p, between the first and the last n."""
+    first, last = seconds.index[0], seconds.index[-1]
+    return math.log(seconds[last] / seconds[first]) / math.log(last / first)
+
+
+def reads(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = LINEAR) -> float:
+    """How often A could be read at the memory's bandwidth while that way solves."""
+    size = ROW_BYTES * (n + 1) ** 2
+    return float(along(runs, way)["solve_cpu"][n] * table["bandwidth"] / size)
+
+
+def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = "recursive uzawa") -> float:
+    """Of the machine's dense arithmetic, what the elimination by macro-elements reaches."""
+    of = along(runs, way).loc[n]
+    return float(of["operations"] / of["assembly_cpu"] / table["flop_rate"])
+
+
+def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
+    """Of multigrid on the finest level: over n, a column for each problem."""
+    return pd.DataFrame({name: along(runs, MULTIGRID, name)["iterations"] for name in problems})
+
+
+def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
+    """What an algorithm on the boundary would take if each of its steps were one linear solve: predicted."""
+    steps, linear = along(runs, f"recursive {algorithm}"), along(runs, LINEAR)
+    found = linear.loc[linear.index.intersection(steps.index)].copy()
+    found["cpu_seconds"] = found["assembly_cpu"] + steps["iterations"] * found["solve_cpu"]
+    found["h1_error"] = steps["h1_error"]
+    return found

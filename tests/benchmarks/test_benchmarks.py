@@ -1,0 +1,264 @@
+"""The benchmarks: their plan, their runner, what is summed up, and tiny runs, judged by direct quadrature."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+import yaml
+from conftest import ROOT
+
+from benchmarks import __main__ as runner
+from benchmarks import plan, problem, summary
+from benchmarks.peers.driver import matched
+from unilateral.errors import InputError
+from unilateral.geometry.polygon import named, square
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems import case as cases
+from unilateral.problems.certificate import certify
+from unilateral.study import tables
+from unilateral.study.judge import benchmarks as judge
+from unilateral.study.text import benchmark_tables
+
+COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
+N = 16
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    """The committed plan with some fields changed."""
+    path = folder / "plan.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(COMMITTED.read_text()), **changes}), encoding="utf-8")
+    return path
+
+
+def small(folder: Path) -> dict[str, Any]:
+    """A plan of two solvers on one problem, twice each."""
+    entry = {"solvers": ["multigrid", "linear"], "problems": ["natural"], "sizes": [N], "repeats": 2}
+    return plan.read(written(folder, runs=[entry]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"stop": 2}, r"plan.yaml, field stop: 2 is greater than the maximum of 1"),
+        ({"about": "x"}, r"plan.yaml: there is no field 'about' here; the fields are problems"),
+        (
+            {"runs": [{"solvers": ["abacus"], "problems": ["natural"], "sizes": [16]}]},
+            r"plan.yaml, field runs\[0\].solvers: 'abacus' is unknown; it has to be one of fenicsx, ",
+        ),
+        (
+            {"runs": [{"solvers": ["linear"], "problems": ["natural"], "sizes": [18]}]},
+            r"plan.yaml, field runs\[0\].sizes\[0\]: 18 is not a multiple of 4",
+        ),
+    ],
+)
+def test_a_plan_that_cannot_be_meant_is_refused(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        plan.read(written(tmp_path, **changes))
+
+
+def test_the_committed_plan_compares_at_least_three_times_and_names_each_run_once() -> None:
+    runs = plan.runs(plan.read(COMMITTED))
+    assert len({run.name for run in runs}) == len(runs)
+    assert {run.n for run in plan.runs(plan.read(COMMITTED), [256])} == {256}
+    for solver in ("multigrid", "skfem", "fenicsx"):
+        assert {run.repeat for run in runs if (run.solver, run.n) == (solver, 512)} >= {0, 1, 2}
+
+
+def test_the_cases_hold_with_as_many_contact_zones_as_they_say() -> None:
+    """Contact on the other sides is one zone each, or none."""
+    zones = {}
+    for name, of in plan.read(COMMITTED)["problems"].items():
+        case = cases.load(
+            ROOT / of["case"] if of["case"].endswith(".yaml") else of["case"], named(of["polygon"])
+        )
+        zones[name] = sum(side == 0 for side, _, _ in certify(case).contact)
+    assert (zones["natural_0437"], zones["three_zones"], zones["zones_37"]) == (1, 3, 37)
+
+
+def test_who_is_missing_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = small(tmp_path)
+    assert plan.missing(given, "multigrid") == ""
+    given["solvers"]["multigrid"]["imports"] = ["no_such_module"]
+    said = plan.missing(given, "multigrid")
+    assert said == (
+        f"multigrid is skipped: {sys.executable} does not have no_such_module; install it, or let "
+        "UNILATERAL_BENCH_MULTIGRID name an interpreter that has it"
+    )
+    assert {run.solver for run in runner.available(given, [])} == {"linear"}
+    monkeypatch.setenv("UNILATERAL_BENCH_LINEAR", "no_such_interpreter")
+    assert runner.available(given, []) == []
+
+
+@pytest.mark.parametrize("size", ["255", "many"])
+def test_a_size_that_no_run_has_is_refused(size: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert runner.main([size]) == InputError.exit_code
+    said = capsys.readouterr().err
+    assert (
+        said
+        == f"benchmarks: there is no run of size '{size}'; sizes are 64, 128, 256, 512, 1024, 2048, 4096\n"
+    )
+
+
+def record(cpu: float, repeat: int) -> dict[str, Any]:
+    """Of a process that took so long, half of it in the operator, with another wall-clock time."""
+    phases = {"assembly": [cpu / 4, 1.0], "operator": [cpu / 2, 2.0], "solve": [cpu / 4, 3.0]}
+    result = {"way": "linear", "phases": phases, "iterations": 5}
+    errors = {"reference": 2.0, "errors": [2.5]} if repeat == 0 else {}
+    told = {"solver": "linear", "problem": "natural", "n": 16, "start": 1.0, "peak_mb": 100.0 + repeat}
+    return {**told, "results": [result], **errors}
+
+
+def test_a_summary_has_medians_and_the_spread() -> None:
+    """By hand: 1, 2, 12 have the median 2; errors are those of the one repeat that was judged."""
+    (row,) = summary.rows([record(12, 0), record(1, 1), record(2, 2)]).to_dict("records")
+    assert (row["cpu_seconds"], row["cpu_least"], row["cpu_most"], row["repeats"]) == (2, 1, 12, 3)
+    assert (row["assembly_cpu"], row["solve_cpu"], row["mesh_cpu"], row["wall"]) == (1.5, 0.5, 0, 6)
+    assert (row["over_discrete"], row["peak_mb"], row["iterations"], row["H_over_h"]) == (1.25, 101, 5, 0)
+    assert math.isnan(row["sets"])
+
+
+def made_up() -> pd.DataFrame:
+    """Seconds (n / 256)^2 of multigrid, and 3, 5 and 2 times that of peers; the last has no largest n."""
+    times = {"multigrid": 1, "fenicsx": 3, "skfem": 5, "ngsolve": 2}
+    rows = [
+        {
+            "way": way,
+            "problem": "natural",
+            "n": n,
+            "H_over_h": judge.H_OVER_H.get(way, 2),
+            "cpu_seconds": c * (n / 256) ** 2,
+        }
+        for way, c in times.items()
+        for n in (256, 512, 1024)
+        if (way, n) != ("ngsolve", 1024)
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_ratios_and_growth_of_made_up_times() -> None:
+    runs = made_up()
+    assert judge.ratios(runs, "skfem").to_dict() == {256: 5, 512: 5, 1024: 5}
+    assert judge.fastest(runs).to_dict() == {256: 2, 512: 2, 1024: 3}
+    assert judge.growth(judge.along(runs, "multigrid")["cpu_seconds"]) == pytest.approx(2, abs=1e-12)
+
+
+def test_a_table_has_ratios_first_and_says_where_memory_was_measured() -> None:
+    """Who was not there has no row."""
+    table = xr.Dataset.from_dataframe(made_up().assign(peak_mb=1234.4))
+    rows = benchmark_tables.solvers(table).set_index("`natural`, H = 2h")
+    ways = ("multigrid", "fenicsx", "skfem", "ngsolve")
+    assert list(rows.index) == [benchmark_tables.NAMES[way] for way in ways]
+    assert rows["66 049 unknowns"].tolist() == ["1 s", "× 3 (3 s)", "× 5 (5 s)", "× 2 (2 s)"]
+    assert rows["1 050 625 unknowns"].tolist() == ["16 s", "× 3 (48 s)", "× 5 (80 s)", "–"]
+    assert rows["peak memory"].tolist() == ["1234 MB"] * 3 + ["1234 MB (at 263 169)"]
+
+
+def test_the_limits_of_a_made_up_machine() -> None:
+    """A has 7 entries of 12 bytes and a start of 4 in each of 4 rows: 352 bytes, read ten times a second."""
+    linear = {"way": "linear", "problem": "natural", "n": 1, "H_over_h": 0, "solve_cpu": 1.0}
+    eliminated = {"way": "recursive uzawa", "problem": "natural", "n": 1, "H_over_h": 2}
+    runs = pd.DataFrame([linear, {**eliminated, "operations": 50.0, "assembly_cpu": 5.0}])
+    machine = xr.Dataset({"bandwidth": 3520.0, "flop_rate": 40.0})
+    assert judge.reads(runs, machine, 1) == pytest.approx(10)
+    assert judge.share_of_peak(runs, machine, 1) == pytest.approx(0.25)
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The modules that are started; none is run, and each says what a driver or the judge would say."""
+    modules: list[str] = []
+
+    def start(python: str, module: str, *arguments: object) -> str:
+        modules.append(f"{module} {arguments[0]}" if module == "benchmarks.problem" else module)
+        told = record(1, 0)
+        return json.dumps(
+            {name: told[name] for name in ("start", "peak_mb", "results", "reference", "errors")}
+        )
+
+    monkeypatch.setattr(runner, "started", start)
+    return modules
+
+
+def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path: Path, counted: list[str]) -> None:
+    given = small(tmp_path)
+    runs = plan.runs(given)
+    first = runner.Runner(given, tmp_path).all(runs)
+    assert len(first) == len(runs) == 4
+    # Two runs to fill caches, four that count; of each solver one is judged.
+    assert counted.count("benchmarks.ours") == 6
+    assert counted.count("benchmarks.problem judge") == 2
+    counted.clear()
+    assert runner.Runner(given, tmp_path).all(runs) == first
+    assert counted == []
+    (tmp_path / f"{runs[-1].name}.json").unlink()
+    runner.Runner(given, tmp_path).all(runs)
+    assert counted.count("benchmarks.ours") == 1
+
+
+def test_a_run_with_other_settings_is_made_anew(tmp_path: Path, counted: list[str]) -> None:
+    given = small(tmp_path)
+    runner.Runner(given, tmp_path).all(plan.runs(given))
+    counted.clear()
+    runner.Runner(given, tmp_path).all(plan.runs({**given, "stop": 0.05}))
+    assert counted.count("benchmarks.ours") == 6
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "natural-16.npz"
+    problem.prepare(ordered(), path)
+    return path
+
+
+def ordered(**more: Any) -> dict[str, Any]:
+    return {**plan.order_of(plan.read(COMMITTED), "natural", N), "H_over_h": 2, **more}
+
+
+def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
+    known = np.load(data)
+    rng, mesh = np.random.default_rng(0), problem.mesh_of(ordered())
+    v, order = known["w"] + 0.01 * rng.standard_normal(len(known["w"])), rng.permutation(len(known["w"]))
+    np.savez(tmp_path / "found.npz", points=known["points"][order], u_0=v[order], u_1=known["w"][order])
+    judged = problem.judge(ordered(), data, tmp_path / "found.npz")
+    case = cases.load("natural", square())
+    # The degree of the rule leaves 1e-9 of the squares.
+    assert judged["errors"] == pytest.approx([h1_distance(case, mesh, v), judged["reference"]], rel=1e-8)
+    assert judged["errors"][0] > 1.5 * judged["reference"]
+
+
+def test_nodes_of_another_mesh_are_refused() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.5]])
+    assert matched(points, points[[2, 0, 1]]).tolist() == [1, 2, 0]
+    with pytest.raises(ValueError, match="not the nodes of one mesh"):
+        matched(points, points + 0.01)
+
+
+@pytest.mark.parametrize("solver", ["multigrid", "linear", "recursive", "sparse", "skfem"])
+def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) -> None:
+    """On cells of two edges, or by nodes, within the plan's share of the discrete solution's error."""
+    given, found = plan.read(COMMITTED), tmp_path / "found.npz"
+    of = given["solvers"][solver]
+    said = json.loads(runner.started(sys.executable, of["module"], data, found, ordered(**of["settings"])))
+    assert said["peak_mb"] > 10
+    errors = problem.judge(ordered(), data, found)["errors"]
+    reference = float(np.load(data)["error"])
+    comparable = [result.get("H_over_h") != 4 for result in said["results"]] if errors else []
+    assert bool(errors) != (solver == "linear")
+    assert all(np.array(errors)[comparable] <= (1 + given["within"]) * reference)
+    assert all(seconds >= 0 for result in said["results"] for seconds, _ in result["phases"].values())
+
+
+def test_all_that_was_measured_reached_the_error() -> None:
+    """On cells of two edges and with nodal constraints, on meshes fine enough for the problem."""
+    runs = tables.load(ROOT / "benchmarks/results.nc").to_dataframe()
+    judged = runs[runs["over_discrete"].notna() & benchmark_tables.comparable(runs)]
+    assert len(judged) > 20
+    assert (judged["over_discrete"] <= 1 + plan.read(COMMITTED)["within"]).all()
