@@ -29,7 +29,7 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	mypy
 	lint-imports --no-cache
 	snakefmt --check Snakefile workflow/rules
-	pytest
+	pytest -n 2 --dist loadfile
 	@changes=$$(git status --porcelain -- figures README.md paper.md docs) || exit 1; \
 	if [ -n "$$changes" ]; then \
 	    echo "The study changed files in figures or docs, README.md or paper.md that git does not hold; look at them, then commit:" >&2; \
