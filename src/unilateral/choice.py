@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from unilateral.discrete import AnyDiscrete, Discrete, discretise
+from unilateral.discrete import Discrete, discretise
+from unilateral.discrete_solution import AnyDiscrete
 from unilateral.errors import InputError
 from unilateral.fem.condense import REFINED
 from unilateral.geometry.mesh import Mesh

@@ -15,7 +15,8 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import enclosed
-from unilateral.discrete import Solution, obstacle_means
+from unilateral.discrete import obstacle_means
+from unilateral.discrete_solution import Solution
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.loads import by_parts, case_moments, sampled_moments
 from unilateral.fem.nested_cells import nested_cells

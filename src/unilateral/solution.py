@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from unilateral import discrete
+from unilateral import discrete_solution
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.errors import InputError
@@ -40,7 +40,7 @@ class Bounds(NamedTuple):
 class Solution:
     """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for."""
 
-    solved: discrete.Solution
+    solved: discrete_solution.Solution
     search: Search | None = None
 
     @property

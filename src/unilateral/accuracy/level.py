@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from unilateral.bounds.total import SUMS
-from unilateral.discrete import Solution
+from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
 
 NORMS = ("h1", "hm12")

@@ -17,7 +17,7 @@ from functools import cached_property
 from unilateral.accuracy.budget import affordable_H
 from unilateral.accuracy.level import SHARE, Goal, Level, standing, target
 from unilateral.choice import cheapest, condensed, levels_for
-from unilateral.discrete import AIM
+from unilateral.discrete_solution import AIM
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions

@@ -11,7 +11,8 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from unilateral.discrete import Solution, discretise, solve
+from unilateral.discrete import discretise, solve
+from unilateral.discrete_solution import Solution
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform

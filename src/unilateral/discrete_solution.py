@@ -1,0 +1,151 @@
+"""A solution of the discrete problem (P_h*), whatever found it, and what is known of its errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.total import SUMS, TotalBound, total_bound
+from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import ExactErrors
+from unilateral.problems.data import Data
+from unilateral.solvers.iterate import Stop
+from unilateral.solvers.uzawa import DualResult
+
+AIM = 0.5
+"""Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
+
+
+class AnyDiscrete(Protocol):
+    """What a solution asks of the problem that it solves: see `Discrete`, and `Nested`."""
+
+    @property
+    def mesh(self) -> Mesh: ...
+
+    @property
+    def partition(self) -> Partition: ...
+
+    @property
+    def cells(self) -> Index: ...
+
+    @property
+    def load(self) -> Array: ...
+
+    @property
+    def g_means(self) -> Array: ...
+
+    @property
+    def data(self) -> Data | None: ...
+
+    @property
+    def source(self) -> Source | None: ...
+
+    @property
+    def unique(self) -> bool: ...
+
+    @property
+    def beta(self) -> float: ...
+
+    def errors(self, lambda_H: Array) -> ExactErrors | None: ...
+
+    def lambda_norm(self, lambda_H: Array) -> float: ...
+
+    def solved(self, stop: Stop) -> Solution: ...
+
+    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution: ...
+
+    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
+
+    discrete: AnyDiscrete
+    result: DualResult
+    tolerance: float
+    lambda_H: Array
+    find_u_h: Callable[[], Array]
+
+    @cached_property
+    def u_h(self) -> Array:
+        """(n,)"""
+        return self.find_u_h()
+
+    @cached_property
+    def errors(self) -> ExactErrors | None:
+        """The true errors, where the solution is seen from the spaces."""
+        return self.discrete.errors(self.result.lambda_H)
+
+    @cached_property
+    def gap(self) -> Array:
+        """(cells,) the means of u_h - g, NaN on free sides."""
+        mesh, cells = self.discrete.mesh, self.discrete.partition
+        found = coupling(mesh, cells) @ self.u_h[mesh.boundary] / cells.lengths - self.discrete.g_means
+        found[np.setdiff1d(np.arange(cells.n_cells), self.discrete.cells)] = math.nan
+        return found
+
+    @cached_property
+    def bound(self) -> TotalBound | None:
+        """The guaranteed bounds of the errors, where f and g are formulas."""
+        discrete, data = self.discrete, self.discrete.data
+        if data is None:
+            return None
+        source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.partition
+        return total_bound(source, data.enclosed_obstacle, cells, self.u_h, self.lambda_H, data.free_sides)
+
+    @cached_property
+    def u_norm(self) -> float:
+        """||u_h||_1."""
+        return h1_norm(self.discrete.mesh, self.u_h)
+
+    @cached_property
+    def lambda_norm(self) -> float:
+        """||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}."""
+        return self.discrete.lambda_norm(self.result.lambda_H)
+
+    @property
+    def u_integral(self) -> float:
+        mesh = self.discrete.mesh
+        return float(mesh.areas @ self.u_h[mesh.triangles].mean(axis=1))
+
+    @property
+    def force(self) -> float:
+        """The integral of lambda_H."""
+        return float(self.discrete.partition.lengths @ self.lambda_H)
+
+    @property
+    def balance(self) -> float:
+        """|int u_h - int f - int lambda_H|, 0 up to rounding: (2.1) for v = 1."""
+        return float(abs(self.u_integral - self.discrete.load.sum() - self.force))
+
+    def total(self, norm: str) -> float:
+        """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
+        if self.bound is None:
+            return math.inf
+        return self.bound.u if norm == "h1" else self.bound.lambda_
+
+    def algebraic(self, norm: str) -> float:
+        """The part of the iteration in that error: its bound, over beta for lambda."""
+        beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.beta
+        return self.result.bound / beta if beta > 0 else math.inf
+
+    def size(self, norm: str) -> float:
+        """A lower bound of the norm of the exact solution, from that of the discrete one."""
+        of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
+        return max((1 - SUMS) * of_discrete - self.total(norm), 0.0)
+
+    def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
+        """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that."""
+        if self.result.bound <= tolerance or not self.result.converged:
+            return self
+        return self.discrete.continued(self, aim * tolerance, stop)
