@@ -88,6 +88,21 @@ def test_without_a_tolerance_functions_are_solved_to_a_small_share():
     )
 
 
+@pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
+@pytest.mark.parametrize(
+    ("f", "g", "said"),
+    [
+        (lambda x, y: np.sqrt(x - 0.5), 0, "problem, field f: the function is nan at"),
+        (-1, lambda x, y: 1 / (0 * x), r"problem, field g\[0\]: the function is inf at \(0"),
+    ],
+)
+def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
+    """An iteration on such data would never end."""
+    problem = ul.Problem(SQUARE, f=f, g=g)
+    with pytest.raises(ul.InputError, match=said):
+        ul.solve(problem, h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm=algorithm))
+
+
 def test_errors_and_bounds_of_a_case():
     """0.188 is h's error at 1/16, and the bound is sharp; the dual norm lies between its bounds."""
     s = ul.solve(ul.case("natural"), **SIZES)

@@ -303,6 +303,15 @@ def test_a_tolerance_below_rounding_is_not_reached_and_said_so(tolerance: float)
     assert iterations(found) < 40
 
 
+def test_a_load_that_is_no_number_ends_at_once() -> None:
+    of_both = problem("square 3", 4, 2, 3)
+    finest = of_both.grid.grids[-1]
+    spoilt = replace(of_both.grid, grids=[replace(finest, load=np.full_like(finest.load, np.nan))])
+    found = spoilt.solve(1e-8)
+    assert not found.converged
+    assert iterations(found) == 0
+
+
 @pytest.mark.parametrize("factor", [1e-30, 1e30])
 def test_scaled_data_have_the_scaled_solution(factor: float) -> None:
     of_both = problem("square 3", 4, 2, 3)
