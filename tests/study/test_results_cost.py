@@ -46,12 +46,16 @@ def test_every_variant_ran_on_every_mesh_that_has_it():
         assert not [each for each in stored(name).data_vars if "seconds" in each or "peak" in each]
 
 
+NOT_ROUNDING = slice(None, 1e-8)
+"""Levels from 1 down at which no rounding decides when single precision is refined: see claim 5.G."""
+
+
 def test_every_level_is_reached_but_in_single_precision():
     """Its unit round-off is 6e-8, amplified by the condition of S."""
-    for name in ("float64", "refined"):
+    for name, levels in (("float64", slice(None)), ("refined", NOT_ROUNDING)):
         found = of(stored("cost"), algebra="S", precision=name)
         assert found.sizes["run"] >= 5
-        assert np.isfinite(found["steps"]).all()
+        assert np.isfinite(found["steps"].sel(stop=levels)).all()
     single = of(stored("cost"), precision="float32")
     assert np.isnan(single["steps"].sel(stop=1e-10)).all()
     assert np.isfinite(single["steps"].sel(stop=1e-2)).all()
@@ -88,7 +92,9 @@ def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(name):
 
 
 def test_refinement_takes_the_steps_of_double_precision_and_another_algebra_the_same():
-    double, refined = (stored("precision")["steps"].sel(precision=name) for name in ("float64", "refined"))
+    stored_steps = stored("precision")["steps"].sel(stop=NOT_ROUNDING)
+    double, refined = (stored_steps.sel(precision=name) for name in ("float64", "refined"))
+    assert double.sizes["stop"] >= 9
     assert (abs(double - refined) <= 1 + 1e-3 * double).all()
     steps = stored("algebra")["steps"]
     met = np.isfinite(steps.sel(algebra="A_3"))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import DATA, ROOT, certified, discrete, load
 
-from unilateral import cli
+from unilateral import cli, discrete_solution
 from unilateral import discrete as of_data
 from unilateral.accuracy import search as searching
 from unilateral.accuracy.search import levels
@@ -285,13 +285,13 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
 
     In the second example the third one's bound of u would be small enough.
     """
-    own, factors = of_data.total_bound, [iter(of_u), iter(of_lambda)]
+    own, factors = discrete_solution.total_bound, [iter(of_u), iter(of_lambda)]
 
     def spoilt(*arguments):
         found, (u, of_lambda) = own(*arguments), (next(of, 1.0) for of in factors)
         return replace(found, u=u * found.u, lambda_=of_lambda * found.lambda_)
 
-    monkeypatch.setattr(of_data, "total_bound", spoilt)
+    monkeypatch.setattr(discrete_solution, "total_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)
     assert code == 3
     assert re.fullmatch(
