@@ -125,7 +125,7 @@ class Solution:
 
     @property
     def balance(self) -> float:
-        """|int u_h - int f - int lambda_H|, 0 up to rounding: (2.1) for v = 1."""
+        """|int u_h - int f - int lambda_H|: (2.1), v = 1; 0 up to rounding, by multigrid up to its stop."""
         return float(abs(self.u_integral - self.discrete.load.sum() - self.force))
 
     def total(self, norm: str) -> float:
