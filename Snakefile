@@ -45,7 +45,6 @@ RESULTS = [
     *expand(rules.floors.output, scene=config["floors"]),
     *expand(rules.totals.output, scene=config["totals"]["scenes"]),
     *expand(rules.survey.output, survey=SURVEYS),
-    *rules.sharpness.input.levels,
     *rules.sharpness.output,
     *rules.algorithm.output,
     *rules.cost.input.runs,

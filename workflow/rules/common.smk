@@ -9,13 +9,11 @@ from unilateral.study.sizes import normed
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
 SURVEYS = config["surveys"]
-SHARPNESS = config["sharpness"]
 
 
 wildcard_constraints:
     scene="|".join(SCENES),
     survey="|".join(SURVEYS),
-    level="[0-9]+",
 
 
 @cache
@@ -77,13 +75,6 @@ def cases_of(wildcards):
     return case_files(scene_of(wildcards)["cases"])
 
 
-def levels_of(path):
-    """The files of all levels of a scene, as a function of its wildcards."""
-    return lambda wildcards: expand(
-        path, scene=wildcards.scene, level=range(scene_of(wildcards)["mesh"]["levels"])
-    )
-
-
 @cache
 def has_norm(scene):
     """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
@@ -92,10 +83,8 @@ def has_norm(scene):
 
 def results_of(scene):
     """All files of a scene."""
-    made = [rules.mesh, rules.solve, rules.errors, rules.rates]
-    made += [rules.dual_norm] if has_norm(scene) else []
-    paths = [path for rule in made for path in rule.output]
-    return expand(paths, scene=scene, level=range(SCENES[scene]["mesh"]["levels"]))
+    made = [rules.solve, rules.rates, *([rules.dual_norm] if has_norm(scene) else [])]
+    return [path for rule in made for path in expand(rule.output, scene=scene)]
 
 
 def job_of(wildcards):

@@ -1,19 +1,4 @@
-# Scene -> coarsest mesh, and the dual norm -> a solve per level -> tables -> rates.
-
-
-rule mesh:
-    input:
-        code("make_mesh"),
-    output:
-        mesh="results/{scene}/mesh.vtu",
-    log:
-        "results/logs/mesh/{scene}.log",
-    params:
-        scene=scene_of,
-    message:
-        "{wildcards.scene}: the coarsest mesh"
-    script:
-        "../scripts/make_mesh.py"
+# Scene -> the dual norm -> a solve of all levels, with its tables -> rates.
 
 
 rule dual_norm:
@@ -35,43 +20,25 @@ rule dual_norm:
 
 rule solve:
     input:
-        code("solve_level"),
+        code("solve_scene"),
         cases_of,
-        mesh="results/{scene}/mesh.vtu",
         norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
-        solutions="results/{scene}/levels/{level}.nc",
-        timings="results/{scene}/levels/{level}_timings.nc",
-    log:
-        "results/logs/solve/{scene}/{level}.log",
-    params:
-        scene=scene_of,
-        name="{scene}",
-        level=lambda wildcards: int(wildcards.level),
-        stop=config["stop"],
-    message:
-        "{wildcards.scene}: all cases on level {wildcards.level}"
-    script:
-        "../scripts/solve_level.py"
-
-
-rule errors:
-    input:
-        code("collect_errors"),
-        solutions=levels_of("results/{scene}/levels/{level}.nc"),
-        timed=levels_of("results/{scene}/levels/{level}_timings.nc"),
-    output:
+        mesh="results/{scene}/mesh.vtu",
+        solutions="results/{scene}/solutions.nc",
         errors="results/{scene}/errors.nc",
         infsup="results/{scene}/infsup.nc",
         timings="results/{scene}/timings.nc",
     log:
-        "results/logs/errors/{scene}.log",
+        "results/logs/solve/{scene}.log",
     params:
+        scene=scene_of,
         name="{scene}",
+        stop=config["stop"],
     message:
-        "{wildcards.scene}: the table of errors"
+        "{wildcards.scene}: all cases on all levels"
     script:
-        "../scripts/collect_errors.py"
+        "../scripts/solve_scene.py"
 
 
 rule rates:
@@ -98,7 +65,7 @@ rule totals:
         code("bound_totals"),
         cases_of,
         mesh="results/{scene}/mesh.vtu",
-        levels=expand("results/{{scene}}/levels/{level}.nc", level=range(config["totals"]["levels"])),
+        solutions="results/{scene}/solutions.nc",
     output:
         totals="results/{scene}/totals.nc",
     log:
@@ -106,6 +73,7 @@ rule totals:
     params:
         scene=scene_of,
         name="{scene}",
+        levels=config["totals"]["levels"],
         wanted=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
         ratio=config["rates"]["judged_ratio"],
     message:

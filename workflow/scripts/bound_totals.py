@@ -3,19 +3,18 @@
 from job import run
 
 from unilateral.formulas.formula import real
-from unilateral.geometry.mesh import refine
 from unilateral.study import tables
 from unilateral.study.runs.totals import totals as bounded
-from unilateral.study.scenes import cases, partitions, stored_mesh
+from unilateral.study.scenes import cases, partitions, refinements, stored_mesh
 
 
-def main(mesh, levels, scene, name, wanted, ratio, totals):
-    refined, found = stored_mesh(mesh, scene), []
+def main(mesh, solutions, scene, name, levels, wanted, ratio, totals):
     chosen = [case for case in cases(scene) if case.name in wanted]
-    for k, level in enumerate(levels):
-        refined = refine(refined) if k else refined
-        h_over_H = real(ratio, "judged_ratio")
-        found.append(bounded(refined, partitions(scene), chosen, tables.load(level), 1 / h_over_H))
+    H_over_h, solved = 1 / real(ratio, "judged_ratio"), tables.load(solutions)
+    found = [
+        bounded(refined, partitions(scene), chosen, solved.isel(mesh=[level]), H_over_h)
+        for level, refined in enumerate(refinements(stored_mesh(mesh, scene), levels))
+    ]
     tables.save(tables.along_mesh(found), totals, name)
 
 

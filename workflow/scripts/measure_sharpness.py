@@ -1,4 +1,4 @@
-"""Errors over the exponents and the positions of a transition, on one level."""
+"""Errors over the exponents and the positions of a transition on all levels, and their rates."""
 
 from job import run
 
@@ -7,21 +7,23 @@ from unilateral.geometry import partition, polygon
 from unilateral.geometry.structured import structured
 from unilateral.solvers.iterate import Stop
 from unilateral.study import tables
+from unilateral.study.judge.surfaces import along_levels, rates_over
 from unilateral.study.runs import sharpness
 
 
-def main(study, stop, H, errors):
-    domain, size = polygon.named(study["polygon"]), number(H, "sharpness.H")
-    h = size * number(study["h_over_H"], "sharpness.h_over_H")
+def main(study, stop, errors, rates):
+    domain, found = polygon.named(study["polygon"]), []
     exponents = [[number(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")]
-    found = sharpness.measure(
-        structured(domain, float(h)),
-        partition.uniform(domain, float(size)),
-        sharpness.places(size, study["positions"]),
-        exponents,
-        Stop(**stop, algorithm=study["algorithm"]),
-    )
-    tables.save(found, errors, "sharpness")
+    for size in [number(H, "sharpness.H") for H in study["H"]]:
+        h = size * number(study["h_over_H"], "sharpness.h_over_H")
+        places = sharpness.places(size, study["positions"])
+        mesh, cells = structured(domain, float(h)), partition.uniform(domain, float(size))
+        chosen = Stop(**stop, algorithm=study["algorithm"])
+        found.append(sharpness.measure(mesh, cells, places, exponents, chosen))
+        print(f"H = {size} solved")
+    table = along_levels(found)
+    tables.save(table, errors, "sharpness")
+    tables.save(rates_over(table), rates, "sharpness")
 
 
 if __name__ == "__main__":

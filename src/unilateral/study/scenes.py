@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import accumulate
 from typing import Any
 
 from unilateral.errors import InputError, StorageError
@@ -25,6 +26,11 @@ def domain(scene: Mapping[str, Any]) -> Polygon:
 def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
     make = {"structured": structured, "unstructured": mesh.unstructured}[scene["mesh"]["kind"]]
     return make(domain(scene), real(scene["mesh"]["h"], "mesh.h"))
+
+
+def refinements(coarsest: Mesh, levels: int) -> Iterator[Mesh]:
+    """The meshes of so many levels, coarse to fine."""
+    return accumulate(range(levels - 1), lambda found, _: mesh.refine(found), initial=coarsest)
 
 
 def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
