@@ -63,8 +63,13 @@ class Source:
     @property
     def distance(self) -> float:
         """A bound of the norm of f - f_h in the dual of H^1."""
-        both = (self.oscillation + self.rest) ** 2
-        return math.sqrt(np.minimum((poincare(self.mesh) * self.oscillation) ** 2 + self.rest**2, both).sum())
+        return self.distance_with(0.0)
+
+    def distance_with(self, more: Array | float) -> float:
+        """The same for f - f_h and functions with mean 0 and those norms (m,) on the triangles together."""
+        free = self.oscillation + more
+        both = (free + self.rest) ** 2
+        return math.sqrt(np.minimum((poincare(self.mesh) * free) ** 2 + self.rest**2, both).sum())
 
     @property
     def unknown(self) -> float:

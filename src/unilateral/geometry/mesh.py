@@ -79,6 +79,24 @@ class Mesh:
         return found
 
     @cached_property
+    def opposite_edges(self) -> Index:
+        """(m, 3) the numbers of the edges opposite to the triangles' nodes in the `triangulation`."""
+        of = self.triangulation
+        if self.coarse is None:  # whose nodes it may turn
+            order = np.argmax(of.nodes[:, None] == self.triangles[..., None], axis=2)
+            return np.take_along_axis(of.edges, order, axis=1).astype(np.intp)
+        return of.edges.astype(np.intp)
+
+    @cached_property
+    def boundary_triangles(self) -> Index:
+        """(nb,) the triangle at each boundary edge."""
+        of = self.triangulation
+        off = np.flatnonzero(of.edges.ravel() >= of.inside)
+        found = np.empty(len(self.boundary), dtype=np.intp)
+        found[of.edges.ravel()[off] - of.inside] = off // 3
+        return found
+
+    @cached_property
     def circles(self) -> tuple[Array, Array]:
         """Centroids (m, 2) of the triangles, and radii (m,) of the circles about them that contain them."""
         return circles(self.points[self.triangles])
