@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.source import Source, enclosed
 from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.p1 import coupling, h1_norm
@@ -101,7 +102,8 @@ class Solution:
         if data is None:
             return None
         source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.partition
-        return total_bound(source, data.enclosed_obstacle, cells, self.u_h, self.lambda_H, data.free_sides)
+        found = (cells, self.u_h, self.lambda_H, data.free_sides)
+        return total_bound(hypercircle(source.mesh), source, data.enclosed_obstacle, *found)
 
     @cached_property
     def u_norm(self) -> float:

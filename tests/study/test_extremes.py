@@ -27,6 +27,7 @@ from unilateral.solvers.iterate import Stop, iterate
 from unilateral.solvers.steps import STEPS
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import KINDS, Budget, cells, contact, precision, shapes, steps, trial
+from unilateral.study.runs.extremes import problem as problems
 from unilateral.study.runs.extremes.outcome import (
     NO_TOOL,
     NOT_CONVERGED,
@@ -38,7 +39,7 @@ from unilateral.study.runs.extremes.outcome import (
     judge,
     within,
 )
-from unilateral.study.runs.extremes.problem import full, made, on_square, waves
+from unilateral.study.runs.extremes.problem import condensed, full, made, on_square, waves
 from unilateral.study.runs.extremes.trial import attempt
 
 BUDGET = Budget(1e-6, 2000)
@@ -157,6 +158,38 @@ def test_the_tool_is_what_the_library_takes_and_there_is_none_with_a_given_rho()
     assert (few.outcome, few.tool) == (NOT_CONVERGED, RIGHT)
     few = attempt(1.0, lambda _: singular, Budget(1e-6, 10), lambda *_: 0.0)
     assert (few.outcome, few.tool) == (NOT_CONVERGED, RIGHT)
+
+
+@pytest.fixture
+def count(monkeypatch):
+    """The calls of a function of a module or class, from now on."""
+
+    def counted(place, name):
+        calls, own = [], getattr(place, name)
+        monkeypatch.setattr(place, name, lambda *given: calls.append(given) or own(*given))
+        return calls
+
+    return counted
+
+
+def test_what_the_tool_takes_is_run_once(count):
+    """The four kinds of steps; a given rho makes a run of plain Uzawa that the tool's is not."""
+    of, runs = problem(), count(uzawa._Iteration, "run")
+    attempt(1.0, lambda _: of, BUDGET, lambda *_: 0.0)
+    assert len(runs) == len(STEPS)
+    runs.clear()
+    attempt(1.0, lambda _: of, BUDGET, lambda *_: 0.0, share=0.5)
+    assert len(runs) == len(STEPS) + 1
+
+
+def test_an_axis_makes_and_condenses_a_mesh_once(count):
+    """Short cells lie on one mesh, the squares of three sizes on three."""
+    condensed.cache_clear()
+    eliminated, made_by_gmsh = count(problems, "condense"), count(meshes, "unstructured")
+    cells.short(np.array([0.1, 0.01, 0.001]), 1 / 4, 1 / 2, BUDGET)
+    assert (len(eliminated), len(made_by_gmsh)) == (1, 0)
+    shapes.scaled(np.array([1, 0.5, 0.25]), 1 / 4, 1 / 2, BUDGET)
+    assert (len(eliminated), len(made_by_gmsh)) == (4, 3)
 
 
 def test_in_partial_contact_the_held_cells_decide_near_the_solution_only():

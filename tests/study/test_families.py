@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 from conftest import ROOT
 from numpy.testing import assert_allclose, assert_array_equal
@@ -11,7 +12,9 @@ from unilateral.geometry import partition
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.infsup import resolution
-from unilateral.study.runs.families import boundary_nodes, mesh_of, partition_of
+from unilateral.study.runs import stability
+from unilateral.study.runs.families import boundary_nodes, meshes_of, partition_of
+from unilateral.study.runs.stability import survey
 
 TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
 """Its sides are 4, 5 and 3 long."""
@@ -32,6 +35,10 @@ KINDS = [
     {"kind": "graded", "grading": 2},
     {"kind": "random", "spread": 10, "seed": 3},
 ]
+
+
+def mesh_of(cells, spec, K):
+    return meshes_of(cells.polygon, [cells], [spec], K)[0]
 
 
 def test_all_that_can_be_asked_for_is_tried_here():
@@ -185,3 +192,31 @@ def test_partitions_refused(spec, message):
 def test_meshes_refused(spec, K, message):
     with pytest.raises(InputError, match=message):
         mesh_of(partition_of(square(), {"H": 1}), spec, K)
+
+
+RANDOM_EDGES = {"kind": "random", "spread": 4, "seed": 7}
+SAME_NUMBERS = [{"H": "1/2", "spread": 2, "seed": seed} for seed in (1, 2)]
+"""Other cells, but as many on each side."""
+
+
+def test_one_mesh_serves_all_partitions_with_its_boundary_nodes():
+    """Edges that are drawn know the number of cells only; those that follow cells do not agree."""
+    cells = [partition_of(square(), spec) for spec in SAME_NUMBERS]
+    first, second = meshes_of(square(), cells, [RANDOM_EDGES] * 2, 3)
+    assert first is second
+    assert_array_equal(first.s[:-1], boundary_nodes(cells[1], RANDOM_EDGES, 3))
+    first, second = meshes_of(square(), cells, [{"kind": "follow"}] * 2, 3)
+    assert not np.array_equal(first.s, second.s)
+
+
+def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypatch):
+    """Two numbers of edges make two meshes; each partition's values are those of its own survey."""
+    condensed, own = [], stability.condense
+    monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
+    cells = [partition_of(square(), spec) for spec in SAME_NUMBERS]
+    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3])
+    assert len(condensed) == 2
+    for p in range(2):
+        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3])
+        xr.testing.assert_equal(table.isel(partition=[p]), alone)
+    assert len(condensed) == 6

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from conftest import load
 
+from unilateral.bounds import hypercircle
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
@@ -15,12 +16,17 @@ from unilateral.study.text import error_tables
 
 
 @pytest.fixture(scope="module")
-def found():
+def solved():
+    """All that `totals` is given, of two cases on two partitions of which one counts."""
     mesh, cases = structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
     cells = [partitions.uniform(square(), H) for H in (1 / 2, 1 / 4)]
     gram = dual_norm(cells[1], cases).gram(cases)
-    solved, _ = sweep(mesh, cases, cells, gram, (2.0, 2.0))
-    return totals(mesh, cells, cases, solved, 2.0)
+    return mesh, cells, cases, sweep(mesh, cases, cells, gram, (2.0, 2.0))[0], 2.0
+
+
+@pytest.fixture(scope="module")
+def found(solved):
+    return totals(*solved)
 
 
 def test_the_bounds_hold_and_are_sharp(found):
@@ -39,6 +45,21 @@ def test_the_bound_of_another_function_is_none(found):
 def test_an_exact_multiplier_has_no_index(found):
     assert np.isnan(float(found["total_index_lambda"].sel(case="no_contact")[0]))
     assert float(found["total_index_u"].sel(case="no_contact")[0]) >= 1
+
+
+def test_the_fluxes_of_all_cases_are_found_from_one_factorisation(solved, monkeypatch):
+    """Each potential has a contact set, and so a matrix, of its own; control: another mesh."""
+    made, own = [], hypercircle.Factor
+
+    def counted(matrix, order):
+        made.append(len(order))
+        return own(matrix, order)
+
+    monkeypatch.setattr(hypercircle, "Factor", counted)
+    totals(*solved)
+    assert len(made) == 1 + len(solved[2])
+    totals(*solved)
+    assert len(made) == 2 * (1 + len(solved[2]))
 
 
 def test_the_table_names_both_ends(found):

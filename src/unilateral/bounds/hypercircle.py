@@ -1,13 +1,15 @@
 """The spaces of the hypercircle on V_h's own mesh, P2 and RT1: a potential v and the best flux q.
 
 q minimises ||grad v - q||^2 + ||v - f - div q||^2 among the fluxes of RT1 with given q.n on the boundary; it
-does not depend on v, for (grad v, q) + (v, div q) = <q.n, v>.
+does not depend on v, for (grad v, q) + (v, div q) = <q.n, v>. Its matrix depends on the mesh alone.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -24,11 +26,25 @@ ROUNDING = 2.0**-45
 """Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
 
 
+class Linear(NamedTuple):
+    """f_h, linear on each triangle: its values (m, 3) at the vertices, as a field, and P2's load (n,)."""
+
+    values: Array
+    field: skfem.DiscreteField
+    load: Array
+
+
+class Fluxes(NamedTuple):
+    """RT1's matrix of (q, r) + (div q, div r), the unknowns (k,) off the boundary, and their part of it."""
+
+    matrix: sp.csr_array
+    inner: Index
+    factor: Factor
+
+
 @dataclass(frozen=True, eq=False)
 class Hypercircle:
-    """P2 with the matrix A (n, n) of (., .)_1, RT1, and f_h, linear on each triangle, with load (n,) in P2.
-
-    `source` (m, 3) are f_h's values at the triangles' vertices.
+    """P2 with the matrix A (n, n) of (., .)_1, and RT1, for any f_h and lambda_H on the mesh.
 
     `on_edges` (nb, 3) are P2's unknowns at the start, the end and the midpoint of every boundary edge;
     `facet` (nb,) is the edge in scikit-fem's numbering, `triangle` (nb,) the one at it. `rank` (n,) says in
@@ -39,13 +55,19 @@ class Hypercircle:
     p2: skfem.Basis
     rt: skfem.Basis
     A: sp.csr_array
-    source: Array
-    f_h: skfem.DiscreteField
-    load: Array
     on_edges: Index
     facet: Index
     triangle: Index
     rank: Array
+
+    def linear(self, values: Array) -> Linear:
+        """f_h by its values (m, 3) at the triangles' vertices."""
+        in_order_of_nodes = np.take_along_axis(values, np.argsort(self.mesh.triangles, axis=1), axis=1)
+        linear = self.p2.with_element(skfem.ElementDG(skfem.ElementTriP1()))
+        source = np.empty(linear.N)
+        source[linear.element_dofs] = in_order_of_nodes.T
+        field = linear.interpolate(source)
+        return Linear(values, field, _load.assemble(self.p2, f=field))
 
     def of_p1(self, v_h: Array) -> Array:
         """(n,) the values in P2 of a function of V_h."""
@@ -63,13 +85,13 @@ class Hypercircle:
         sizes = np.abs(d) @ (np.abs(load) + abs(self.A) @ np.abs(v))
         return float(d @ (load - self.A @ v)) + ROUNDING * float(sizes)
 
-    def rounding(self, v: Array, defect: float) -> float:
+    def rounding(self, f: Linear, v: Array, defect: float) -> float:
         """What rounding adds to the root of `defect`: that of derivatives is v's and q's over a height.
 
         ||q|| is at most ||grad v|| and the defect.
         """
         flat = 2 * self.mesh.areas / self.mesh.longest_edges
-        source = math.sqrt(float(self.mesh.areas @ np.max(self.source**2, axis=1)))
+        source = math.sqrt(float(self.mesh.areas @ np.max(f.values**2, axis=1)))
         steep = 1 / float(flat.min())
         return ROUNDING * (self.norm(v) * (1 + steep) + defect * steep + source)
 
@@ -84,50 +106,48 @@ class Hypercircle:
         at_points = np.column_stack([flux, 4 * flux.mean(axis=1)]) * np.diff(self.mesh.s)[:, None] / 6
         return np.bincount(self.on_edges.ravel(), at_points.ravel(), self.p2.N).astype(float)
 
-    def potential(self, given: Mask, values: Array) -> Array:
+    def potential(self, f: Linear, given: Mask, values: Array) -> Array:
         """v (n,): the `values` where `given` (n,), and (v, w)_1 = (f_h, w) for all w that vanish there."""
         v, inner = np.where(given, values, 0.0), np.flatnonzero(~given)
         inner = inner[np.argsort(self.rank[inner], kind="stable")]
         factor = Factor(self.A[inner][:, inner].tocsr(), np.arange(len(inner)))
-        v[inner] = factor.solve((self.load - self.A @ v)[inner])
+        v[inner] = factor.solve((f.load - self.A @ v)[inner])
         return v
 
-    def best_flux(self, flux: Array) -> Array:
-        """q (n_rt,) with the q.n that has the values (nb, 2) at the edges' ends."""
+    @cached_property
+    def fluxes(self) -> Fluxes:
+        """What every best flux on the mesh is found from, factorised at the first of them."""
         rt, inside = self.rt, np.setdiff1d(np.arange(self.rt.mesh.nfacets), self.facet)
-        q = normal_fluxes(rt, self.mesh, self.facet) @ flux.ravel()
         matrix = sp.csr_array(hdiv.assemble(rt))
         edges = inside[np.argsort(self.rank[self.p2.facet_dofs[0, inside]], kind="stable")]
         inner = np.concatenate([rt.interior_dofs.ravel(), rt.facet_dofs[:, edges].T.ravel()])
-        factor = Factor(matrix[inner][:, inner].tocsr(), np.arange(len(inner)))
-        q[inner] = factor.solve((_divergence_load.assemble(rt, f=self.f_h) - matrix @ q)[inner])
+        return Fluxes(matrix, inner, Factor(matrix[inner][:, inner].tocsr(), np.arange(len(inner))))
+
+    def best_flux(self, f: Linear, flux: Array) -> Array:
+        """q (n_rt,) with the q.n that has the values (nb, 2) at the edges' ends."""
+        rt, (matrix, inner, factor) = self.rt, self.fluxes
+        q = normal_fluxes(rt, self.mesh, self.facet) @ flux.ravel()
+        q[inner] = factor.solve((_divergence_load.assemble(rt, f=f.field) - matrix @ q)[inner])
         return q
 
-    def defect(self, v: Array, q: Array) -> float:
+    def defect(self, f: Linear, v: Array, q: Array) -> float:
         """||grad v - q||^2 + ||v - f_h - div q||^2."""
         fields = {"potential": self.p2.interpolate(v), "flux": self.rt.interpolate(q)}
-        return float(_defect.assemble(self.p2, f=self.f_h, **fields))
+        return float(_defect.assemble(self.p2, f=f.field, **fields))
 
 
-def hypercircle(mesh: Mesh, f_h: Array) -> Hypercircle:
-    """The spaces for f_h (m, 3), by its values at the triangles' vertices."""
+def hypercircle(mesh: Mesh) -> Hypercircle:
+    """The spaces on a mesh."""
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     p2 = skfem.Basis(of_skfem, skfem.ElementTriP2(), intorder=DEGREE)
     facet = boundary_facets(of_skfem, mesh)
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
-    in_order_of_nodes = np.take_along_axis(f_h, np.argsort(mesh.triangles, axis=1), axis=1)
-    linear = p2.with_element(skfem.ElementDG(skfem.ElementTriP1()))
-    source = np.empty(linear.N)
-    source[linear.element_dofs] = in_order_of_nodes.T
-    field, A = linear.interpolate(source), sp.csr_array(_h1.assemble(p2))
+    A = sp.csr_array(_h1.assemble(p2))
     return Hypercircle(
         mesh,
         p2,
         rt=p2.with_element(skfem.ElementTriRT2()),
         A=A,
-        source=f_h,
-        f_h=field,
-        load=_load.assemble(p2, f=field),
         on_edges=np.column_stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]]),
         facet=facet,
         triangle=of_skfem.f2t[0, facet],

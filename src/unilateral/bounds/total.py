@@ -39,7 +39,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.bounds.feasible import missing, raised
-from unilateral.bounds.hypercircle import hypercircle
+from unilateral.bounds.hypercircle import Hypercircle
 from unilateral.bounds.source import Source
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
@@ -74,6 +74,7 @@ class TotalBound:
 
 
 def total_bound(
+    spaces: Hypercircle,
     source: Source,
     obstacle: Obstacle,
     cells: Partition,
@@ -83,25 +84,30 @@ def total_bound(
 ) -> TotalBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
 
-    They are as sharp as (u_h, lambda_H) is near the discrete solution. Raises InputError if the arrays do not
-    fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    They are as sharp as (u_h, lambda_H) is near the discrete solution. `spaces` are those of the source's
+    mesh, which may serve any number of bounds. Raises InputError if the arrays do not fit the mesh and the
+    cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
-    mesh = source.mesh
+    mesh = spaces.mesh
+    if source.mesh is not mesh:
+        raise InputError(
+            "the source is enclosed on another mesh than that of the spaces; give both the same mesh"
+        )
     _check(mesh, cells, u_h, lambda_H, free)
-    spaces, flux = hypercircle(mesh, source.f_h), _on_edges(mesh, cells, lambda_H)
+    f, flux = spaces.linear(source.f_h), _on_edges(mesh, cells, lambda_H)
     held = ~np.isin(mesh.side, [*free])
     u, g = spaces.of_p1(u_h), constraint(obstacle, mesh, spaces.on_edges, spaces.p2.N, held)
     contact = _contact(g, u, flux.push)
     stiffness, at_edges = spaces.A.diagonal()[spaces.on_edges[:, 2]], (spaces.triangle, flux.ends)
-    v, touching = raised(g, spaces.potential(contact, g.at_unknowns), contact, *at_edges, stiffness)
-    q, short = spaces.best_flux(flux.ends), missing(g, v, touching, *at_edges)
+    v, touching = raised(g, spaces.potential(f, contact, g.at_unknowns), contact, *at_edges, stiffness)
+    q, short = spaces.best_flux(f, flux.ends), missing(g, v, touching, *at_edges)
     of_doubt = spaces.norm(spaces.of_p1(short.added))
-    extension, defect = short.norm + of_doubt, math.sqrt(spaces.defect(v, q))
-    defect += spaces.rounding(v, defect)
+    extension, defect = short.norm + of_doubt, math.sqrt(spaces.defect(f, v, q))
+    defect += spaces.rounding(f, v, defect)
     eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * max(short.slack, 0.0))
     d, of_v = v - u, eta + extension
     distance, of_trace = (1 + SUMS) * spaces.norm(d), (1 + SUMS) * spaces.norm(spaces.extension(d, held))
-    residual = spaces.product(d, spaces.load + spaces.boundary_load(flux.ends), v)
+    residual = spaces.product(d, f.load + spaces.boundary_load(flux.ends), v)
     product = min(residual + eta * of_trace, of_v * distance)
     oscillation = oscillation_bound(mesh, spaces.triangle, flux.rest[:, None], flux.constant).item()
     data = (1 + SUMS) * source.distance

@@ -69,7 +69,7 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     p, k = anchors[nearest], grading[nearest][:, None]
     sign = np.where(middle >= p, 1.0, -1.0)[:, None]
     ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
-    x, w = np.polynomial.legendre.leggauss(GAUSS)
+    x, w = _gauss(GAUSS)
     low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
     tau = low + 0.5 * (high - low) * (x + 1)
     offset = sign * tau**k
@@ -167,10 +167,16 @@ def symmetric(degree: int) -> tuple[Array, Array]:
 
 
 @cache
+def _gauss(points: int) -> tuple[Array, Array]:
+    """Points (n,) and weights (n,) on [-1, 1]."""
+    return np.polynomial.legendre.leggauss(points)
+
+
+@cache
 def _duffy(degree: int, grading: int) -> tuple[Array, Array]:
     """Graded to the first corner: a fraction tau^grading away from it, Gauss points in tau and across."""
-    x, w = np.polynomial.legendre.leggauss(degree * min(grading, 4))
-    y, v = np.polynomial.legendre.leggauss(degree)
+    x, w = _gauss(degree * min(grading, 4))
+    y, v = _gauss(degree)
     tau, across = 0.5 * (x[:, None] + 1), 0.5 * (y + 1)
     rho = tau**grading
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v

@@ -40,9 +40,11 @@ class Stage:
 
     def reduce(self, loads: Array) -> None:
         """Moves the loads (k, n) of the inner nodes to the outer ones, in place."""
-        moved = loads[:, self.inner] @ self.W
+        k, (s, p, o) = len(loads), self.outer.shape
+        inner = np.moveaxis(loads[:, self.inner], 1, 0).reshape(s, k * p, -1)
+        moved = np.moveaxis((inner @ self.W).reshape(s, k, p, o), 1, 0)
         for load, part in zip(loads, moved, strict=True):
-            load -= np.bincount(self.outer.ravel(), part.ravel(), len(load))
+            np.subtract.at(load, self.outer.ravel(), part.ravel())
 
     def expand(self, x: Array) -> None:
         """Replaces the loads in the inner nodes of x (k, n) by the solution; the outer ones hold it."""

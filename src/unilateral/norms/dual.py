@@ -108,7 +108,7 @@ class Gram:
         x = np.zeros((len(difference), len(self.lower)))
         x[:, : self.n_cells] = difference
         x[:, self.n_cells + c] = 1.0
-        lower, upper = (np.einsum("ki,ij,kj->k", x, form, x) for form in (self.lower, self.upper))
+        lower, upper = (np.sum((x @ form) * x, axis=1) for form in (self.lower, self.upper))
         return Bounds(_root(lower), _root(upper) + self.oscillation[c])
 
     @cached_property

@@ -6,9 +6,11 @@ Everything that needs the interior is computed once per case and mesh, with one 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
@@ -44,43 +46,62 @@ class RitzProjection:
 
     def discrete_dual(self, boundary_load: Array) -> float:
         """||mu||_{-1/2,h} = sup over V_h of <mu, v>/||v||_1, from the values <mu, phi_j> (nb,)."""
-        return math.sqrt(max(float(boundary_load @ self.condensed.solve_boundary(boundary_load)), 0.0))
+        half = solve_triangular(self.condensed.cholesky, boundary_load, trans="T", check_finite=False)
+        return float(np.linalg.norm(half))
 
-    def h1_error(self, boundary_load: Array) -> tuple[float, float]:
-        """||u - u_h||_1, and quadrature's share of its square, from <lambda - lambda_H, phi_j> (nb,)."""
+    def h1_error(self, boundary_load: Array) -> tuple[float, float, float]:
+        """||u - u_h||_1, quadrature's share of its square, and ||lambda - lambda_H||_{-1/2,h}.
+
+        From the values <lambda - lambda_H, phi_j> (nb,).
+        """
+        dual = self.discrete_dual(boundary_load)
         share = 2 * float(self.ritz_defect @ boundary_load)
-        square = self.ritz_error**2 + share + self.discrete_dual(boundary_load) ** 2
-        return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0
+        square = self.ritz_error**2 + share + dual**2
+        return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0, dual
 
 
 def ritz_projection(case: Case, condensed: Condensed, degree: int | None = None) -> RitzProjection:
-    """The projection and its error, with quadrature of that degree in Omega, see `triangle_rules`.
+    """The projection of one case, see `ritz_projections`."""
+    return ritz_projections([case], condensed, degree)[0]
 
-    Raises InputError for a u so large or small that squares of errors leave the range of floating point.
+
+def ritz_projections(
+    cases: Sequence[Case], condensed: Condensed, degree: int | None = None
+) -> list[RitzProjection]:
+    """The projections and their errors, with quadrature of that degree in Omega, see `triangle_rules`.
+
+    All cases are solved for at once. Raises InputError for a u so large or small that squares of errors leave
+    the range of floating point.
     """
-    mesh, A = condensed.mesh, condensed.A
-    interpolant, _ = case.value_and_gradient(mesh.points)
-    _check_size(case, float(np.abs(interpolant).max()))
-    f, residual, square, u_square = _moments(case, mesh, interpolant, degree)
-    flux = flux_load(case, mesh)
+    mesh, boundary = condensed.mesh, condensed.mesh.boundary
+    interpolants = [case.value_and_gradient(mesh.points)[0] for case in cases]
+    for case, values in zip(cases, interpolants, strict=True):
+        _check_size(case, float(np.abs(values).max()))
+    seen = [_moments(case, mesh, v, degree) for case, v in zip(cases, interpolants, strict=True)]
+    f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
+    flux = np.array([flux_load(case, mesh) for case in cases])
     total = f.copy()
-    total[mesh.boundary] += flux
-    z_h = condensed.solve(total)
-    difference = z_h - interpolant
-    A_difference = A @ difference
-    ritz_square = square - 2 * residual @ difference + difference @ A_difference
-    defect = condensed.solve(residual - A_difference)
-    return RitzProjection(
-        case,
-        condensed,
-        load=f,
-        flux_load=flux,
-        trace=z_h[mesh.boundary] - condensed.solve_boundary(flux),
-        u_norm=math.sqrt(u_square),
-        interpolation_error=math.sqrt(square),
-        ritz_error=math.sqrt(max(ritz_square, 0.0)),
-        ritz_defect=defect[mesh.boundary],
-    )
+    total[:, boundary] += flux
+    z_h = condensed.solve(total.T).T
+    difference = z_h - interpolants
+    A_difference = (condensed.A @ difference.T).T
+    defect = condensed.solve((residual - A_difference).T)[boundary].T
+    trace = z_h[:, boundary] - condensed.solve_boundary(flux.T).T
+    more = np.sum((A_difference - 2 * residual) * difference, axis=1)
+    return [
+        RitzProjection(
+            case,
+            condensed,
+            load=f[c],
+            flux_load=flux[c],
+            trace=trace[c],
+            u_norm=math.sqrt(u_square),
+            interpolation_error=math.sqrt(square),
+            ritz_error=math.sqrt(max(square + float(more[c]), 0.0)),
+            ritz_defect=defect[c],
+        )
+        for c, (case, (_, _, square, u_square)) in enumerate(zip(cases, seen, strict=True))
+    ]
 
 
 def _check_size(case: Case, size: float) -> None:

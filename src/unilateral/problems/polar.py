@@ -79,33 +79,30 @@ class Polar(Local):
         laplacian = (48 * Q * pos(1 - Q, 2) - 16 * (1 + self.beta) * pos(1 - Q, 3)) / self.cutoff**2
         return phi, evaluate(pos(1 - Q, 4), {Q: q}), evaluate(laplacian, {Q: q})
 
-    def _polar(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
-        """rho (k,) and theta (k,) in [0, 2 pi)."""
+    def _polar(self, points: Array, offset: Array | float) -> tuple[Mask, Array, Array]:
+        """Which (k,) of the places lie in the support, and there rho (m,) and theta (m,) in [0, 2 pi)."""
         along, into = self.local_inside(points, offset)
-        theta = np.arctan2(into, along)
-        return np.hypot(along, into), np.where(theta < 0, theta + 2 * np.pi, theta)
+        r = np.hypot(along, into)
+        inside = self._in_disc(r)
+        theta = np.arctan2(into[inside], along[inside])
+        return inside, r[inside], np.where(theta < 0, theta + 2 * np.pi, theta)
 
     @property
     def _reach(self) -> float:
         return np.inf if self.cutoff is None else float(self.cutoff)
 
-    def _in_disc(self, of: Compiled, r: Array, theta: Array) -> list[Array]:
-        """Functions of r and theta, (k,) each, 0 outside the support and at the centre."""
-        inside = (r < self._reach) & (r > 0)
-        if inside.all():
-            return of(r, theta)
-        values = of(r[inside], theta[inside])
-        found = np.zeros((len(values), len(r)))
-        found[:, inside] = values
-        return [*found]
+    def _in_disc(self, r: Array) -> Mask:
+        """(k,) where functions are not 0: not outside the support and not at the centre."""
+        return (r < self._reach) & (r > 0)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        r, theta = self._polar(points, offset)
-        v, v_r, v_theta = self._in_disc(self._values[0], r, theta)
-        return self.length * v, self.polar_to_xy(theta, v_r, v_theta)
+        inside, r, theta = self._polar(points, offset)
+        v, v_r, v_theta = self._values[0](r, theta)
+        return _spread(inside, self.length * v), _spread(inside, self.polar_to_xy(theta, v_r, v_theta))
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
-        return self._in_disc(self._values[1], *self._polar(points, offset))[0]
+        inside, r, theta = self._polar(points, offset)
+        return _spread(inside, self._values[1](r, theta)[0])
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         return np.hypot(*self.local(centre)) - radius / self.length > self._reach
@@ -128,8 +125,10 @@ class Polar(Local):
         else:
             distance = along.minus(1.0) * (self.polygon.lengths[side] / self.length)
         r, first = np.abs(distance), distance >= 0
-        v, _, v_theta = self._in_disc(self._values[0], r, np.where(first, 0.0, float(self.omega)))
-        return self.length * v, np.where(first, -v_theta, v_theta)
+        inside = self._in_disc(r)
+        v, _, v_theta = self._values[0](r[inside], np.where(first, 0.0, float(self.omega))[inside])
+        flux = np.where(first[inside], -v_theta, v_theta)
+        return _spread(inside, self.length * v), _spread(inside, flux)
 
     @cached_property
     def regularity(self) -> Regularity:
@@ -157,6 +156,15 @@ class Polar(Local):
         if self.cutoff is not None:
             points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
         return points
+
+
+def _spread(inside: Mask, values: Array) -> Array:
+    """(k, ...) the values (m, ...) where `inside` (k,), 0 elsewhere."""
+    if inside.all():
+        return values
+    found = np.zeros((len(inside), *values.shape[1:]))
+    found[inside] = values
+    return found
 
 
 @cache

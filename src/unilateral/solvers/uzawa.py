@@ -127,13 +127,15 @@ class Columns:
     """y -> S y from the columns of the cells in contact, copied when these change; often they are few."""
 
     def __init__(self, S: Array) -> None:
-        self.S, self.contact, self.columns = S, np.zeros(0, dtype=np.intp), S[:0]
+        self.S = S
+        self.mask: bytes | None = None
 
     def __call__(self, y: Array, out: Array) -> None:
-        contact = y.nonzero()[0]
-        if not np.array_equal(contact, self.contact):
-            self.contact, self.columns = contact, self.S[contact]  # rows: S is symmetric
-        np.dot(y[contact], self.columns, out=out)
+        mask = (y != 0).tobytes()
+        if mask != self.mask:
+            self.mask, self.contact = mask, y.nonzero()[0]
+            self.columns = self.S[self.contact]  # rows: S is symmetric
+        np.dot(y[self.contact], self.columns, out=out)
 
 
 class _Iteration:

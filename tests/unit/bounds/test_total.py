@@ -88,16 +88,16 @@ def enclosed(mesh, problem):
 
 def total_bound(problem, mesh, cells, u_h, lambda_H, free=()):
     g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
-    return bounds.total_bound(enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
+    return bounds.total_bound(hypercircle(mesh), enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
 
 
 LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 """-Delta u + u is linear, so f_h = f; lambda > 0 on the unit square."""
 
 
-def spaces_of(problem, mesh):
-    corners = mesh.points[mesh.triangles]
-    return hypercircle(mesh, problem.f(*np.moveaxis(corners, 2, 0)) + np.zeros(corners.shape[:2]))
+def source_on(spaces, problem):
+    corners = spaces.mesh.points[spaces.mesh.triangles]
+    return spaces.linear(problem.f(*np.moveaxis(corners, 2, 0)) + np.zeros(corners.shape[:2]))
 
 
 @pytest.mark.parametrize("name", ["square", "wedge"])
@@ -109,10 +109,11 @@ def test_the_identity_holds_for_any_v_and_any_flux(name):
     polygon = square() if name == "square" else WEDGE
     problem = Manufactured(polygon, LINEAR_SOURCE)
     mesh = meshes.unstructured(polygon, 0.35)
-    spaces, rng = spaces_of(problem, mesh), np.random.default_rng(0)
+    spaces, rng = hypercircle(mesh), np.random.default_rng(0)
+    f_h = source_on(spaces, problem)
     nb = len(mesh.boundary)
     flux, v = rng.standard_normal((nb, 2)), rng.standard_normal(spaces.p2.N)
-    q = spaces.best_flux(flux)
+    q = spaces.best_flux(f_h, flux)
     fine = skfem.Basis(spaces.p2.mesh, spaces.p2.elem, intorder=14)
 
     @skfem.Functional
@@ -134,7 +135,7 @@ def test_the_identity_holds_for_any_v_and_any_flux(name):
     normals = polygon.normals[rule.side]
     true = problem.u_x(*points.T) * normals[:, 0] + problem.u_y(*points.T) * normals[:, 1]
     own = (1 - x) * flux[edge, 0] + x * flux[edge, 1]
-    right = spaces.defect(v, q) + 2 * rule.weight @ (own * below)
+    right = spaces.defect(f_h, v, q) + 2 * rule.weight @ (own * below)
     assert total + 2 * rule.weight @ (true * below) == pytest.approx(right, rel=1e-11)
     assert total + rule.weight @ (true * below) != pytest.approx(right, rel=1e-3)
 
@@ -142,14 +143,15 @@ def test_the_identity_holds_for_any_v_and_any_flux(name):
 def test_the_best_flux_is_the_best_for_every_v():
     """Adding any other flux with q.n = 0 makes the defect larger, by its own norm: Pythagoras."""
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    spaces, rng = spaces_of(problem, mesh), np.random.default_rng(1)
+    spaces, rng = hypercircle(mesh), np.random.default_rng(1)
+    f_h, zero = source_on(spaces, problem), spaces.linear(np.zeros((len(mesh.triangles), 3)))
     flux = rng.standard_normal((len(mesh.boundary), 2))
-    q, zero = spaces.best_flux(flux), hypercircle(mesh, np.zeros((len(mesh.triangles), 3)))
+    q = spaces.best_flux(f_h, flux)
     other = rng.standard_normal(spaces.rt.N)
     other[spaces.rt.facet_dofs[:, spaces.facet]] = 0
-    size = zero.defect(np.zeros(zero.p2.N), other)
+    size = spaces.defect(zero, np.zeros(spaces.p2.N), other)
     for v in rng.standard_normal((2, spaces.p2.N)):
-        assert spaces.defect(v, q + other) == pytest.approx(spaces.defect(v, q) + size, rel=1e-12)
+        assert spaces.defect(f_h, v, q + other) == pytest.approx(spaces.defect(f_h, v, q) + size, rel=1e-12)
 
 
 def extension_norm(triangle, r):
@@ -175,7 +177,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     polygon = Polygon(points, "triangle")
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
-    spaces = spaces_of(problem, mesh)
+    spaces = hypercircle(mesh)
     every = np.ones(3, dtype=bool)
     g = constraint(problem.enclosed(), mesh, spaces.on_edges, spaces.p2.N, every)
     missing = feasible.missing(g, g.at_unknowns, every, spaces.triangle, np.ones((3, 2)))
@@ -273,9 +275,9 @@ def test_the_index_of_u_tends_to_1_without_contact():
 
 def bound_on(problem, mesh, cells, lambda_H, free=()):
     """The bound for lambda_H with u_h by (5.1), and u_h; (f, v) = (f_h, v) for v in V_h."""
-    spaces = hypercircle(mesh, enclosed(mesh, problem).f_h)
+    spaces = hypercircle(mesh)
     to_p2 = np.column_stack([spaces.of_p1(e) for e in np.eye(mesh.n_nodes)])
-    load = to_p2.T @ spaces.load
+    load = to_p2.T @ spaces.linear(enclosed(mesh, problem).f_h).load
     load[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
     u_h = condense(mesh).solve(load)
     return total_bound(problem, mesh, cells, u_h, lambda_H, free), u_h
@@ -407,7 +409,7 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     """
     d = discrete(name, 8, 4)
     mesh, case = d.mesh, d.exact.ritz.case
-    spaces = hypercircle(mesh, np.zeros((len(mesh.triangles), 3)))
+    spaces = hypercircle(mesh)
     on = np.ones(len(mesh.boundary), dtype=bool)
     g = constraint(case.enclosed_obstacle, mesh, spaces.on_edges, spaces.p2.N, on)
     v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
@@ -463,6 +465,9 @@ def test_bad_input():
         total_bound(problem, mesh, cells, u_h, lambda_H - 1.5)
     with pytest.raises(InputError, match="not 0 on side 2, which is free"):
         total_bound(problem, mesh, cells, u_h, lambda_H, free=(2,))
+    spaces, given = hypercircle(structured(square(), 1 / 4)), (problem.enclosed(), cells, u_h, lambda_H)
+    with pytest.raises(InputError, match="on another mesh than that of the spaces"):
+        bounds.total_bound(spaces, enclosed(mesh, problem), *given)
 
 
 def test_what_the_flux_leaves_of_lambda_is_its_norm():
@@ -514,8 +519,7 @@ def test_the_slack_counts_twice(monkeypatch):
 
 def test_rounding_goes_outward_in_sums():
     """d . (load - A v) where all of it cancels, against rational numbers; control: without the allowance."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    spaces, rng = spaces_of(problem, mesh), np.random.default_rng(1)
+    spaces, rng = hypercircle(structured(square(), 1 / 4)), np.random.default_rng(1)
     below = 0
     for _ in range(5):
         d, v = rng.standard_normal((2, spaces.p2.N))
@@ -533,12 +537,13 @@ def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     """v = 1e6 + x, f_h = v and q = grad v: exactly 0, but for what derivatives of v lose."""
     mesh = structured(square(), 1 / 16)
     v = 1e6 + mesh.points[:, 0]
-    spaces = hypercircle(mesh, v[mesh.triangles])
+    spaces = hypercircle(mesh)
+    f_h = spaces.linear(v[mesh.triangles])
     q = spaces.rt.project(lambda x: np.stack([np.ones_like(x[0]), 0 * x[0]]))
-    root = np.sqrt(spaces.defect(spaces.of_p1(v), q))
-    allowed = spaces.rounding(spaces.of_p1(v), 0.0)
+    root = np.sqrt(spaces.defect(f_h, spaces.of_p1(v), q))
+    allowed = spaces.rounding(f_h, spaces.of_p1(v), 0.0)
     assert 1e-4 * allowed < root <= allowed
-    assert spaces.rounding(spaces.of_p1(v), 1e9) > allowed
+    assert spaces.rounding(f_h, spaces.of_p1(v), 1e9) > allowed
 
 
 @pytest.mark.parametrize("c", [1e3, 1e8])
@@ -549,7 +554,7 @@ def test_constants_on_a_tiny_square_are_bounded_in_spite_of_rounding(c):
     problem = Manufactured(polygon, "1")
     found = total_bound(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells))
     assert (c - 1) * 1e-3 * (1 - 1e-14) <= found.u <= 1.01 * (c - 1) * 1e-3
-    spaces = spaces_of(problem, mesh)
+    spaces = hypercircle(mesh)
     v = np.full(spaces.p2.N, c)
     assert abs(v @ (spaces.A @ v) / (c * 1e-3) ** 2 - 1) > 1e-9
 
@@ -570,7 +575,7 @@ def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
     mesh = structured(square(), 1 / 2)
     problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
-    spaces = spaces_of(problem, mesh)
+    spaces = hypercircle(mesh)
     g = constraint(problem.enclosed(), mesh, spaces.on_edges, spaces.p2.N, every)
     steep = np.zeros(spaces.p2.N)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import condensed, load
+from conftest import condensed, discrete, load
 
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.norms.exact import cell_means
-from unilateral.norms.ritz import _check_size, h1_distance, ritz_projection
+from unilateral.norms.ritz import RitzProjection, _check_size, h1_distance, ritz_projection, ritz_projections
 
 
 def test_the_norm_of_u_and_the_order_of_its_approximations():
@@ -48,6 +48,28 @@ def test_triangles_on_which_u_and_its_approximation_are_0_are_left_out(monkeypat
     ritz_projection(case, on)
     away = np.hypot(*(np.concatenate(seen) - [1 / 3, 0]).T)
     assert 0.2 < away.max() < 1 / 4 + 2 * on.mesh.diameter
+
+
+def test_all_cases_on_a_mesh_take_two_solves_and_are_as_alone(monkeypatch):
+    """One with f and lambda and one with the residual; a solve for each case would be six."""
+    cases, on = [load(name) for name in ("natural", "smooth", "no_contact")], condensed("square", 8)
+    alone = [ritz_projection(case, on) for case in cases]
+    solves, solve = [], type(on).solve
+    monkeypatch.setattr(type(on), "solve", lambda self, rhs: solves.append(rhs.shape) or solve(self, rhs))
+    together = ritz_projections(cases, on)
+    assert solves == [(on.mesh.n_nodes, 3)] * 2
+    for one, other in zip(alone, together, strict=True):
+        assert other.ritz_error == pytest.approx(one.ritz_error, rel=1e-12)
+        np.testing.assert_allclose(other.trace, one.trace, rtol=0, atol=1e-13 * np.abs(one.trace).max())
+
+
+def test_errors_take_one_dual_norm(monkeypatch):
+    """||lambda - mu||_{-1/2,h} is a part of ||u - u(mu)||_1; to find it again would be a second solve."""
+    of = discrete("natural", 8, 4)
+    norms, dual = [], RitzProjection.discrete_dual
+    monkeypatch.setattr(RitzProjection, "discrete_dual", lambda *of: norms.append(dual(*of)) or norms[-1])
+    errors = of.errors(np.ones(len(of.cells)))
+    assert norms == [errors.hm12_discrete]
 
 
 def test_norms_of_a_multiplier_in_closed_form():

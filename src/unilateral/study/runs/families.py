@@ -8,7 +8,8 @@ mapping.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -66,14 +67,21 @@ def boundary_nodes(partition: Partition, spec: Spec, edges_per_cell: object) -> 
     return divided[spec["kind"]](partition.polygon, counts, spec)[:-1]
 
 
-def mesh_of(partition: Partition, spec: Spec, edges_per_cell: object) -> Mesh:
-    """{kind: structured}, its h = H / edges_per_cell; or a mesh by gmsh with the boundary nodes of `spec`.
+def meshes_of(
+    polygon: Polygon, partitions: Sequence[Partition], specs: Sequence[Spec], edges_per_cell: object
+) -> list[Mesh]:
+    """The mesh of each partition of the polygon, one object for all that have the same boundary nodes.
 
+    {kind: structured}, its h = H / edges_per_cell; or a mesh by gmsh with the boundary nodes of `spec`.
     Raises InputError for nodes that are out of order, or without the vertices.
     """
-    if spec.get("kind") == "structured":
-        return structured(partition.polygon, partition.H / real(edges_per_cell, "edges_per_cell"))
-    return meshes.with_boundary(partition.polygon, boundary_nodes(partition, spec, edges_per_cell))
+    by_nodes, found = cache(lambda nodes: meshes.with_boundary(polygon, nodes)), []
+    for partition, spec in zip(partitions, specs, strict=True):
+        if spec.get("kind") == "structured":
+            found.append(structured(polygon, partition.H / real(edges_per_cell, "edges_per_cell")))
+        else:
+            found.append(by_nodes(tuple(boundary_nodes(partition, spec, edges_per_cell).tolist())))
+    return found
 
 
 def _followed(partition: Partition, cells: Counts, counts: Counts) -> Array:

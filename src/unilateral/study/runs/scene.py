@@ -18,7 +18,7 @@ from unilateral.memory import peak_mb
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
-from unilateral.norms.ritz import ritz_projection
+from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
 from unilateral.solvers.iterate import Stop
 
@@ -59,7 +59,7 @@ def sweep(
     condensed = condense(mesh)
     sigma_1 = condensed.sigma_1
     condense_seconds = time.perf_counter() - begin
-    problems = [ritz_projection(case, condensed) for case in cases]
+    problems = ritz_projections(cases, condensed)
     table = _empty(mesh, cases, partitions)
     table["sigma_1"][:] = sigma_1
     for c, problem in enumerate(problems):

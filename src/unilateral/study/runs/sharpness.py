@@ -25,7 +25,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import Exact, cell_means
 from unilateral.norms.infsup import infsup
-from unilateral.norms.ritz import ritz_projection
+from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
 from unilateral.problems.harmonic import harmonic
@@ -83,12 +83,12 @@ def measure(
     beta = infsup(spaces.operator, gram.p0).beta_lower
     found = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
     for a, alpha in enumerate(alphas):
+        problems = ritz_projections(of_u[a], condensed)
         for k, x in enumerate(at):
-            problem = ritz_projection(of_u[a][k], condensed)
             for c, gamma in enumerate(gammas):
                 case = transition(polygon, x, alpha, gamma)
                 cells = cell_means(case, partition)
-                exact = Exact(replace(problem, case=case), cells)
+                exact = Exact(replace(problems[k], case=case), cells)
                 solution = solve(with_solution(spaces, exact), stop, beta)
                 errors = exact.errors(spaces, solution.result.lambda_H)
                 difference = cells.lambda_means - solution.lambda_H

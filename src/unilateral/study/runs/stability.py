@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import InfSup, Resolution, infsup, resolution, worst_multiplier
-from unilateral.study.runs.families import Spec, mesh_of
+from unilateral.study.runs.families import Spec, meshes_of
 
 OF_PAIR = ("h", "h_over_H", *Resolution._fields, *InfSup._fields)
 
@@ -24,11 +25,11 @@ OF_PAIR = ("h", "h_over_H", *Resolution._fields, *InfSup._fields)
 def survey(
     partitions: Sequence[Partition], meshes: Sequence[Spec], edges_per_cell: Sequence[object]
 ) -> xr.Dataset:
-    """The constants of (3.4) for every partition, on meshes with so many boundary edges in a cell.
+    """The constants of (3.4) for partitions of one polygon, on meshes with so many boundary edges in a cell.
 
     `meshes` holds the mapping of `families` that makes each partition's meshes. The dimension `mesh` counts
-    the numbers of edges. `worst` is the worst multiplier, NaN where beta = 0 on more than one of them;
-    `side` the side of each cell.
+    the numbers of edges. A mesh that several partitions have is condensed once. `worst` is the worst
+    multiplier, NaN where beta = 0 on more than one of them; `side` the side of each cell.
     """
     shape = (len(edges_per_cell), len(partitions))
     longest = max(partition.n_cells for partition in partitions)
@@ -36,19 +37,21 @@ def survey(
     worst = np.full((*shape, longest), np.nan)
     points = np.full((len(partitions), longest + 1), np.nan)
     side = np.full((len(partitions), longest), np.nan)
-    for p, (partition, spec) in enumerate(zip(partitions, meshes, strict=True)):
-        gram = dual_norm(partition).gram().p0
+    grams = [dual_norm(partition).gram().p0 for partition in partitions]
+    for p, partition in enumerate(partitions):
         points[p, : len(partition.points)] = partition.points
         side[p, : partition.n_cells] = partition.side
-        for k, K in enumerate(edges_per_cell):
-            mesh = mesh_of(partition, spec, K)
-            operator = mixed_spaces(condense(mesh), partition).operator
+    for k, K in enumerate(edges_per_cell):
+        condensed = cache(condense)
+        on = meshes_of(partitions[0].polygon, partitions, meshes, K)
+        for p, (partition, mesh, gram) in enumerate(zip(partitions, on, grams, strict=True)):
+            operator = mixed_spaces(condensed(mesh), partition).operator
             sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
             found = resolution(mesh, partition)._asdict() | infsup(operator, gram)._asdict()
             for name, value in (sizes | found).items():
                 values[name][k, p] = value
             if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
-                symmetries = _symmetries(mesh, partition, spec)
+                symmetries = _symmetries(mesh, partition, meshes[p])
                 worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
     pair = ("mesh", "partition")
     table: dict[str, Any] = {name: (pair, value) for name, value in values.items()}

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.source import enclosed
 from unilateral.bounds.total import total_bound
 from unilateral.fem.condense import condense
@@ -34,7 +35,7 @@ def totals(
     """
     condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
-    partition, B = partitions[k], coupling(mesh, partitions[k])
+    partition, B, spaces = partitions[k], coupling(mesh, partitions[k]), hypercircle(mesh)
     found = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
@@ -42,7 +43,7 @@ def totals(
         total = loads[case.name]
         total[mesh.boundary] += B.T @ lambda_H
         f, g = enclosed(mesh, case), case.enclosed_obstacle
-        bound = total_bound(f, g, partition, condensed.solve(total), lambda_H)
+        bound = total_bound(spaces, f, g, partition, condensed.solve(total), lambda_H)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         index_lambda = bound.lambda_ / of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         found[:, c, 0] = bound.u / of_u, index_lambda, bound.eta / of_u

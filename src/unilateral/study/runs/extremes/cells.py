@@ -7,9 +7,16 @@ import numpy as np
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
 from unilateral.study.runs.extremes.outcome import NOTHING, Axis, Budget, by_law, predicted, within
-from unilateral.study.runs.extremes.problem import Array, Problem, full, on_square, posed, waves
+from unilateral.study.runs.extremes.problem import (
+    Array,
+    Problem,
+    full,
+    on_square,
+    posed,
+    structured_square,
+    waves,
+)
 from unilateral.study.runs.extremes.shapes import SLACK
 from unilateral.study.runs.extremes.trial import Start, attempts, condition
 
@@ -40,7 +47,7 @@ def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h, the points inside the sides moved by that fraction of a cell: cond(S) ~ fraction^-2."""
-    mesh = structured(square(), h)
+    mesh = structured_square(h)
 
     def problem(fraction: float) -> Problem:
         return posed(mesh, shifted(square(), h, fraction), waves)
@@ -51,7 +58,7 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def short(values: Array, h: float, H: float, budget: Budget, start: Start = 0.0) -> Axis:
     """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
-    mesh, points = structured(square(), h), uniform(square(), H).points
+    mesh, points = structured_square(h), uniform(square(), H).points
 
     def problem(length: float) -> Problem:
         return posed(mesh, from_points(square(), np.sort(np.append(points, 0.5 + length))), waves)
@@ -72,7 +79,7 @@ def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Points of T_H inside the sides that far from mesh vertices: D changes by at most twice that over H."""
-    mesh, aligned = structured(square(), h), uniform(square(), H)
+    mesh, aligned = structured_square(h), uniform(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
     there = posed(mesh, aligned, waves).spaces.operator.D
 

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.study.runs.extremes.outcome import Axis, Budget, predicted, within
-from unilateral.study.runs.extremes.problem import Array, Problem, full, made, on_square, place, waves
+from unilateral.study.runs.extremes.problem import (
+    Array,
+    Problem,
+    condensed,
+    full,
+    made,
+    on_square,
+    place,
+    structured_square,
+    waves,
+)
 from unilateral.study.runs.extremes.trial import attempts
 
 TOUCH = 1 / 3
@@ -86,8 +94,8 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = 0, g = -1 but for a hat of that width over H, 4 high: no cell is held from a width of H/2 on."""
-    mesh, partition = structured(square(), h), uniform(square(), H)
-    D = mixed_spaces(condense(mesh), partition).operator.D
+    mesh, partition = structured_square(h), uniform(square(), H)
+    D = mixed_spaces(condensed(mesh), partition).operator.D
     unit = square().area / square().perimeter
 
     def problem(width: float) -> Problem:

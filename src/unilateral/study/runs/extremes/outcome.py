@@ -38,10 +38,14 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Verdict(Numbers):
-    """What the result of a run is, by its numbers; what is said of it; its lambda_H (m,), if not refused."""
+    """What the result of a run is, by its numbers; what is said of it; its lambda_H (m,), if not refused.
+
+    `algorithm` is the one that ran, none if it refused.
+    """
 
     outcome: str
     said: str
+    algorithm: str = ""
     lambda_H: Array | None = None
 
     @property
@@ -112,8 +116,9 @@ def judge(problem: Problem, result: DualResult, tolerance: float) -> Verdict:
     said = f"{result.iterations} steps"
     if not result.converged:
         said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
-    asked = {"allowance": allowance, "tolerance": tolerance, "u_norm": problem.norm(problem.u)}
-    return Verdict(outcome, said, result.lambda_H, true_error=error, guaranteed=bound, **asked)
+    numbers = {"true_error": error, "guaranteed": bound, "allowance": allowance, "tolerance": tolerance}
+    numbers["u_norm"] = problem.norm(problem.u)
+    return Verdict(outcome, said, result.algorithm, result.lambda_H, **numbers)
 
 
 def untooled(value: float, verdict: Verdict, measured: float, predicted: float = np.nan) -> Row:

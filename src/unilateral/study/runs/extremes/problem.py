@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from unilateral.discrete import Discrete, with_load
-from unilateral.fem.condense import condense
+from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
@@ -94,7 +94,7 @@ def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: f
 
     lambda_H is measured in units of |Omega| / |boundary|, with which u(1) is about 1.
     """
-    polygon, spaces = mesh.polygon, mixed_spaces(condense(mesh), partition)
+    polygon, spaces = mesh.polygon, mixed_spaces(condensed(mesh), partition)
     lambda_H = times * polygon.area / polygon.perimeter * lambda_H
     slope = times * min(1.0, 1 / polygon.diameter)
     u = times + slope * (mesh.points - polygon.vertices[0]).sum(axis=1)
@@ -114,7 +114,19 @@ def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0
 
 def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> Problem:
     """The same on a structured mesh of the unit square and a uniform partition."""
-    return posed(structured(square(), h), uniform(square(), H), contact, times)
+    return posed(structured_square(h), uniform(square(), H), contact, times)
+
+
+@lru_cache(maxsize=1)
+def structured_square(h: float) -> Mesh:
+    """The structured mesh of the unit square; the points of most axes share one."""
+    return structured(square(), h)
+
+
+@lru_cache(maxsize=1)
+def condensed(mesh: Mesh) -> Condensed:
+    """The mesh, condensed; the last one is kept for the axis's next point."""
+    return condense(mesh)
 
 
 def _flux(mesh: Mesh, slope: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -99,25 +100,27 @@ def _thin(
     That is a law of its growth: where it would fall, nothing is predicted.
     """
 
-    def mesh(polygon: Polygon) -> Mesh:
+    @cache
+    def mesh(value: float) -> Mesh:
+        polygon = of(value)
         return meshes.unstructured(polygon, h * polygon.lengths.max())
 
     def problem(value: float) -> Problem:
-        polygon = of(value)
+        polygon = mesh(value).polygon
         partition = uniform(polygon, H * polygon.lengths.max())
-        return posed(mesh(polygon), partition, contact)
+        return posed(mesh(value), partition, contact)
 
-    def lost(polygon: Polygon) -> float:
+    def lost(value: float) -> float:
         """As `_rounding`; infinite where there is no mesh."""
         try:
-            return _rounding(mesh(polygon))
+            return _rounding(mesh(value))
         except InputError:
             return np.inf
 
-    rows, polygons = attempts(values, problem, budget, condition), [of(value) for value in values]
-    law = np.array([_law(polygon, H) for polygon in polygons])
+    rows = attempts(values, problem, budget, condition)
+    law = np.array([_law(of(value), H) for value in values])
     numbers = np.where(law >= law[0], rows[0].measured * law / law[0], np.nan)
-    refused = np.array([lost(polygon) for polygon in polygons]) / CONSTANTS
+    refused = np.array([lost(value) for value in values.tolist()]) / CONSTANTS
     limit = crossing(values, numbers, budget.condition)
     tool = crossing(values, np.maximum(numbers / budget.accelerated, refused), 1.0)
     return Axis(predicted(rows, numbers), limit, tool)

@@ -72,9 +72,10 @@ def condition(problem: Problem, _: Array) -> float:
 
 
 def _verdicts(problem: Problem, budget: Budget, begin: Array, share: float | None) -> dict[str, Verdict]:
-    """Of every algorithm by its name, and of the tool's choice."""
+    """Of every algorithm by its name, and of the tool's choice, which is one of them with its own rho."""
     operator, offset, steps = problem.spaces.operator, problem.discrete.offset, budget.max_steps
     of = (operator, offset, budget.tolerance(problem))
+    tool = _verdict(problem, partial(iterate, *of, Stop(max_steps=steps), begin), of[-1])
     rho = {PLAIN: None if share is None else share * 2 / operator.lambda_max}
     runs: dict[str, Callable[[], DualResult]] = {
         method: partial(uzawa, *of, rho.get(method), begin, steps, method)
@@ -82,8 +83,9 @@ def _verdicts(problem: Problem, budget: Budget, begin: Array, share: float | Non
         if not (method == "newton" and operator.singular)
     }
     runs[EXACT] = partial(active_set, *of)
-    runs[TOOL] = partial(iterate, *of, Stop(max_steps=steps), begin)
-    return {name: _verdict(problem, run, of[-1]) for name, run in runs.items()}
+    known = {tool.algorithm: tool} if rho.get(tool.algorithm) is None else {}
+    verdicts = {name: known.get(name) or _verdict(problem, run, of[-1]) for name, run in runs.items()}
+    return verdicts | {TOOL: tool}
 
 
 def _verdict(problem: Problem, run: Callable[[], DualResult], tolerance: float) -> Verdict:
