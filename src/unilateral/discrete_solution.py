@@ -11,9 +11,10 @@ from typing import Protocol
 import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.hypercircle import hypercircle
+from unilateral.bounds.sharp import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
-from unilateral.bounds.total import SUMS, TotalBound, total_bound
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -96,14 +97,14 @@ class Solution:
         return found
 
     @cached_property
-    def bound(self) -> TotalBound | None:
+    def bound(self) -> SharpBound | None:
         """The guaranteed bounds of the errors, where f and g are formulas."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
         source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.partition
         found = (cells, self.u_h, self.lambda_H, data.free_sides)
-        return total_bound(hypercircle(source.mesh), source, data.enclosed_obstacle, *found)
+        return sharp_bound(hypercircle(source.mesh), source, data.enclosed_obstacle, *found)
 
     @cached_property
     def u_norm(self) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from unilateral.bounds.total import SUMS
+from unilateral.bounds.edge_flux import SUMS
 from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
 

@@ -13,7 +13,7 @@ from unilateral.geometry.mesh import Mesh
 HATS = (np.ones((3, 3)) + np.eye(3)) / 12
 BUBBLES = (np.ones((3, 3)) + np.eye(3)) * 4 / 45
 MIXED = (1 + np.eye(3) + np.eye(3)[[1, 2, 0]]) / 15
-"""(., .)_0 on a triangle of area 1 of hats and of bubbles 4 psi_i psi_j, bubble i that of nodes i and i + 1."""
+"""(., .)_0 on a triangle of area 1 of hats, of bubbles 4 psi_i psi_j; bubble i is of nodes i and i + 1."""
 
 
 class Layer(NamedTuple):

@@ -32,11 +32,11 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.constraint import constraint
+from unilateral.bounds.edge_flux import SUMS, EdgeFlux, check, edge_flux, in_contact
 from unilateral.bounds.equilibrated import equilibrated
 from unilateral.bounds.feasible import Missing, missing, raised
 from unilateral.bounds.layer import Layer, layer, linear_squares
 from unilateral.bounds.source import Source
-from unilateral.bounds.total import SUMS, EdgeFlux, _check, _contact, _on_edges
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
@@ -81,8 +81,8 @@ def local_bound(
     fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
     mesh = source.mesh
-    _check(mesh, cells, u_h, lambda_H, free)
-    flux, held = _on_edges(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free])
+    check(mesh, cells, u_h, lambda_H, free)
+    flux, held = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free])
     q, of = equilibrated(mesh, u_h, source.moments, flux.ends), layer(mesh)
     d, short = _lifted(of, obstacle, u_h, flux, held)
     squares, residual, rounding = _defects(source, u_h, q)
@@ -116,7 +116,7 @@ def _lifted(
     start, trace = np.arange(nb), np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1))])
     unknowns = np.column_stack([start, (start + 1) % nb, nb + start])
     g, triangle = constraint(obstacle, of.mesh, unknowns, 2 * nb, held), of.mesh.boundary_triangles
-    contact = _contact(g, trace, flux.push)
+    contact = in_contact(g, trace, flux.push)
     v, touching = raised(g, trace, contact, triangle, flux.ends, of.bubble_squares())
     d = of.function(v[:nb] - ends, v[nb:] - 0.5 * (v[:nb] + np.roll(v[:nb], -1)))
     return d, missing(g, v, touching, triangle, flux.ends)

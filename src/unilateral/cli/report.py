@@ -9,7 +9,7 @@ from typing import Any
 from unilateral.accuracy.budget import limits
 from unilateral.accuracy.level import Level, unknowable
 from unilateral.accuracy.search import Search
-from unilateral.bounds.total import TotalBound
+from unilateral.bounds.sharp import SharpBound
 from unilateral.cli.streams import as_options
 from unilateral.solvers.uzawa import DualResult
 
@@ -25,7 +25,7 @@ def head(found: dict[str, Any]) -> str:
 
 
 def table(
-    found: dict[str, Any], result: DualResult, bound: TotalBound | None, as_json: bool, unique: bool = True
+    found: dict[str, Any], result: DualResult, bound: SharpBound | None, as_json: bool, unique: bool = True
 ) -> str:
     """One JSON object with null for what is unknown, or rows for a reader."""
     if as_json:

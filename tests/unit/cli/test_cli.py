@@ -18,8 +18,8 @@ from unilateral import discrete as of_data
 from unilateral.accuracy import search as searching
 from unilateral.accuracy.search import levels
 from unilateral.bounds.hypercircle import hypercircle
+from unilateral.bounds.sharp import sharp_bound
 from unilateral.bounds.source import enclosed
-from unilateral.bounds.total import total_bound
 from unilateral.cli import main
 from unilateral.norms.dual import dual_norm
 from unilateral.problems import case
@@ -105,7 +105,7 @@ def test_json_has_the_library_s_numbers(solve_json):
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
     given = alone.spaces.partition, solution.u_h, solution.lambda_H
     mesh = alone.exact.ritz.condensed.mesh
-    bound = total_bound(hypercircle(mesh), enclosed(mesh, of), of.enclosed_obstacle, *given)
+    bound = sharp_bound(hypercircle(mesh), enclosed(mesh, of), of.enclosed_obstacle, *given)
     expected = {
         "problem": "natural",
         "h": 1 / 16,
@@ -287,13 +287,13 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
 
     In the second example the third one's bound of u would be small enough.
     """
-    own, factors = discrete_solution.total_bound, [iter(of_u), iter(of_lambda)]
+    own, factors = discrete_solution.sharp_bound, [iter(of_u), iter(of_lambda)]
 
     def spoilt(*arguments):
         found, (u, of_lambda) = own(*arguments), (next(of, 1.0) for of in factors)
         return replace(found, u=u * found.u, lambda_=of_lambda * found.lambda_)
 
-    monkeypatch.setattr(discrete_solution, "total_bound", spoilt)
+    monkeypatch.setattr(discrete_solution, "sharp_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)
     assert code == 3
     assert re.fullmatch(

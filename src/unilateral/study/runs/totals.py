@@ -9,8 +9,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.bounds.hypercircle import hypercircle
+from unilateral.bounds.sharp import sharp_bound
 from unilateral.bounds.source import enclosed
-from unilateral.bounds.total import total_bound
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import coupling, load
@@ -43,7 +43,7 @@ def totals(
         total = loads[case.name]
         total[mesh.boundary] += B.T @ lambda_H
         f, g = enclosed(mesh, case), case.enclosed_obstacle
-        bound = total_bound(spaces, f, g, partition, condensed.solve(total), lambda_H)
+        bound = sharp_bound(spaces, f, g, partition, condensed.solve(total), lambda_H)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         index_lambda = bound.lambda_ / of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         found[:, c, 0] = bound.u / of_u, index_lambda, bound.eta / of_u

@@ -15,7 +15,7 @@ from test_oscillation import WEDGE
 
 from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible, source
-from unilateral.bounds import total as bounds
+from unilateral.bounds import sharp as bounds
 from unilateral.bounds.constraint import constraint
 from unilateral.bounds.hypercircle import hypercircle
 from unilateral.discrete import solve
@@ -86,9 +86,9 @@ def enclosed(mesh, problem):
     return source.enclosed(mesh, problem)
 
 
-def total_bound(problem, mesh, cells, u_h, lambda_H, free=()):
+def sharp_bound(problem, mesh, cells, u_h, lambda_H, free=()):
     g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
-    return bounds.total_bound(hypercircle(mesh), enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
+    return bounds.sharp_bound(hypercircle(mesh), enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
 
 
 LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
@@ -204,20 +204,25 @@ ROUNDING = 1e-13
 """Where lambda = lambda_H = 0 the true dual norm is rounding, and so may the bound be."""
 
 
-class Judged(NamedTuple):
-    """A bound beside the true errors: ||u - u_h||_1, and bounds of ||lambda - lambda_H||_{-1/2}."""
+class Pair(NamedTuple):
+    """u_h and lambda_H, and their true errors: ||u - u_h||_1, and bounds of ||lambda - lambda_H||_{-1/2}."""
 
-    bound: bounds.TotalBound
+    case: Case
+    mesh: meshes.Mesh
+    cells: partitions.Partition
+    u_h: np.ndarray
+    lambda_H: np.ndarray
     h1_error: float
     lower: float
     upper: float
 
-    @property
-    def holds(self):
-        return self.h1_error <= self.bound.u and self.lower <= self.bound.lambda_ + ROUNDING
+    def exceeded_by(self, bound):
+        """Neither error is larger."""
+        return self.h1_error <= bound.u and self.lower <= bound.lambda_ + ROUNDING
 
 
-def judged(name, n, polygon="square", crude=None):
+@cache
+def pair(name, n, polygon="square", crude=None):
     """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
     d = discrete(name, n, n // 2, polygon)
     mesh, solution = d.mesh, solve(d)
@@ -230,10 +235,26 @@ def judged(name, n, polygon="square", crude=None):
     load = d.exact.ritz.load.copy()
     load[mesh.boundary] += of_lambda
     u_h = d.spaces.condensed.solve(load)
-    bound = total_bound(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H)
     dual = norm_for(name, n // 2, polygon).of_error(d.exact.ritz.case, lambda_H[None])
     h1_error = d.exact.ritz.h1_error(d.exact.ritz.flux_load - of_lambda)[0]
-    return Judged(bound, h1_error, float(dual.lower[0]), float(dual.upper[0]))
+    errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
+    return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
+
+
+class Judged(NamedTuple):
+    """A bound beside the true errors."""
+
+    bound: bounds.SharpBound
+    h1_error: float
+    upper: float
+    holds: bool
+
+
+def judged(*arguments, **options):
+    """The bound of a `pair`."""
+    of = pair(*arguments, **options)
+    bound = sharp_bound(*of[:5])
+    return Judged(bound, of.h1_error, of.upper, of.exceeded_by(bound))
 
 
 CASES = [
@@ -280,7 +301,7 @@ def bound_on(problem, mesh, cells, lambda_H, free=()):
     load = to_p2.T @ spaces.linear(enclosed(mesh, problem).f_h).load
     load[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
     u_h = condense(mesh).solve(load)
-    return total_bound(problem, mesh, cells, u_h, lambda_H, free), u_h
+    return sharp_bound(problem, mesh, cells, u_h, lambda_H, free), u_h
 
 
 def h1_error(problem, mesh, u_h):
@@ -433,7 +454,7 @@ def nothing_is_raised(g, v, *_):
 def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     """Control: lambda_H = 0 with the v of that flux, below g, pretends to be exact."""
     assert judged("full_contact", 8, crude="zero").holds
-    monkeypatch.setattr(bounds, "_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
+    monkeypatch.setattr(bounds, "in_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
     assert judged("full_contact", 8, crude="zero").holds
     monkeypatch.setattr(bounds, "raised", nothing_is_raised)
     monkeypatch.setattr(bounds, "missing", nothing_is_missing)
@@ -444,11 +465,11 @@ def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is a fifth too large."""
     d = discrete("full_contact", 8, 4)
     case, mesh, cells, solution = d.exact.ritz.case, d.mesh, d.spaces.partition, solve(d)
-    wrong, own = 1.2 * solution.lambda_H, bounds._on_edges
+    wrong, own = 1.2 * solution.lambda_H, bounds.edge_flux
     lower = float(norm_for("full_contact", 4, "square").of_error(case, wrong[None]).lower[0])
-    assert lower <= total_bound(case, mesh, cells, solution.u_h, wrong).lambda_
-    monkeypatch.setattr(bounds, "_on_edges", lambda *arguments: own(mesh, cells, solution.lambda_H))
-    assert lower > 5 * total_bound(case, mesh, cells, solution.u_h, wrong).lambda_
+    assert lower <= sharp_bound(case, mesh, cells, solution.u_h, wrong).lambda_
+    monkeypatch.setattr(bounds, "edge_flux", lambda *arguments: own(mesh, cells, solution.lambda_H))
+    assert lower > 5 * sharp_bound(case, mesh, cells, solution.u_h, wrong).lambda_
 
 
 def test_bad_input():
@@ -456,18 +477,18 @@ def test_bad_input():
     cells = partitions.uniform(square(), 1 / 2)
     u_h, lambda_H = np.zeros(mesh.n_nodes), np.ones(cells.n_cells)
     with pytest.raises(InputError, match="another polygon"):
-        total_bound(problem, mesh, partitions.uniform(named("lshape"), 1), u_h, lambda_H)
+        sharp_bound(problem, mesh, partitions.uniform(named("lshape"), 1), u_h, lambda_H)
     with pytest.raises(InputError, match="u_h must hold 25 finite numbers"):
-        total_bound(problem, mesh, cells, u_h[1:], lambda_H)
+        sharp_bound(problem, mesh, cells, u_h[1:], lambda_H)
     with pytest.raises(InputError, match="lambda_H must hold 8 finite numbers"):
-        total_bound(problem, mesh, cells, u_h, np.full(8, np.nan))
+        sharp_bound(problem, mesh, cells, u_h, np.full(8, np.nan))
     with pytest.raises(InputError, match=r"lambda_H has the value -0\.5"):
-        total_bound(problem, mesh, cells, u_h, lambda_H - 1.5)
+        sharp_bound(problem, mesh, cells, u_h, lambda_H - 1.5)
     with pytest.raises(InputError, match="not 0 on side 2, which is free"):
-        total_bound(problem, mesh, cells, u_h, lambda_H, free=(2,))
+        sharp_bound(problem, mesh, cells, u_h, lambda_H, free=(2,))
     spaces, given = hypercircle(structured(square(), 1 / 4)), (problem.enclosed(), cells, u_h, lambda_H)
     with pytest.raises(InputError, match="on another mesh than that of the spaces"):
-        bounds.total_bound(spaces, enclosed(mesh, problem), *given)
+        bounds.sharp_bound(spaces, enclosed(mesh, problem), *given)
 
 
 def test_what_the_flux_leaves_of_lambda_is_its_norm():
@@ -478,7 +499,7 @@ def test_what_the_flux_leaves_of_lambda_is_its_norm():
     """
     mesh, cells = structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
     lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
-    found = bounds._on_edges(mesh, cells, lambda_H)
+    found = bounds.edge_flux(mesh, cells, lambda_H)
     x, limited = (np.arange(20_000) + 0.5) / 20_000, []
     for e, length in enumerate(np.diff(mesh.s)):
         value = lambda_H[np.searchsorted(cells.points, mesh.s[e] + length * x) - 1]
@@ -552,7 +573,7 @@ def test_constants_on_a_tiny_square_are_bounded_in_spite_of_rounding(c):
     polygon = Polygon(1e-3 * square().vertices, "tiny")
     mesh, cells = meshes.unstructured(polygon, 1e-3 / 16), partitions.uniform(polygon, 1e-3 / 8)
     problem = Manufactured(polygon, "1")
-    found = total_bound(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells))
+    found = sharp_bound(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells))
     assert (c - 1) * 1e-3 * (1 - 1e-14) <= found.u <= 1.01 * (c - 1) * 1e-3
     spaces = hypercircle(mesh)
     v = np.full(spaces.p2.N, c)

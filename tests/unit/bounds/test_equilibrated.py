@@ -1,0 +1,129 @@
+"""Fluxes on vertex patches: what they are equal to, that they are nearest, and how little they cost."""
+
+import numpy as np
+import pytest
+
+from unilateral.bounds import equilibrated as module
+from unilateral.bounds.equilibrated import equilibrated
+from unilateral.bounds.layer import linear_squares
+from unilateral.fem.p1 import gradients, load, stiffness_and_mass
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.polygon import Polygon, named
+from unilateral.geometry.structured import structured
+
+MESHES = {
+    "structured": lambda: structured(named("lshape"), 1 / 4),
+    "gmsh": lambda: meshes.unstructured(named("square"), 1 / 5),
+    "graded": lambda: meshes.with_boundary(
+        named("square"), np.append(np.geomspace(0.05, 1, 6) - 0.05, [1, 2, 3])
+    ),
+    "refined": lambda: meshes.refine(meshes.unstructured(named("lshape"), 1 / 2), 2),
+    "two triangles": lambda: meshes.from_arrays(
+        named("square"), [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    ),
+}
+
+
+def turned(v):
+    return np.stack([-v[..., 1], v[..., 0]], axis=-1)
+
+
+def at_nodes(mesh, flux):
+    """(m, 3, 2) q at the triangles' nodes, from its fluxes (2, 3, m) by the two edges at each."""
+    slopes, (first, second) = gradients(mesh), flux.transpose(0, 2, 1)
+    through_next, through_before = (turned(np.roll(slopes, -k, axis=1)) for k in (1, 2))
+    return through_next * first[..., None] - through_before * np.roll(second, 1, axis=1)[..., None]
+
+
+def balanced(mesh, rng):
+    """Random u_h, moments of f and sigma, with (u_h, psi)_1 = (f, psi) + <sigma, psi> for all hats psi."""
+    u_h, sigma = rng.standard_normal(mesh.n_nodes), rng.uniform(size=(len(mesh.boundary), 2))
+    moments = rng.standard_normal((len(mesh.triangles), 3)) * mesh.areas[:, None]
+    lengths, missing = np.diff(mesh.s), sum(stiffness_and_mass(mesh)) @ u_h - load(mesh, moments)
+    for at, (near, far) in ((mesh.boundary, sigma.T), (np.roll(mesh.boundary, -1), sigma.T[::-1])):
+        missing[at] -= lengths * (near / 3 + far / 6)
+    valence = np.bincount(mesh.triangles.ravel())
+    return u_h, moments + (missing / valence)[mesh.triangles], sigma
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(name):
+    """Up to rounding; and q is in H(div), for what leaves a triangle enters the next."""
+    mesh = MESHES[name]()
+    u_h, moments, sigma = balanced(mesh, np.random.default_rng(0))
+    flux = equilibrated(mesh, u_h, moments, sigma)
+    wanted = mesh.areas * u_h[mesh.triangles].mean(axis=1) - moments.sum(axis=1)
+    assert -0.5 * flux.sum(axis=(0, 1)) == pytest.approx(wanted, abs=1e-13 * np.abs(flux).max())
+    of_edges = mesh.opposite_edges[:, [2, 0, 1]]
+    through = np.zeros((2, len(mesh.triangulation.ends)))
+    for i in range(3):
+        first = mesh.triangulation.ends[of_edges[:, i], 0] == mesh.triangles[:, i]
+        for k in range(2):
+            np.add.at(through, (np.where(first, k, 1 - k), of_edges[:, i]), flux[k, i])
+    inside = mesh.triangulation.inside
+    assert np.all(through[:, :inside] == 0)
+    assert np.array_equal(-through[:, inside:], np.diff(mesh.s) * sigma.T)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_gradient_of_a_linear_function_is_its_own_flux(name):
+    mesh, slope = MESHES[name](), np.array([0.3, -1.1])
+    u = 0.7 + mesh.points @ slope
+    nodal = u[mesh.triangles]
+    moments = mesh.areas[:, None] / 12 * (nodal + nodal.sum(axis=1, keepdims=True))
+    sigma = np.repeat(mesh.polygon.normals[mesh.side] @ slope, 2).reshape(-1, 2)
+    q = at_nodes(mesh, equilibrated(mesh, u, moments, sigma))
+    assert q == pytest.approx(np.broadcast_to(slope, q.shape), abs=1e-12)
+
+
+def wheel():
+    """Five irregular triangles around one node."""
+    outer = np.array([[0, 0], [1.1, 0.1], [1.4, 0.9], [0.5, 1.3], [-0.3, 0.7]])
+    triangles = [[5, i, (i + 1) % 5] for i in range(5)]
+    return meshes.from_arrays(Polygon(outer, "wheel"), np.vstack([outer, [0.6, 0.5]]), triangles)
+
+
+def test_no_other_flux_of_a_patch_is_nearer():
+    """The squared distance of q_a from psi_a grad u_h has no derivative by any z_j or F_0, and grows.
+
+    It is integrated from q_a at the nodes. Control: so it is not when one z_j is moved.
+    """
+    mesh, rng = wheel(), np.random.default_rng(1)
+    u_h, moments, _ = balanced(mesh, rng)
+    numbers, across = module._corners(mesh, u_h, moments), module._across(mesh)
+    fan = np.array([0, 1, 2, 3, 4])[:, None]
+    assert np.array_equal(module._next(across[module._next(np.arange(15))])[fan], np.roll(fan, -1, axis=0))
+    slope = np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
+
+    def squared_distance(spokes):
+        flux, after = np.zeros((2, 3, 5)), np.roll(spokes, -1, axis=1)
+        flux[:, 0], flux[:, 2] = spokes[..., 0], -after[::-1, :, 0]
+        away = at_nodes(mesh, flux)
+        away[:, 0] -= slope
+        return linear_squares(mesh.areas, away).sum()
+
+    best = module._inside(module._Corners(*numbers[:, fan]))
+    moves = [np.ones((2, 5, 1))]
+    for j in range(5):
+        move = np.zeros((2, 5, 1))
+        move[:, j] = [[1], [-1]]
+        moves.append(move)
+    for move in moves:
+        more, less, least = (squared_distance(best + k * move) for k in (1, -1, 0))
+        assert more == pytest.approx(less, rel=1e-12)
+        assert more > least
+    more, less = (squared_distance(best + 0.01 * moves[1] + k * moves[1]) for k in (1, -1))
+    assert more != pytest.approx(less, rel=1e-4)
+
+
+def test_patches_are_taken_together(monkeypatch):
+    """As many eliminations as there are numbers of triangles around a node, however many nodes."""
+    counts = []
+    for n in (8, 32):
+        calls, mesh = [], structured(named("square"), 1 / n)
+        own = module._inside
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "_inside", lambda of, own=own, calls=calls: calls.append(1) or own(of))
+            equilibrated(mesh, *balanced(mesh, np.random.default_rng(2)))
+        counts.append(len(calls))
+    assert counts[0] == counts[1] <= 3

@@ -1,0 +1,214 @@
+"""The cheap guaranteed bound: never below the true error, how sharp, and that it needs all its parts."""
+
+import numpy as np
+import pytest
+import skfem
+from skfem.helpers import dot, grad
+from test_dual import POLYGONS
+from test_sharp import (
+    CASES,
+    CENTRES,
+    Manufactured,
+    OnlyTopAndBottom,
+    bound_on,
+    enclosed,
+    h1_error,
+    norm_for,
+    pair,
+)
+
+from unilateral.bounds import feasible, local
+from unilateral.bounds.layer import layer, linear_squares
+from unilateral.errors import InputError
+from unilateral.fem.p1 import h1_norm
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import cell_means
+from unilateral.problems.case import Case
+
+
+def local_bound(problem, mesh, cells, u_h, lambda_H, free=()):
+    g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
+    return local.local_bound(enclosed(mesh, problem), g, cells, u_h, lambda_H, free)
+
+
+@pytest.mark.parametrize(("name", "polygon"), CASES)
+@pytest.mark.parametrize("crude", [None, "zero", "noise"])
+def test_the_bounds_are_never_below_the_true_errors(name, polygon, crude):
+    """On coarse meshes; on finer ones those below that are sharp."""
+    for n in (4, 8):
+        of = pair(name, n, polygon, crude)
+        assert of.exceeded_by(local_bound(*of[:5]))
+
+
+@pytest.mark.parametrize(("name", "polygon"), CASES[::2])
+@pytest.mark.parametrize("size", [1e-3, 0.1, 3.0])
+def test_nothing_is_asked_of_u_h(name, polygon, size):
+    """u_h with noise of that size in ||.||_1; u - u_h is then no less than size less the error without."""
+    of, rng = pair(name, 8, polygon), np.random.default_rng(3)
+    noise = rng.standard_normal(of.mesh.n_nodes)
+    noise *= size / h1_norm(of.mesh, noise)
+    bound = local_bound(of.case, of.mesh, of.cells, of.u_h + noise, of.lambda_H)
+    assert max(size - of.h1_error, 0) <= bound.u
+    assert of.lower <= bound.lambda_
+    assert bound.residual > 0.1 * size
+
+
+SHARP = {"natural": (16, 32), "full_contact": (16, 32), "smooth": (32, 64), "thirds": (64, 128)}
+"""1/h from which contact zones and f are resolved: the last two have them and cutoffs of 1/3 and 1/4."""
+
+
+@pytest.mark.parametrize("name", SHARP)
+def test_the_index_of_u_is_at_most_1_3_on_smooth_cases_and_falls_with_h(name):
+    """1.3 is what fluxes on patches were made for (theory only says that the index is bounded)."""
+    found = [pair(name, n) for n in SHARP[name]]
+    indices = [local_bound(*of[:5]).u / of.h1_error for of in found]
+    assert all(index >= 1 for index in indices)
+    assert indices[1] < indices[0]
+    assert indices[1] <= 1.3
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+@pytest.mark.parametrize("shift", [0.0, 0.37])
+def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
+    """Full contact with a g that is not quadratic, triangles of all shapes.
+
+    lambda_H jumps inside edges. There the flux has not its moments, and the patches do not fit: valid all the
+    same, and less sharp.
+    """
+    polygon, (a, b) = POLYGONS[name], CENTRES[name]
+    x, y = f"(x - {a})", f"(y - {b})"
+    problem = Manufactured(polygon, f"({x}**2 + {y}**2)/2 + {x}**3/200 + {y}**4/200 + 0.03*{x}*{y}")
+    mesh, cells = meshes.unstructured(polygon, 0.11), partitions.shifted(polygon, 0.27, shift)
+    lambda_H = cell_means(problem, cells).lambda_means
+    u_h = bound_on(problem, mesh, cells, lambda_H)[1]
+    bound, error = local_bound(problem, mesh, cells, u_h, lambda_H), h1_error(problem, mesh, u_h)
+    assert error <= bound.u <= 2 * error
+    assert dual_norm(cells, [problem]).of_error(problem, lambda_H[None]).lower[0] <= bound.lambda_
+
+
+def test_free_sides_have_no_obstacle():
+    """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
+    problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
+    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    lambda_H = cell_means(problem, cells).lambda_means
+    lambda_H[cells.side % 2 == 1] = 0
+    u_h = bound_on(problem, mesh, cells, lambda_H, free=(1, 3))[1]
+    error = h1_error(problem, mesh, u_h)
+    assert error <= local_bound(problem, mesh, cells, u_h, lambda_H, free=(1, 3)).u <= 1.3 * error
+    assert local_bound(problem, mesh, cells, u_h, lambda_H).u > 1e5
+
+
+def test_nothing_but_free_sides():
+    """Neumann's problem."""
+    problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
+    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    zero, free = np.zeros(cells.n_cells), (0, 1, 2, 3)
+    u_h = bound_on(problem, mesh, cells, zero, free=free)[1]
+    bound, error = local_bound(problem, mesh, cells, u_h, zero, free=free), h1_error(problem, mesh, u_h)
+    assert error <= bound.u <= 1.3 * error
+    assert bound.lambda_ == bound.lifting == 0
+
+
+def test_a_mesh_of_one_triangle():
+    polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
+    problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
+    mesh, cells = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]]), partitions.uniform(polygon, 2)
+    lambda_H = cell_means(problem, cells).lambda_means
+    u_h = bound_on(problem, mesh, cells, lambda_H)[1]
+    assert local_bound(problem, mesh, cells, u_h, lambda_H).u >= h1_error(problem, mesh, u_h)
+
+
+def test_what_constants_on_triangles_leave_out_of_f():
+    """u = cos(8 pi x), a wave per edge: without the data's share the bound is below the error."""
+    problem = Manufactured(square(), "cos(8*pi*x)", "10")
+    mesh, cells = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    zero = np.zeros(cells.n_cells)
+    u_h = bound_on(problem, mesh, cells, zero)[1]
+    bound, error = local_bound(problem, mesh, cells, u_h, zero), h1_error(problem, mesh, u_h)
+    assert bound.u - bound.data < error <= bound.u
+
+
+def test_without_feasibility_the_bound_is_too_small(monkeypatch):
+    """Control: with lambda_H = 0 the flux is that of Neumann's problem, which u_h solves."""
+    of = pair("full_contact", 8, crude="zero")
+    assert of.exceeded_by(local_bound(*of[:5]))
+    nothing = feasible.Missing(0.0, 0.0, np.zeros(of.mesh.n_nodes))
+    monkeypatch.setattr(local, "raised", lambda g, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool)))
+    monkeypatch.setattr(local, "missing", lambda *_: nothing)
+    assert not of.exceeded_by(local_bound(*of[:5]))
+
+
+def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(monkeypatch):
+    """Control: q.n of the right lambda_H says nothing of one that is five times as large."""
+    of, own = pair("full_contact", 8), local.edge_flux
+    wrong = 5 * of.lambda_H
+    lower = float(norm_for("full_contact", 4, "square").of_error(of.case, wrong[None]).lower[0])
+    assert lower <= local_bound(*of[:4], wrong).lambda_
+    monkeypatch.setattr(local, "edge_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H))
+    assert lower > 5 * local_bound(*of[:4], wrong).lambda_
+
+
+def test_bad_input():
+    """The sharp bound's checks."""
+    problem, mesh = Manufactured(square(), "x"), structured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 2)
+    with pytest.raises(InputError, match="another polygon"):
+        local_bound(problem, mesh, partitions.uniform(named("lshape"), 1), np.zeros(25), np.ones(8))
+    with pytest.raises(InputError, match="u_h must hold 25 finite numbers"):
+        local_bound(problem, mesh, cells, np.zeros(24), np.ones(8))
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_functions_of_the_layer_are_those_of_P2(name):
+    """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
+    mesh, rng = meshes.unstructured(named(name), 0.3), np.random.default_rng(0)
+    of, nb = layer(mesh), len(mesh.boundary)
+    nodal, bubble = rng.standard_normal((2, nb))
+    p2 = skfem.Basis(
+        skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=4
+    )
+    v = np.zeros(p2.N)
+    v[p2.nodal_dofs[0][mesh.boundary]] = nodal
+    v[p2.facet_dofs[0]] = v[p2.nodal_dofs[0]][p2.mesh.facets].mean(axis=0)
+    ends = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
+    facets = [np.flatnonzero((p2.mesh.facets.T == pair).all(axis=1))[0] for pair in ends]
+    v[p2.facet_dofs[0, facets]] += bubble
+
+    @skfem.Functional
+    def energy(w):
+        return dot(grad(w.of), grad(w.of))
+
+    @skfem.Functional
+    def mass(w):
+        return w.of**2
+
+    d = of.function(nodal, bubble)
+    found = linear_squares(of.areas, of.gradients(*d)).sum(), of.squares(*d).sum()
+    assert found == pytest.approx(
+        [part.assemble(p2, of=p2.interpolate(v)) for part in (energy, mass)], rel=1e-12
+    )
+    alone = [of.function(np.zeros(nb), each) for each in np.eye(nb)[:3]]
+    norms = [(linear_squares(of.areas, of.gradients(*d)) + of.squares(*d)).sum() for d in alone]
+    assert of.bubble_squares()[:3] == pytest.approx(norms, rel=1e-12)
+
+
+def test_rounding_is_added():
+    """u = 1e6 + x, f = u: the error of its interpolant is 0, and the bound what derivatives of it lose."""
+    problem = Manufactured(square(), "1000000 + x", "1")
+    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    u_h = 1e6 + mesh.points[:, 0]
+    squares, residual, rounding = local._defects(
+        enclosed(mesh, problem),
+        u_h,
+        local.equilibrated(mesh, u_h, enclosed(mesh, problem).moments, sigma(mesh)),
+    )
+    assert 0 < np.sqrt(squares.sum() + mesh.areas @ residual**2) <= rounding < 1e-4
+
+
+def sigma(mesh):
+    """q.n for q = (1, 0)."""
+    return np.repeat(mesh.polygon.normals[mesh.side, 0], 2).reshape(-1, 2)
