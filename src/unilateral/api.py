@@ -138,6 +138,7 @@ def solve(
     max_unknowns: float = math.inf,
     max_seconds: float = MAX_SECONDS,
     max_memory: float = math.inf,
+    sharp: bool = False,
     tell: Callable[[Level], None] | None = None,
 ) -> Solution:
     """The solution on given sizes h and H, or up to a relative accuracy that is then guaranteed.
@@ -145,9 +146,10 @@ def solve(
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
     `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. An accuracy is
-    that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. Whether
-    it was reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said
-    by `certified`. Raises InputError for what does not fit together, or not into the memory.
+    that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. It is
+    certified by the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was
+    reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by
+    `certified`. Raises InputError for what does not fit together, or not into the memory.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
@@ -167,7 +169,7 @@ def solve(
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < 1:
         raise InputError(f"the accuracy {accuracy:g} is relative and must lie between 0 and 1, such as 1e-2")
-    goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory)
+    goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12")
     found_levels = search(problem, goal, stop, mesh, tell)
     return Solution(found_levels.best.solved, found_levels)
 

@@ -13,6 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.hypercircle import hypercircle
+from unilateral.bounds.local import LocalBound, local_bound
 from unilateral.bounds.sharp import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.fem.p1 import coupling, h1_norm
@@ -20,6 +21,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import ExactErrors
 from unilateral.problems.data import Data
+from unilateral.problems.obstacle import Obstacle
 from unilateral.solvers.iterate import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -96,15 +98,29 @@ class Solution:
         found[np.setdiff1d(np.arange(cells.n_cells), self.discrete.cells)] = math.nan
         return found
 
+    def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
+        """The guaranteed bounds of the errors, where f and g are formulas; sharp ones take more time."""
+        return self._sharp_bound if sharp else self._local_bound
+
     @cached_property
-    def bound(self) -> SharpBound | None:
-        """The guaranteed bounds of the errors, where f and g are formulas."""
+    def _local_bound(self) -> LocalBound | None:
+        given = self._given
+        return local_bound(*given) if given else None
+
+    @cached_property
+    def _sharp_bound(self) -> SharpBound | None:
+        given = self._given
+        return sharp_bound(hypercircle(self.discrete.mesh), *given) if given else None
+
+    @cached_property
+    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...]] | None:
+        """What both bounds are made of."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
-        source, cells = discrete.source or enclosed(discrete.mesh, data), discrete.partition
-        found = (cells, self.u_h, self.lambda_H, data.free_sides)
-        return sharp_bound(hypercircle(source.mesh), source, data.enclosed_obstacle, *found)
+        source = discrete.source or enclosed(discrete.mesh, data)
+        pair = discrete.partition, self.u_h, self.lambda_H
+        return source, data.enclosed_obstacle, *pair, data.free_sides
 
     @cached_property
     def u_norm(self) -> float:
@@ -131,21 +147,22 @@ class Solution:
         """|int u_h - int f - int lambda_H|: (2.1), v = 1; 0 up to rounding, by multigrid up to its stop."""
         return float(abs(self.u_integral - self.discrete.load.sum() - self.force))
 
-    def total(self, norm: str) -> float:
+    def total(self, norm: str, sharp: bool = False) -> float:
         """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
-        if self.bound is None:
+        bound = self.bound(sharp)
+        if bound is None:
             return math.inf
-        return self.bound.u if norm == "h1" else self.bound.lambda_
+        return bound.u if norm == "h1" else bound.lambda_
 
     def algebraic(self, norm: str) -> float:
         """The part of the iteration in that error: its bound, over beta for lambda."""
         beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.beta
         return self.result.bound / beta if beta > 0 else math.inf
 
-    def size(self, norm: str) -> float:
+    def size(self, norm: str, sharp: bool = False) -> float:
         """A lower bound of the norm of the exact solution, from that of the discrete one."""
         of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
-        return max((1 - SUMS) * of_discrete - self.total(norm), 0.0)
+        return max((1 - SUMS) * of_discrete - self.total(norm, sharp), 0.0)
 
     def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
         """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that."""

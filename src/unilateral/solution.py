@@ -97,11 +97,19 @@ class Solution:
 
     @cached_property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds of the errors, where f and g are formulas; slow on large meshes.
+        """The guaranteed bounds of the errors, where f and g are formulas.
 
         None, too, where those of all levels contradict each other, which would be a fault of this program.
         """
-        bound = self.solved.bound if self.search is None or self.search.believed else None
+        return self._bounds(sharp=False)
+
+    @cached_property
+    def sharp_bounds(self) -> Bounds | None:
+        """The same, nearer to the errors, above all to that of lambda; slow on large meshes."""
+        return self._bounds(sharp=True)
+
+    def _bounds(self, sharp: bool) -> Bounds | None:
+        bound = self.solved.bound(sharp) if self.search is None or self.search.believed else None
         return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
 
     def cells(self) -> pd.DataFrame:

@@ -24,7 +24,8 @@ SHARE = 0.1
 class Goal:
     """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
 
-    These are unknowns on the finest mesh, seconds in all, and MB, in any case no more than are free.
+    These are unknowns on the finest mesh, seconds in all, and MB, in any case no more than are free. `sharp`
+    asks for the sharp bound, without which that of lambda is far above its error.
     """
 
     accuracy: float
@@ -32,6 +33,7 @@ class Goal:
     max_unknowns: float = math.inf
     max_seconds: float = MAX_SECONDS
     max_memory: float = math.inf
+    sharp: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ class Level:
     @property
     def total(self) -> float:
         """The guaranteed bound of the error in the goal's norm."""
-        return self.solved.total(self.goal.norm)
+        return self.solved.total(self.goal.norm, self.goal.sharp)
 
     @property
     def algebraic(self) -> float:
@@ -64,7 +66,7 @@ class Level:
     @property
     def size(self) -> float:
         """A lower bound of the solution's norm."""
-        return self.solved.size(self.goal.norm)
+        return self.solved.size(self.goal.norm, self.goal.sharp)
 
     @property
     def target(self) -> float:
@@ -80,12 +82,12 @@ class Level:
 def target(solved: Solution, goal: Goal) -> float:
     """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm."""
     size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
-    return goal.accuracy * (solved.size(goal.norm) or size)
+    return goal.accuracy * (solved.size(goal.norm, goal.sharp) or size)
 
 
 def unknowable(last: Level) -> bool:
     """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
-    bound = last.solved.bound
+    bound = last.solved.bound(last.goal.sharp)
     return bound is not None and bound.irreducible > last.target > 0
 
 
@@ -100,7 +102,7 @@ def contradict(a: Level, b: Level) -> bool:
     |int v| <= |Omega|^{1/2} ||v||_1, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2}.
     """
     root = math.sqrt(a.partition.polygon.area)
-    of_u, of_lambda = (a.solved.total(norm) + b.solved.total(norm) for norm in ("h1", "hm12"))
+    of_u, of_lambda = (sum(each.solved.total(norm, each.goal.sharp) for each in (a, b)) for norm in NORMS)
     apart = (
         (a.solved.u_norm, b.solved.u_norm, of_u),
         (a.solved.u_integral, b.solved.u_integral, root * of_u),

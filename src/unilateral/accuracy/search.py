@@ -153,5 +153,5 @@ def _solved(
             tolerance = AIM * SHARE * before.target * in_norm or None
     solved = discrete.iterated(tolerance, stop, start)
     solved = solved.improved(SHARE * target(solved, goal) * in_norm, stop)
-    solved.total(goal.norm)  # its time counts, too
+    solved.bound(goal.sharp)  # its time counts, too
     return Level(solved, goal, time.perf_counter() - begin, peak_mb())

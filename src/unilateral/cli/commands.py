@@ -88,6 +88,11 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "problem", metavar="PROBLEM", help="a case's name, or a YAML file that declares a case or a problem"
     )
     solve.add_argument("--json", action="store_true", help="print one JSON object")
+    solve.add_argument(
+        "--sharp",
+        action="store_true",
+        help="bounds nearer to the errors, above all that of lambda; slower",
+    )
     sizes = solve.add_argument_group("on given sizes")
     sizes.add_argument("--h", type=_positive, help="mesh size on the boundary, such as 1/64")
     sizes.add_argument("--H", type=_positive, help="size of the multiplier's cells, such as 1/32")

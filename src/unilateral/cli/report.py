@@ -9,8 +9,8 @@ from typing import Any
 from unilateral.accuracy.budget import limits
 from unilateral.accuracy.level import Level, unknowable
 from unilateral.accuracy.search import Search
-from unilateral.bounds.sharp import SharpBound
 from unilateral.cli.streams import as_options
+from unilateral.solution import Bounds
 from unilateral.solvers.uzawa import DualResult
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
@@ -25,7 +25,7 @@ def head(found: dict[str, Any]) -> str:
 
 
 def table(
-    found: dict[str, Any], result: DualResult, bound: SharpBound | None, as_json: bool, unique: bool = True
+    found: dict[str, Any], result: DualResult, bounds: Bounds | None, as_json: bool, unique: bool = True
 ) -> str:
     """One JSON object with null for what is unknown, or rows for a reader."""
     if as_json:
@@ -38,9 +38,9 @@ def table(
     }
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique)
-    if bound is not None:
-        rows["guaranteed"] = f"{ERROR['h1']} <= {bound.u:.4e}, {ERROR['hm12']} <= {bound.lambda_:.4e}"
-        adds = f"f and g enclosed, which adds {bound.unknown:.1e}"
+    if bounds is not None:
+        rows["guaranteed"] = f"{ERROR['h1']} <= {bounds.u:.4e}, {ERROR['hm12']} <= {bounds.multiplier:.4e}"
+        adds = f"f and g enclosed, which adds {bounds.unknown:.1e}"
         rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
     if not unique:
         rows["lambda_H"] = NOT_UNIQUE
@@ -91,7 +91,7 @@ def ending(search: Search) -> str:
         reached += f" = {best.total / best.size:.3g} of {SIZE[norm]} >= {best.size:.4e}"
     if best.certified:
         return f"  certified: {reached}"
-    bound = best.solved.bound
+    bound = best.solved.bound(best.goal.sharp)
     if bound and unknowable(search.done[-1]) and not search.ended:
         return (
             f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "

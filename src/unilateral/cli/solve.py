@@ -33,7 +33,7 @@ FEW = 512
 def run(options: argparse.Namespace) -> int:
     """Solve and report; the exit code."""
     begin = time.perf_counter()
-    problem = _problem(options)
+    problem, sharp = _problem(options), options.sharp or options.norm == "hm12"
     found = api.solve(
         problem,
         options.h,
@@ -50,11 +50,12 @@ def run(options: argparse.Namespace) -> int:
         max_unknowns=options.max_unknowns or math.inf,
         max_seconds=options.max_seconds or MAX_SECONDS,
         max_memory=options.max_memory or math.inf,
+        sharp=sharp,
         tell=None if options.json else _told(problem.name),
     )
     search = found.search
     cheap = search or not isinstance(problem, Case) or found.mesh.n_nodes <= CHEAP
-    bounds = found.bounds if cheap else None
+    bounds = (found.sharp_bounds if sharp else found.bounds) if cheap else None
     unique = bool(search) or found.solved.discrete.unique
     if search:
         _tell_faults(search)
@@ -65,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     printed["peak_mb"] = peak_mb()
     if not options.json:
         say(ending(search) if search else head(printed))
-    say(table(printed, found.solved.result, found.solved.bound if bounds else None, options.json, unique))
+    say(table(printed, found.solved.result, bounds, options.json, unique))
     if search and search.ended == BY_USER:
         return INTERRUPTED
     return 0 if printed["converged"] else NOT_CONVERGED

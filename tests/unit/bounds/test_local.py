@@ -175,7 +175,7 @@ def test_functions_of_the_layer_are_those_of_P2(name):
     v[p2.nodal_dofs[0][mesh.boundary]] = nodal
     v[p2.facet_dofs[0]] = v[p2.nodal_dofs[0]][p2.mesh.facets].mean(axis=0)
     ends = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
-    facets = [np.flatnonzero((p2.mesh.facets.T == pair).all(axis=1))[0] for pair in ends]
+    facets = [np.flatnonzero((p2.mesh.facets.T == two).all(axis=1))[0] for two in ends]
     v[p2.facet_dofs[0, facets]] += bubble
 
     @skfem.Functional
