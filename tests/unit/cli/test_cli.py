@@ -271,8 +271,8 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
     [
         ({9: 1e-3, 225: 1e-3}, {}, ("1e-4", "--max-unknowns", "300"), "  unknowns                    25 and"),
         # the third level's bound of u would be small enough, but those of lambda contradict each other
-        ({}, {9: 1e-3, 225: 1e-3}, ("0.05",), "  unknowns                    25 and"),
-        ({}, {9: 1e-3, 25: 1e-3, 225: 1e-3}, ("0.05",), "bounds contradict each other: no bound is left"),
+        ({}, {9: 1e-3, 289: 1e-3}, ("0.05",), "  unknowns                    25 and"),
+        ({}, {9: 1e-3, 25: 1e-3, 289: 1e-3}, ("0.05",), "bounds contradict each other: no bound is left"),
     ],
 )
 def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u, of_lambda, options, said):
