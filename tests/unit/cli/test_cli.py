@@ -276,7 +276,7 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
     ],
 )
 def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u, of_lambda, options, said):
-    """Factors of bounds, by the levels' unknowns. The second is the answer where the first and third disagree."""
+    """Factors of bounds, by unknowns. The second level is the answer where the first and third disagree."""
     own = discrete_solution.local_bound
 
     def spoilt(*arguments):
