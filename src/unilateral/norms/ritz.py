@@ -84,7 +84,7 @@ def ritz_projections(
     total[:, boundary] += flux
     z_h = condensed.solve(total.T).T
     difference = z_h - interpolants
-    A_difference = (condensed.A @ difference.T).T
+    A_difference = (condensed.for_products @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
     trace = z_h[:, boundary] - condensed.solve_boundary(flux.T).T
     more = np.sum((A_difference - 2 * residual) * difference, axis=1)
