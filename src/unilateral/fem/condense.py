@@ -15,6 +15,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
+from unilateral.fem.inherited import refined_matrix
 from unilateral.fem.p1 import boundary_mass, load, stiffness_and_mass
 from unilateral.fem.recursive import Recursive
 from unilateral.fem.sparse import Sparse, dissected, last_block
@@ -43,6 +44,11 @@ class Condensed:
     def A(self) -> sp.csr_array:
         """(n, n)"""
         return matrix(self.mesh)
+
+    @cached_property
+    def for_products(self) -> sp.csr_array:
+        """A (n, n) up to rounding, rows not sorted; on a refined mesh it is inherited, ten times as fast."""
+        return refined_matrix(self.mesh) if self.mesh.halvings else self.A
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""

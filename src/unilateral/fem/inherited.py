@@ -85,6 +85,14 @@ def matrix(coarser: Elements, P: sp.csr_array) -> sp.csr_array:
     return A
 
 
+def refined_matrix(mesh: Mesh) -> sp.csr_array:
+    """A (n, n) of a mesh that was refined once or more often, its rows as those of `matrix`."""
+    of = elements(mesh.coarse or mesh)
+    for _ in range(mesh.halvings - 1):
+        of = of.children()
+    return matrix(of, prolongation(of.of))
+
+
 def _around(P: sp.csr_array) -> tuple[Int32, Int32]:
     """The rows of each column of P, which are an old node and its neighbours, and where they start."""
     columns = P.tocsc()

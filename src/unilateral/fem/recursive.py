@@ -87,7 +87,7 @@ class Recursive:
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs for rhs (n,) or (n, k)."""
-        x = np.array(np.atleast_2d(rhs.T), dtype=float)
+        x = np.array(np.atleast_2d(rhs.T), dtype=float, order="C")
         for stage in self.stages:
             stage.reduce(x)
         loads = x[:, self.boundary].T

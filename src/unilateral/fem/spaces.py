@@ -100,7 +100,7 @@ class MixedSpaces:
         return found
 
     def response(self, load: Array, mu: Array) -> Array:
-        """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,)."""
+        """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,), or (n, k) of k at once."""
         total = load.copy()
         total[self.mesh.boundary] += self.B.T @ mu
         return self.condensed.solve(total)

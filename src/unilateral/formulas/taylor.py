@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from itertools import product as cartesian
 from typing import NamedTuple
 
@@ -32,12 +33,12 @@ OF_FUNCTIONS = 8 * EPS
 
 class Basis(NamedTuple):
     """Monomials (m, d) by degree (m,); `first` (n + 2,) is where each degree begins; `times` per monomial:
-    those with which it makes one of degree at most n, and which."""
+    those with which it makes one of degree at most n, and which, in runs of neighbours."""
 
     exponents: Index
     degree: Index
     first: Index
-    times: tuple[tuple[slice, Index], ...]
+    times: tuple[tuple[tuple[slice, slice], ...], ...]
 
     @property
     def order(self) -> int:
@@ -53,10 +54,18 @@ def basis(d: int, n: int) -> Basis:
     first = np.searchsorted(degree, np.arange(n + 2))
     times = []
     for a in found:
-        others = slice(0, int(first[n - sum(a) + 1]))
-        sums = exponents[others] + np.array(a)
-        times.append((others, np.array([place[tuple(b)] for b in sums.tolist()], dtype=np.intp)))
+        sums = exponents[: first[n - sum(a) + 1]] + np.array(a)
+        times.append(_runs(np.array([place[tuple(b)] for b in sums.tolist()])))
     return Basis(exponents, degree, first, tuple(times))
+
+
+def _runs(places: Index) -> tuple[tuple[slice, slice], ...]:
+    """The indices 0, 1, ... and their places (k,), cut where a place does not follow the one before it."""
+    cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
+    return tuple(
+        (slice(i, j), slice(at, at + j - i))
+        for (i, j), at in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +110,10 @@ def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: floa
 
 def constant(of: Basis, values: Interval) -> Model:
     """What lies between two numbers (k,)."""
-    c = np.zeros((len(of.degree), len(values[0])))
-    return settled(of, c, np.full(len(values[0]), np.inf), values)
+    known = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
+    c = np.zeros((len(of.degree), len(known[0])))
+    c[0], rad = _middle(known)
+    return Model(of, c, rad, known)
 
 
 def number(like: Model, value: Array | float) -> Model:
@@ -140,20 +151,26 @@ def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
         reach = (1 + 4 * len(of.degree) * EPS) * (np.abs(c[1:]).sum(axis=0) + rad)
         lower, upper = interval.outward(c[0] - reach, c[0] + reach)
         lower, upper = np.fmax(lower, range_[0]), np.fmin(upper, range_[1])
-        half, middle = 0.5 * (upper - lower), 0.5 * upper + 0.5 * lower
-        flat = ~(rad <= half)
+        flat = ~(rad <= 0.5 * (upper - lower))
         if flat.any():
-            c, rad = c.copy(), rad.copy()
-            known = np.isfinite(middle[flat])
-            c[:, flat] = 0.0
-            c[0, flat] = np.where(known, middle[flat], 0.0)
-            rad[flat] = np.where(known, half[flat] + 4 * EPS * np.abs(middle[flat]) + TINY, np.inf)
+            c, (middle, half) = np.where(flat, 0.0, c), _middle((lower, upper))
+            c[0], rad = np.where(flat, middle, c[0]), np.where(flat, half, rad)
     return Model(of, c, rad, (lower, upper))
+
+
+def _middle(values: Interval) -> tuple[Array, Array]:
+    """The midpoints (k,) of intervals and how far they reach from there; 0 and inf where there is none."""
+    lower, upper = values
+    with np.errstate(all="ignore"):
+        middle = 0.5 * upper + 0.5 * lower
+        known, half = np.isfinite(middle), 0.5 * (upper - lower)
+        return np.where(known, middle, 0.0), np.where(known, half + 4 * EPS * np.abs(middle) + TINY, np.inf)
 
 
 def _by_degree(of: Basis, c: Array) -> Array:
     """(n + 1, k) sums of |c_alpha| over the monomials of each degree."""
-    return np.add.reduceat(np.abs(c), of.first[:-1], axis=0)
+    sizes = np.abs(c)
+    return np.stack([sizes[i] + sizes[i + 1 : j].sum(axis=0) for i, j in pairwise(of.first.tolist())])
 
 
 def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -161,11 +178,13 @@ def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple
     (x, r), (y, s) = a, b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
     with np.errstate(all="ignore"):
-        for row, (others, into) in zip(x, of.times, strict=True):
-            if row.any():
-                c[into] += row * y[others]
+        for i in np.flatnonzero(x.any(axis=1)):
+            for others, into in of.times[i]:
+                c[into] += x[i] * y[others]
         of_x, of_y = _by_degree(of, x), _by_degree(of, y)
-        from_y = np.cumsum(of_y[::-1], axis=0)[::-1]
+        from_y = of_y.copy()
+        for k in range(of.order)[::-1]:
+            from_y[k] += from_y[k + 1]
         above = (of_x[1:] * from_y[:0:-1]).sum(axis=0)
         all_x, all_y = of_x.sum(axis=0), from_y[0]
         rad = above + (all_x + r) * s + all_y * r + (len(of.degree) + 2) * EPS * all_x * all_y

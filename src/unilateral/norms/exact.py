@@ -12,6 +12,7 @@ quadrature contributes.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -70,24 +71,30 @@ class CellMeans:
 
 
 def cell_means(case: Case, partition: Partition) -> CellMeans:
-    """Means and norms by quadrature split at the case's singular points, to round-off."""
-    rule, m = boundary_rule(case.polygon, partition.points, case.singular()), partition.n_cells
-    u, flux, gap = case.boundary(rule.side, rule.s, rule.near)
-    lambda_means, gap_means, g_means = (
-        rule.integrate(values, m) / partition.lengths for values in (flux, gap, u - gap)
-    )
+    """Those of one case, see `cell_means_of_gaps`."""
+    return cell_means_of_gaps([case], partition)[0]
+
+
+def cell_means_of_gaps(cases: Sequence[Case], partition: Partition) -> list[CellMeans]:
+    """Means and norms of cases with the same u, which is evaluated once, and different gaps.
+
+    By quadrature split at the singular points of all of them, to round-off.
+    """
+    singular = [point for case in cases for point in case.singular()]
+    rule, m = boundary_rule(partition.polygon, partition.points, singular), partition.n_cells
+    u, flux, first = cases[0].boundary(rule.side, rule.s, rule.near)
+    lambda_means = rule.integrate(flux, m) / partition.lengths
     deviation = flux - lambda_means[rule.interval]
-    in_L2 = 1.0 if case.flux_in_L2 else math.nan
-    return CellMeans(
-        partition,
-        lambda_means,
-        gap_means,
-        g_means,
-        partition.has_inside(case.transitions()),
-        lambda_norm=in_L2 * math.sqrt(rule.weight @ flux**2),
-        projection_error=in_L2 * math.sqrt(rule.weight @ deviation**2),
-        size=float(np.max(np.abs(u) + np.abs(gap))),
-    )
+    in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
+    lambda_norm, projection_error = (in_L2 * math.sqrt(rule.weight @ of**2) for of in (flux, deviation))
+    found = []
+    gaps = [first, *(case.gap(rule.side, rule.s) for case in cases[1:])]
+    for case, gap in zip(cases, gaps, strict=True):
+        gap_means, g_means = (rule.integrate(of, m) / partition.lengths for of in (gap, u - gap))
+        crossed, size = partition.has_inside(case.transitions()), float(np.max(np.abs(u) + np.abs(gap)))
+        norms = lambda_norm, projection_error, size
+        found.append(CellMeans(partition, lambda_means, gap_means, g_means, crossed, *norms))
+    return found
 
 
 class ExactErrors(NamedTuple):

@@ -68,20 +68,16 @@ def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Fu
     x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
     weighted = rule.weight[:, None] * values
 
-    def moments(shape: Array) -> Array:
-        found = np.zeros((len(lengths), values.shape[1]))
-        np.add.at(found, edge, shape[:, None] * weighted)
-        return found
+    def summed(weighted: Array) -> Array:
+        return np.stack([np.bincount(edge, of, len(lengths)) for of in weighted.T], axis=1)
 
-    start, end = moments(1 - x), moments(x)
-    bubble = moments(4 * x * (1 - x))
+    start, end, bubble = (summed(shape[:, None] * weighted) for shape in (1 - x, x, 4 * x * (1 - x)))
     loads = np.zeros((spaces.n_p2, values.shape[1]))
     shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
     np.add.at(loads, spaces.nodes.ravel(), shapes.reshape(-1, values.shape[1]))
     at_start, at_end = ((4 * a - 2 * b) / lengths[:, None] for a, b in ((start, end), (end, start)))
     rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
-    squares = np.zeros_like(start)
-    np.add.at(squares, edge, rule.weight[:, None] * rest**2)
+    squares = summed(rule.weight[:, None] * rest**2)
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
     left_over = oscillation_bound(mesh, spaces.triangle, squares)
     return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), left_over)

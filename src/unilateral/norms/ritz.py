@@ -84,7 +84,7 @@ def ritz_projections(
     total[:, boundary] += flux
     z_h = condensed.solve(total.T).T
     difference = z_h - interpolants
-    A_difference = (condensed.A @ difference.T).T
+    A_difference = (condensed.for_products @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
     trace = z_h[:, boundary] - condensed.solve_boundary(flux.T).T
     more = np.sum((A_difference - 2 * residual) * difference, axis=1)
@@ -127,7 +127,7 @@ def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -
 def _where_not_0(case: Case, mesh: Mesh, v_h: Array) -> Mesh:
     """Without the triangles on which u and v_h are 0."""
     zero = case.vanishes(*mesh.circles) & ~v_h[mesh.triangles].any(axis=1)
-    return replace(mesh, triangles=mesh.triangles[~zero])
+    return replace(mesh, triangles=mesh.triangles[~zero]) if zero.any() else mesh
 
 
 def _difference(

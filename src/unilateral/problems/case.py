@@ -94,14 +94,22 @@ class Case:
         """
         lengths = self.polygon.lengths[side]
         anchor, offset = near or (s / lengths, np.zeros(len(s)))
-        u, flux, gap = (np.zeros(len(s)) for _ in range(3))
+        u, flux = np.zeros(len(s)), np.zeros(len(s))
         for i in np.unique(side):
             here = np.flatnonzero(side == i)
             along = Along((s / lengths)[here], anchor[here], (offset / lengths)[here])
-            u[here], flux[here], gap[here] = self._on_side(int(i), s[here], along)
-        return u, flux, gap
+            u[here], flux[here] = self._on_side(int(i), s[here], along)
+        return u, flux, self.gap(side, s)
 
-    def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array, Array]:
+    def gap(self, side: Index, s: Array) -> Array:
+        """The gap u - g (k,) at the arc lengths s of the sides."""
+        t, gap = s / self.polygon.lengths[side], np.zeros(len(s))
+        for i in np.unique(side):
+            here = side == i
+            gap[here] = self._gap_functions[i](t[here])[0]
+        return gap
+
+    def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array]:
         points = self.polygon.at(np.full(len(s), side), s)
         u, flux = np.zeros(len(s)), np.zeros(len(s))
         for atom in self.atoms:
@@ -111,7 +119,7 @@ class Case:
             else:
                 value, normal = atom.trace_and_flux(side, along)
             u, flux = u + value, flux + normal
-        return u, flux, self._gap_functions[side](along.t)[0]
+        return u, flux
 
     @cached_property
     def _gap_functions(self) -> list[Compiled]:

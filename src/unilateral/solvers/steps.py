@@ -39,11 +39,23 @@ class Nesterov:
     def __call__(self, y: Array, F: Array, R: Array) -> None:
         t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
         momentum = (self.t - 1) / t
-        z = y + momentum * (y - self.old)
-        new = np.maximum(0, z - self.rho * (F + momentum * (F - self.old_F)))
-        self.t = 1.0 if (z - new) @ (new - y) > 0 else t
-        self.old, self.old_F = y.copy(), F.copy()
+        z, slope = _ahead(y, self.old, momentum), _ahead(F, self.old_F, momentum)
+        slope *= self.rho
+        new = np.subtract(z, slope, out=slope)
+        np.maximum(new, 0, out=new)
+        z -= new
+        self.old[:], self.old_F[:] = y, F
         y[:] = new
+        new -= self.old
+        self.t = 1.0 if z @ new > 0 else t
+
+
+def _ahead(now: Array, before: Array, momentum: float) -> Array:
+    """now + momentum (now - before), (m,)."""
+    found = now - before
+    found *= momentum
+    found += now
+    return found
 
 
 class BarzilaiBorwein:

@@ -23,6 +23,7 @@ from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.sparse import factorise
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
@@ -152,6 +153,20 @@ def test_the_best_flux_is_the_best_for_every_v():
     size = spaces.defect(zero, np.zeros(spaces.p2.N), other)
     for v in rng.standard_normal((2, spaces.p2.N)):
         assert spaces.defect(f_h, v, q + other) == pytest.approx(spaces.defect(f_h, v, q) + size, rel=1e-12)
+
+
+def test_the_fluxes_fill_in_no_more_per_unknown_than_p2():
+    """A separator's edge has two unknowns in RT1, an edge and a node two in P2, and RT1 has more elsewhere.
+
+    Control: the unknowns inside all triangles first, in the order of the triangles.
+    """
+    spaces = hypercircle(structured(square(), 1 / 32))
+    inner, A = spaces.fluxes.inner, spaces.fluxes.factor.A
+    most = factorise(spaces.A, np.argsort(spaces.rank, kind="stable")).nnz / spaces.p2.N
+    assert factorise(A, np.arange(len(inner))).nnz <= most * len(inner)
+    of_triangles = np.isin(inner, spaces.rt.interior_dofs)
+    first = np.flatnonzero(of_triangles)[np.argsort(inner[of_triangles])]
+    assert factorise(A, np.append(first, np.flatnonzero(~of_triangles))).nnz > most * len(inner)
 
 
 def extension_norm(triangle, r):

@@ -180,6 +180,26 @@ def test_models_that_are_not_finite_know_it():
         assert not (np.isfinite(model.range[0][0]) and np.isfinite(model.range[1][0]))
 
 
+@pytest.mark.parametrize(("d", "n", "runs"), [(1, 7, 8), (2, 4, 31), (3, 3, None)])
+def test_a_basis_knows_all_products_of_its_monomials(d, n, runs):
+    """Exponents add; in one variable a run per monomial, in two one per degree of the other, but for 1."""
+    of = basis(d, n)
+    found = [
+        (a, b, c)
+        for a, times in enumerate(of.times)
+        for others, into in times
+        for b, c in zip(range(len(of.degree))[others], range(len(of.degree))[into], strict=True)
+    ]
+    degree = of.degree
+    assert sorted(found) == [
+        (a, b, np.flatnonzero((of.exponents == of.exponents[a] + of.exponents[b]).all(axis=1)).item())
+        for a in range(len(degree))
+        for b in range(len(degree))
+        if degree[a] + degree[b] <= n
+    ]
+    assert runs is None or sum(map(len, of.times)) == runs
+
+
 def test_models_are_joined_in_the_boxes_order():
     of = basis(1, 2)
     whole = constant(of, (np.arange(5.0), np.arange(5.0)))

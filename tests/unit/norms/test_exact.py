@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy
 from conftest import condensed, discrete, load
 
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact import cell_means, cell_means_of_gaps
 from unilateral.norms.ritz import RitzProjection, _check_size, h1_distance, ritz_projection, ritz_projections
 
 
@@ -70,6 +71,18 @@ def test_errors_take_one_dual_norm(monkeypatch):
     monkeypatch.setattr(RitzProjection, "discrete_dual", lambda *of: norms.append(dual(*of)) or norms[-1])
     errors = of.errors(np.ones(len(of.cells)))
     assert norms == [errors.hm12_discrete]
+
+
+def test_means_of_several_gaps_are_those_of_each():
+    """Another gap's singular points only cut the rule; u and lambda are the first one's."""
+    case, cells = load("thirds"), uniform(square(), 1 / 8)
+    other = replace(case, gaps=(sympy.S.One,) * 4)
+    for one, found in zip((case, other), cell_means_of_gaps([case, other], cells), strict=True):
+        alone = cell_means(one, cells)
+        np.testing.assert_allclose(found.gap_means, alone.gap_means, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(found.g_means, alone.g_means, rtol=0, atol=1e-14)
+        assert found.has_transition.sum() == alone.has_transition.sum()
+        assert found.projection_error == pytest.approx(alone.projection_error, rel=1e-12)
 
 
 def test_norms_of_a_multiplier_in_closed_form():

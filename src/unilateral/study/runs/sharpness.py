@@ -23,7 +23,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.exact import Exact, cell_means_of_gaps
 from unilateral.norms.infsup import infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T
@@ -45,13 +45,18 @@ MEASURED = (
 )
 
 
-def transition(polygon: Polygon, at: sympy.Expr, alpha: sympy.Expr, gamma: sympy.Expr) -> Case:
-    """A member of the family on side 0, contact from `at` to `at` + CUTOFF, in side lengths."""
+def transitions(
+    polygon: Polygon, at: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
+) -> list[Case]:
+    """Members of the family with one u on side 0, contact from `at` to `at` + CUTOFF, in side lengths."""
     rest = (T - at - CUTOFF) / (1 - at - CUTOFF)
-    gap = pos(at - T, gamma) + at**gamma * pos(rest, END)
-    gaps = (gap, *[at**gamma] * (polygon.n_sides - 1))
-    name = f"alpha {alpha}, gamma {gamma}, at {at}"
-    return Case(name, {}, polygon, (harmonic(polygon, 0, at, alpha, CUTOFF),), gaps)
+    atoms = (harmonic(polygon, 0, at, alpha, CUTOFF),)
+    found = []
+    for gamma in gammas:
+        gap = pos(at - T, gamma) + at**gamma * pos(rest, END)
+        gaps = (gap, *[at**gamma] * (polygon.n_sides - 1))
+        found.append(Case(f"alpha {alpha}, gamma {gamma}, at {at}", {}, polygon, atoms, gaps))
+    return found
 
 
 def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
@@ -78,17 +83,17 @@ def measure(
     polygon = mesh.polygon
     condensed = condense(mesh)
     spaces = mixed_spaces(condensed, partition)
-    of_u = [[transition(polygon, x, alpha, gammas[0]) for x in at] for alpha in alphas]
-    gram = dual_norm(partition, [case for row in of_u for case in row]).gram([c for row in of_u for c in row])
+    family = [[transitions(polygon, x, alpha, gammas) for x in at] for alpha in alphas]
+    of_u = [[members[0] for members in row] for row in family]
+    every_u = [case for row in of_u for case in row]
+    gram = dual_norm(partition, every_u).gram(every_u)
     beta = infsup(spaces.operator, gram.p0).beta_lower
     found = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
-    for a, alpha in enumerate(alphas):
+    for a, row in enumerate(family):
         problems = ritz_projections(of_u[a], condensed)
-        for k, x in enumerate(at):
-            for c, gamma in enumerate(gammas):
-                case = transition(polygon, x, alpha, gamma)
-                cells = cell_means(case, partition)
-                exact = Exact(replace(problems[k], case=case), cells)
+        for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
+            for c, cells in enumerate(cell_means_of_gaps(members, partition)):
+                exact = Exact(replace(problem, case=members[c]), cells)
                 solution = solve(with_solution(spaces, exact), stop, beta)
                 errors = exact.errors(spaces, solution.result.lambda_H)
                 difference = cells.lambda_means - solution.lambda_H

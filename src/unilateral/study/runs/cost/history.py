@@ -52,12 +52,12 @@ class History:
         self.begin = time.perf_counter()
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
-        now = time.perf_counter()
         self.steps += 1
         small = dnrm2(R) * self.per_residual
         if len(self.reached) < len(self.tolerances) and small <= self.tolerances[len(self.reached)]:
+            now = time.perf_counter()
             self._record(y, small, now - self.begin - self.aside)
-        self.aside += time.perf_counter() - now
+            self.aside += time.perf_counter() - now
 
     def _record(self, y: Array, small: float, seconds: float) -> None:
         bound = self._bound(y)
