@@ -67,15 +67,21 @@ def floors(fits: xr.Dataset) -> pd.DataFrame:
     return table
 
 
+INDICES = {
+    "local_index_u": f"cheap, {SPACES['h1']}",
+    "total_index_u": f"sharp, {SPACES['h1']}",
+    "total_index_lambda": f"sharp, {SPACES['hm12']}",
+}
+
+
 def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     """Guaranteed total errors over the true ones on the coarsest and finest level."""
     rows = []
     for name, table in scenes.items():
-        for case, norm in itertools.product(table["case"].values, ("h1", "hm12")):
-            index = table["total_index_u" if norm == "h1" else "total_index_lambda"].sel(case=case)
+        for case, (variable, title) in itertools.product(table["case"].values, INDICES.items()):
             for k in (0, -1):
-                value = float(index[k])
-                head = f"{SPACES[norm]}, h = {shown(float(table['h'][k]), '1/n')}"
+                value = float(table[variable].sel(case=case)[k])
+                head = f"{title}, h = {shown(float(table['h'][k]), '1/n')}"
                 rows.append((name, f"`{case}`", head, "λ_H exact" if np.isnan(value) else f"{value:.2f}"))
     long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
     heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
