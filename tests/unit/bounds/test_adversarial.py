@@ -196,7 +196,7 @@ RANGE = {name: range(n, n + FUZZ) if FUZZ else range(n) for name, n in NUMBER.it
 
 
 def outcome(of, file):
-    """Of each level and both bounds that and the true error of u, and those of lambda; none if it is refused."""
+    """Of each level and both bounds: these and the true errors of u, and of lambda; none if it is refused."""
     file.write_text(of.declaration())
     try:
         done = list(levels(problem_file.load(str(file)), Goal(0.02, max_unknowns=MOST)))
