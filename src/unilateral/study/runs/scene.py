@@ -17,7 +17,7 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.memory import peak_mb
+from unilateral.memory import forget_peak, peak_mb
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
@@ -58,6 +58,7 @@ def sweep(
     Only pairs with H/h within the two limits are solved; the rest is NaN. `gram` holds the dual norm's
     forms for these cases, on a partition that refines those given; it is needed where beta > 0.
     """
+    forget_peak()
     begin = time.perf_counter()
     condensed = condense(mesh)
     sigma_1 = condensed.sigma_1
