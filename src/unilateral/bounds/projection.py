@@ -45,14 +45,9 @@ def rounding(c: Array, halvings: int) -> Array:
     return (24 + 8 * halvings) * EPS * np.abs(c).sum(axis=0)
 
 
-def means(c: Array) -> Array:
-    """(k,) of p with c (m, k)."""
-    return np.asarray(hat_means()[:3].sum(axis=0) @ c)
-
-
-def mean_squares(c: Array) -> Array:
-    """(k,) means of p^2."""
-    return np.sum((_triangular() @ c) ** 2, axis=0)
+def averages(c: Array) -> Array:
+    """(2, k) the means of p and of p^2, of c (m, k)."""
+    return np.stack([hat_means().sum(axis=0) @ c, np.sum((_triangular() @ c) ** 2, axis=0)])
 
 
 @cache

@@ -22,7 +22,7 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.bounds.pieces import Pieces, areas, known_at_points, polynomials
-from unilateral.bounds.projection import hat_means, mean_squares, means
+from unilateral.bounds.projection import averages, hat_means
 from unilateral.bounds.whole import MOST_HALVINGS, Values, whole
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
@@ -41,7 +41,7 @@ RESOLVED = 4.0
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
 MOST_PIECES = 200_000
-"""To be looked at on a mesh, or four times its triangles."""
+"""Of a mesh's triangles, or four times those: to be looked at, besides triangles of coarser levels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,21 +87,21 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
     """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice."""
     n = len(mesh.triangles)
     values, sums = Values(np.zeros((n, 3)), np.zeros((n, 3)), *np.zeros((2, n))), Sums()
-    halvings, most = min(mesh.halvings, MOST_HALVINGS), max(MOST_PIECES, 4 * n)
+    halvings = min(mesh.halvings, MOST_HALVINGS)
     left = np.arange(n >> 2 * halvings)
     for k in range(halvings, -1, -1):
         if not left.size:
             break
-        found, most = whole(mesh, left, k, data), most - left.size
+        found = whole(mesh, left, k, data)
         squares = found.area * found.rad**2
-        wanted = (sums + _sums(found.c, found.area, squares)).wanted(mesh.h, ABOVE if k else 1.0)
+        wanted = (sums + _sums(found.averages, found.area, squares)).wanted(mesh.h, ABOVE if k else 1.0)
         fine = squares <= 0.5 * wanted * 4**k / n
         values.put(found, fine, mesh)
-        sums += _sums(found.c[:, fine], found.area[fine], squares[fine], 4**k)
+        sums += _sums(found.averages[:, fine], found.area[fine], squares[fine], 4**k)
         left = found.children(~fine) if k else left[~fine]
     if left.size:
         part = replace(mesh, triangles=mesh.triangles[left], coarse=None, halvings=0)
-        of_part, sums = _in_pieces(part, data, sums, most)
+        of_part, sums = _in_pieces(part, data, sums, max(MOST_PIECES, 4 * n))
         for array, there in zip(values, of_part, strict=True):
             array[left] = there
     return Source(mesh, *values, resolved=sums.unknown <= RESOLVED * sums.wanted(mesh.h))
@@ -114,9 +114,9 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
     while parent.size:
         pieces, owner = polynomials(mesh, corners, parent, data)
         left -= len(owner)
-        rest, area = _rest(mesh, pieces), areas(mesh, pieces)
+        rest, area, of_p = _rest(mesh, pieces), areas(mesh, pieces), averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
-        total = sums + _sums(pieces.c, area, rest)
+        total = sums + _sums(of_p, area, rest)
         enough = total.wanted(mesh.h)
         wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
         wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], data)
@@ -124,7 +124,7 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
             wide &= np.argsort(np.argsort(-squares)) < left // 4
         kept = ~wide[owner]
         done.append(pieces.of(kept))
-        sums += _sums(pieces.c[:, kept], area[kept], rest[kept])
+        sums += _sums(of_p[:, kept], area[kept], rest[kept])
         corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
     return _projected(mesh, done), sums
 
@@ -152,9 +152,9 @@ class Sums:
         return max(share * ENOUGH * h * spread, FLOOR * (norm - unknown), 0.0) ** 2
 
 
-def _sums(c: Array, area: Array, squares: Array, parts: int = 1) -> Sums:
-    """Of polynomials c (m, k) on pieces with those areas (k,) and E^2 (k,), each of so many parts."""
-    square, integral = (float(area @ of(c)) for of in (mean_squares, means))
+def _sums(of_p: Array, area: Array, squares: Array, parts: int = 1) -> Sums:
+    """Of pieces with the `averages` (2, k) of p, those areas (k,) and E^2 (k,), each of so many parts."""
+    integral, square = (of_p @ area).tolist()
     return Sums(float(squares.sum()), square, integral, float(area.sum()), parts * len(area))
 
 
@@ -180,6 +180,6 @@ def _projected(mesh: Mesh, done: list[Pieces]) -> Values:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
         left = pieces.c.copy()
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
-        squares += np.bincount(pieces.parent, pieces.outer * mean_squares(left), n)
+        squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
     oscillation = np.sqrt(squares) + np.sqrt(jumping)
     return Values(f_h, moments, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))

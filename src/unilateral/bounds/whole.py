@@ -13,7 +13,8 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.pieces import BLOCK, on_triangles, size_of, with_gaps
-from unilateral.bounds.projection import halved, projected, rounding
+from unilateral.bounds.projection import ORDER, averages, halved, projected, rounding
+from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import signed_areas
 from unilateral.problems.data import Data
@@ -32,6 +33,7 @@ class Whole(NamedTuple):
     halvings: int
     area: Array
     c: Array
+    averages: Array
     rad: Array
     first: Index
 
@@ -42,15 +44,16 @@ class Whole(NamedTuple):
 
 def whole(mesh: Mesh, triangle: Index, halvings: int, data: Data) -> Whole:
     """f on the triangles (k,) of the level from which so many halvings made the mesh."""
-    corner, every, size = np.arange(3), 4**halvings, size_of(mesh)
-    nodes = mesh.triangles[every * triangle[:, None] + (every - 1) // 3 * corner, corner]
-    found = [
-        on_triangles(mesh.points[nodes[start : start + BLOCK]], size, data)
-        for start in range(0, len(triangle), BLOCK)
-    ]
-    c, rad, first = (np.concatenate(each, axis=-1) for each in zip(*found, strict=True))
-    rad += rounding(c, halvings)
-    return Whole(triangle, halvings, signed_areas(mesh.points, nodes), c, rad, first)
+    k, corner, every, size = len(triangle), np.arange(3), 4**halvings, size_of(mesh)
+    c, of_p = np.empty((len(basis(2, ORDER).degree), k)), np.empty((2, k))
+    area, rad, first = *np.empty((2, k)), np.empty(k, dtype=np.intp)
+    for start in range(0, k, BLOCK):
+        of = slice(start, start + BLOCK)
+        nodes = mesh.triangles[every * triangle[of, None] + (every - 1) // 3 * corner, corner]
+        c[:, of], rad[of], first[of] = on_triangles(mesh.points[nodes], size, data)
+        area[of], of_p[:, of] = signed_areas(mesh.points, nodes), averages(c[:, of])
+        rad[of] += rounding(c[:, of], halvings)
+    return Whole(triangle, halvings, area, c, of_p, rad, first)
 
 
 class Values(NamedTuple):
