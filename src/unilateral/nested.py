@@ -7,19 +7,19 @@ time and memory are proportional to the number of unknowns.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete import obstacle_means
 from unilateral.discrete_solution import Solution
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.loads import by_parts, case_moments, sampled_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
@@ -38,7 +38,8 @@ class Nested:
     """(P_h*) on nested spaces: `load` (n,) is (f, phi_i), `g_means` (cells,) are those of g.
 
     Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; a
-    lower bound of `beta` is not known. f and g are enclosed where the `data` are formulas.
+    lower bound of `beta` is not known. f and g are enclosed where the `data` are formulas; `source` is f
+    enclosed, where the load was made of that.
     """
 
     mesh: Mesh
@@ -48,7 +49,7 @@ class Nested:
     g_means: Array
     grids: Multigrid
     data: Data | None
-    source: None = None
+    source: Source | None
     unique: bool = True
     beta: float = 0.0
 
@@ -99,15 +100,17 @@ def nested(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Nested 
     if of_levels is None:
         return None
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
-    load, means = by_parts(mesh, _moments(problem)), obstacle_means(problem, partition)
+    (load, source), means = _load(problem, mesh), obstacle_means(problem, partition)
     grids = multigrid(levels, of_levels, load, (partition.lengths * means)[cells])
     data = None if isinstance(problem, Sampled) else problem
-    return Nested(mesh, partition, cells, load, means, grids, data)
+    return Nested(mesh, partition, cells, load, means, grids, data, source)
 
 
-def _moments(problem: Data | Sampled) -> Callable[[Mesh], Array]:
+def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
+    """(n,) values of (f, phi_i), and f enclosed where they are made of that."""
     if isinstance(problem, Case):
-        return partial(case_moments, problem)
+        return by_parts(mesh, partial(case_moments, problem)), None
     if isinstance(problem, Sampled):
-        return partial(sampled_moments, problem)
-    return lambda part: enclosed(part, problem).moments
+        return by_parts(mesh, partial(sampled_moments, problem)), None
+    source = enclosed(mesh, problem)
+    return p1_load(mesh, source.moments), source

@@ -5,10 +5,11 @@ import pytest
 from conftest import DATA
 
 import unilateral as ul
-from unilateral import choice
+from unilateral import choice, discrete_solution
 from unilateral.discrete import Discrete, discretise
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import load
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
@@ -62,6 +63,17 @@ def test_both_ways_lead_to_the_same_solution(name, edges):
     assert found.force == pytest.approx(expected.force, rel=1e-8)
     assert found.balance < 1e-9 * size
     assert np.all(np.isnan(found.gap) == np.isin(cells.side, problem.free_sides))
+
+
+def test_f_is_enclosed_once(monkeypatch):
+    """The bound has the enclosure that the load is made of."""
+    problem = of_formulas()
+    found = nested(problem, *sizes(problem, 2)).solved(EXACTLY)
+    np.testing.assert_array_equal(
+        load(found.discrete.mesh, found.discrete.source.moments), found.discrete.load
+    )
+    monkeypatch.setattr(discrete_solution, "enclosed", None)
+    assert found.bound.u > 0
 
 
 def test_another_load_is_noticed():

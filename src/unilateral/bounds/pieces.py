@@ -1,4 +1,4 @@
-"""Pieces of triangles on which f is a polynomial, up to a bounded remainder and what jumps leave."""
+"""Triangles and pieces of them on which f is a polynomial, up to a bounded remainder and what jumps leave."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.jumps import cut, rounding, shares, sides
+from unilateral.bounds.projection import ORDER
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 
-ORDER = 4
+ROUNDING = 4 * EPS
+"""Of the coordinates' size: that of the vertices of pieces."""
 GAPS = 8.0
 """Times the rounding of coordinates: how wide gaps between pieces are at most."""
 BLOCK = 1 << 13
@@ -41,6 +43,11 @@ class Pieces(NamedTuple):
         return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
 
 
+def size_of(mesh: Mesh) -> float:
+    """The largest coordinate."""
+    return float(np.abs(mesh.polygon.vertices).max())
+
+
 def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return shares(corners) * mesh.areas[parent]
 
@@ -52,7 +59,7 @@ def areas(mesh: Mesh, pieces: Pieces) -> Array:
 def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
     """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known, size = [], _size(mesh)
+    known, size = [], size_of(mesh)
     for start in range(0, len(parent), BLOCK):
         vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
         known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
@@ -72,15 +79,33 @@ def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[
     return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
 
 
+def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
+    """(k,) areas and what may lie between pieces, of coordinates of that size."""
+    return area + GAPS * EPS * size * perimeter
+
+
+def on_triangles(vertices: Array, size: float, data: Data) -> tuple[Array, Array, Index]:
+    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) of |f - p|, and the corner (k,) that comes first.
+
+    A step has both its values on a triangle that its curve may cross.
+    """
+    order, _ = _ordered(vertices)
+    vertices = np.take_along_axis(vertices, order[..., None], axis=1)
+    steps, wrong = sides(vertices, data.jumps, size)
+    f = _model(
+        vertices, size, data, {step: np.where(np.isnan(wrong[step]), steps[step], np.nan) for step in steps}
+    )
+    return f.c, _known(f), order[:, 0]
+
+
 def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     vertices = corners @ mesh.points[mesh.triangles[parent]]
-    lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
-    order = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
+    order, perimeter = _ordered(vertices)
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
-    size = _size(mesh)
+    size = size_of(mesh)
     steps, wrong = sides(vertices, data.jumps, size)
     f, area = _model(vertices, size, data, steps), areas_of(mesh, corners, parent)
-    outer = area + GAPS * EPS * size * lengths.sum(axis=1)
+    outer = with_gaps(area, perimeter, size)
     found = Pieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
@@ -120,9 +145,15 @@ def _jumps(
     found.integral[at] += most * len(areas) * second
 
 
+def _ordered(vertices: Array) -> tuple[Index, Array]:
+    """(k, 3) the corners, the one opposite to the longest edge first, and the perimeters (k,)."""
+    lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
+    return (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3, lengths.sum(axis=1)
+
+
 def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
     """f on pieces of a mesh whose coordinates are at most `size`."""
-    x, y = (_coordinate(vertices[..., i], 4 * EPS * size) for i in range(2))
+    x, y = (_coordinate(vertices[..., i], ROUNDING * size) for i in range(2))
     return data.source_model(x, y, steps)
 
 

@@ -1,9 +1,10 @@
 """f on a mesh, enclosed: its linear part on every triangle, and a bound of what the rest can do.
 
-Triangles are cut into pieces. On a piece f is a polynomial p, |f - p| <= rad (`taylor`); at a jump that holds
-but for a part of it whose area is bounded (`jumps`). Pieces are quartered until sum |piece| rad^2 is
-small, so that no peak of f can hide between points. With f_h the L2 projection of p onto linear functions on
-each triangle T, and E_T a bound of ||f - p||_T,
+On a piece f is a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces are
+the triangles of a coarser level; where rad is not small they give way to the next level (`whole`). Triangles
+of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded (`jumps`).
+Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between points. With f_h
+the L2 projection of p onto linear functions on each triangle T, and E_T a bound of ||f - p||_T,
 
     (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
 
@@ -15,17 +16,15 @@ Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. D
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.pieces import ORDER, Pieces, areas, known_at_points, polynomials
-from unilateral.fem.quadrature import symmetric
+from unilateral.bounds.pieces import Pieces, areas, known_at_points, polynomials
+from unilateral.bounds.projection import averages, hat_means
+from unilateral.bounds.whole import MOST_HALVINGS, Values, whole
 from unilateral.fem.splitting import quarter
-from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 
@@ -33,6 +32,8 @@ J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
 """Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
+ABOVE = 1e-3
+"""Of that: on coarser levels, where it costs next to nothing."""
 IN_VAIN = 16.0
 """Times what rounding leaves: a piece with that E^2 is not quartered."""
 RESOLVED = 4.0
@@ -40,7 +41,7 @@ RESOLVED = 4.0
 FLOOR = 1e-13
 """Of ||p||: its rounding, which no smaller piece takes away."""
 MOST_PIECES = 200_000
-"""To be looked at on a mesh, or four times its triangles."""
+"""Of a mesh's triangles, or four times those: to be looked at, besides triangles of coarser levels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,38 +86,76 @@ def poincare(mesh: Mesh) -> Array:
 def enclosed(mesh: Mesh, data: Data) -> Source:
     """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice."""
     n = len(mesh.triangles)
-    corners, parent, left = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), max(MOST_PIECES, 4 * n)
-    done: list[Pieces] = []
-    while True:
+    values, sums = Values(np.zeros((n, 3)), np.zeros((n, 3)), *np.zeros((2, n))), Sums()
+    halvings = min(mesh.halvings, MOST_HALVINGS)
+    left = np.arange(n >> 2 * halvings)
+    for k in range(halvings, -1, -1):
+        if not left.size:
+            break
+        found = whole(mesh, left, k, data)
+        squares = found.area * found.rad**2
+        wanted = (sums + _sums(found.averages, found.area, squares)).wanted(mesh.h, ABOVE if k else 1.0)
+        fine = squares <= 0.5 * wanted * 4**k / n
+        values.put(found, fine, mesh)
+        sums += _sums(found.averages[:, fine], found.area[fine], squares[fine], 4**k)
+        left = found.children(~fine) if k else left[~fine]
+    if left.size:
+        part = replace(mesh, triangles=mesh.triangles[left], coarse=None, halvings=0)
+        of_part, sums = _in_pieces(part, data, sums, max(MOST_PIECES, 4 * n))
+        for array, there in zip(values, of_part, strict=True):
+            array[left] = there
+    return Source(mesh, *values, resolved=sums.unknown <= RESOLVED * sums.wanted(mesh.h))
+
+
+def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, Sums]:
+    """f on a part of a mesh, of the rest of which there are the sums; so many pieces may be looked at."""
+    n = len(mesh.triangles)
+    corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
+    while parent.size:
         pieces, owner = polynomials(mesh, corners, parent, data)
         left -= len(owner)
-        rest = _rest(mesh, pieces)
+        rest, area, of_p = _rest(mesh, pieces), areas(mesh, pieces), averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
-        unknown, enough, count = _sums(mesh, [*done, pieces])
-        wide = squares > (0.5 * enough / count if unknown > enough else np.inf)
+        total = sums + _sums(of_p, area, rest)
+        enough = total.wanted(mesh.h)
+        wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
         wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], data)
         if 4 * np.count_nonzero(wide) > left:
             wide &= np.argsort(np.argsort(-squares)) < left // 4
-        done.append(pieces.of(~wide[owner]))
-        if not wide.any():
-            return _projected(mesh, done, resolved=unknown <= RESOLVED * enough)
+        kept = ~wide[owner]
+        done.append(pieces.of(kept))
+        sums += _sums(of_p[:, kept], area[kept], rest[kept])
         corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
+    return _projected(mesh, done), sums
 
 
-def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
-    """The sum of E^2 on all pieces, what it is wanted to be at most, and their number.
+@dataclass(frozen=True)
+class Sums:
+    """Over pieces: E^2, ||p||^2, the integral of p, areas; and their number."""
 
-    Wanted is a share of ||f - mean f||, of which p shows no more than what exceeds E.
-    """
-    unknown = norm_squared = integral = 0.0
-    for pieces in everything:
-        area = areas(mesh, pieces)
-        unknown += float(_rest(mesh, pieces).sum())
-        norm_squared += float(area @ _quadratic(pieces.c))
-        integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
-    spread = math.sqrt(max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)) - math.sqrt(unknown)
-    enough = max(ENOUGH * mesh.h * spread, FLOOR * (math.sqrt(norm_squared) - math.sqrt(unknown)), 0.0)
-    return unknown, enough**2, sum(len(pieces.squares) for pieces in everything)
+    unknown: float = 0.0
+    square: float = 0.0
+    integral: float = 0.0
+    area: float = 0.0
+    count: int = 0
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def wanted(self, h: float, share: float = 1.0) -> float:
+        """What E^2 is wanted to be at most in all, on a mesh of that h; or a share of it, which is E's.
+
+        It is a share of ||f - mean f||, of which p shows no more than what exceeds E.
+        """
+        unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
+        spread = math.sqrt(max(self.square - self.integral**2 / self.area, 0.0)) - unknown
+        return max(share * ENOUGH * h * spread, FLOOR * (norm - unknown), 0.0) ** 2
+
+
+def _sums(of_p: Array, area: Array, squares: Array, parts: int = 1) -> Sums:
+    """Of pieces with the `averages` (2, k) of p, those areas (k,) and E^2 (k,), each of so many parts."""
+    integral, square = (of_p @ area).tolist()
+    return Sums(float(squares.sum()), square, integral, float(area.sum()), parts * len(area))
 
 
 def _rest(mesh: Mesh, pieces: Pieces) -> Array:
@@ -124,25 +163,11 @@ def _rest(mesh: Mesh, pieces: Pieces) -> Array:
     return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
 
 
-@cache
-def _moments() -> Array:
-    """(3 + m, m) means on a piece of monomials times its three hats, then times each other."""
-    of = basis(2, ORDER)
-    points, weights = symmetric(2 * ORDER)
-    values = np.prod((2 * points.T[1:] - 1) ** of.exponents[..., None], axis=1)
-    return (np.concatenate([points.T, values]) * weights) @ values.T
-
-
-def _quadratic(c: Array) -> Array:
-    """(k,) means of p^2."""
-    return np.maximum(np.einsum("ak,ak->k", c, _moments()[3:] @ c), 0.0)
-
-
-def _projected(mesh: Mesh, done: list[Pieces], resolved: bool) -> Source:
+def _projected(mesh: Mesh, done: list[Pieces]) -> Values:
     n = len(mesh.triangles)
     moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
     for pieces in done:
-        own = areas(mesh, pieces)[:, None] * (_moments()[:3] @ pieces.c).T
+        own = areas(mesh, pieces)[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
         for sums, values in (
             (rest, pieces.squares),
@@ -155,7 +180,6 @@ def _projected(mesh: Mesh, done: list[Pieces], resolved: bool) -> Source:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
         left = pieces.c.copy()
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
-        squares += np.bincount(pieces.parent, pieces.outer * _quadratic(left), n)
+        squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
     oscillation = np.sqrt(squares) + np.sqrt(jumping)
-    rest = np.sqrt(rest) + integral / np.sqrt(mesh.areas)
-    return Source(mesh, f_h, moments, oscillation, rest, resolved)
+    return Values(f_h, moments, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))
