@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Int32
 from unilateral.geometry.mesh import Mesh
 
 CHUNK = 4096
@@ -56,15 +56,15 @@ def equilibrated(mesh: Mesh, u_h: Array, moments: Array, sigma: Array) -> Array:
     That is linear, and these are its values at the two nodes. `moments` (m, 3) are those of f with the hats;
     `sigma` (nb, 2) is linear on the boundary edges, with these values at their ends.
     """
-    corners, across = _corners(mesh, u_h, moments), _across(mesh)
+    corners, beyond = _corners(mesh, u_h, moments), _beyond(mesh)
     at, m = mesh.boundary_triangles, len(mesh.triangles)
     at_edge = m * np.argmax(mesh.triangles[at] == mesh.boundary[:, None], axis=1) + at
     spokes = np.empty((2, 3 * m))
-    for nodes, fan in _fans(mesh, across, at_edge):
+    for nodes, fan in _fans(mesh, beyond[[1, 2, 0]].ravel(), at_edge):
         of = _Corners(*corners[:, fan])
         inside = len(nodes) == 0
         spokes[:, fan] = _inside(of) if inside else _at_the_boundary(of, *_given(mesh, sigma, nodes))
-    flux = spokes - spokes[::-1, _next(across[_next(_next(np.arange(3 * m)))])]
+    flux = spokes - spokes[::-1, beyond[[2, 0, 1]].ravel()]
     flux[:, at_edge] = -np.diff(mesh.s) * sigma.T
     return flux.reshape(2, 3, m)
 
@@ -88,30 +88,30 @@ def _corners(mesh: Mesh, u_h: Array, moments: Array) -> Array:
     return found.reshape(-1, 3 * m)
 
 
-def _next(corner: Index) -> Index:
-    """(3 m,) the corners after those of a permutation of all, anticlockwise in their triangles."""
-    found = corner + len(corner) // 3
-    return np.where(found < len(corner), found, found - len(corner))
+def _beyond(mesh: Mesh) -> Int32:
+    """(3, m) the corner after the one across the edge opposite to each corner; any corner at the boundary.
+
+    It lies at the node after, and its edge is the next corner's, the other way.
+    """
+    edge = np.ascontiguousarray(mesh.opposite_edges.T).ravel()
+    corner = np.arange(len(edge), dtype=np.int32)
+    first, last = np.empty((2, len(mesh.triangulation.ends)), dtype=np.int32)
+    last[edge], first[edge[::-1]] = corner, corner[::-1]
+    across = np.where(last[edge] == corner, first[edge], last[edge]) + np.int32(len(edge) // 3)
+    across[across >= len(edge)] -= len(edge)
+    return across.reshape(3, -1)
 
 
-def _across(mesh: Mesh) -> Index:
-    """(3 m,) the corner on the other side of the edge opposite to each corner; at the boundary any corner."""
-    opposite = mesh.opposite_edges.T.ravel()
-    corner = np.arange(len(opposite))
-    both = np.bincount(opposite, corner).astype(np.intp)
-    return np.where(opposite < mesh.triangulation.inside, both[opposite] - corner, 0)
-
-
-def _fans(mesh: Mesh, across: Index, at_edge: Index) -> Iterator[tuple[Index, Index]]:
+def _fans(mesh: Mesh, following: Int32, at_edge: Index) -> Iterator[tuple[Index, Int32]]:
     """Of p nodes with k triangles around each the corners (k, p), anticlockwise, a chunk after the other.
 
-    With them the numbers (p,) of nodes along the boundary, or none (0,).
+    With them the numbers (p,) of nodes along the boundary, or none (0,). `following` (3 m,) is the corner at
+    the same node in the next triangle.
     """
     node, n = mesh.triangles.T.ravel(), mesh.n_nodes
-    first, number, valence = np.empty(n, dtype=np.intp), np.full(n, -1), np.bincount(node, minlength=n)
+    first, number, valence = np.empty(n, dtype=np.int32), np.full(n, -1), np.bincount(node, minlength=n)
     first[node] = np.arange(len(node))
     first[mesh.boundary], number[mesh.boundary] = at_edge, np.arange(len(at_edge))
-    following = _next(across[_next(np.arange(len(node)))])
     for k in np.unique(valence):
         for inside in (number < 0, number >= 0):
             nodes = np.flatnonzero(inside & (valence == k))

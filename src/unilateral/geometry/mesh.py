@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Int32
 from unilateral.errors import InputError
 from unilateral.geometry import checks, refinement
 from unilateral.geometry import partition as partitions
@@ -79,13 +79,13 @@ class Mesh:
         return found
 
     @cached_property
-    def opposite_edges(self) -> Index:
+    def opposite_edges(self) -> Int32:
         """(m, 3) the numbers of the edges opposite to the triangles' nodes in the `triangulation`."""
         of = self.triangulation
         if self.coarse is None:  # whose nodes it may turn
             order = np.argmax(of.nodes[:, None] == self.triangles[..., None], axis=2)
-            return np.take_along_axis(of.edges, order, axis=1).astype(np.intp)
-        return of.edges.astype(np.intp)
+            return np.take_along_axis(of.edges, order, axis=1)
+        return of.edges
 
     @cached_property
     def boundary_triangles(self) -> Index:
