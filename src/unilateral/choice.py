@@ -22,6 +22,8 @@ COARSE = 5000
 """Unknowns of the coarse mesh that an unstructured one is refined from."""
 MULTIGRID, RECURSIVE, SPARSE = 400, 1000, 5000
 """Bytes for an unknown, as measured at 1e6 of them."""
+LOCAL, SHARP = 1000, 22_000
+"""The same for guaranteed bounds: the cheap one, and the sharp one, whose factors grow faster than that."""
 DENSE = 64
 """Bytes for an entry of A_3 or S: some eight matrices of that size are held."""
 
@@ -75,6 +77,11 @@ def condensed_mb(mesh: Mesh, partition: Partition) -> float:
     """What it takes to condense to the boundary."""
     unknown = SPARSE if mesh.halvings < REFINED else RECURSIVE
     return (unknown * mesh.n_nodes + DENSE * (len(mesh.boundary) + partition.n_cells) ** 2) / 2**20
+
+
+def bound_mb(mesh: Mesh, sharp: bool) -> float:
+    """What a guaranteed bound takes."""
+    return (SHARP if sharp else LOCAL) * mesh.n_nodes / 2**20
 
 
 def check_size(polygon: Polygon, h: float) -> None:

@@ -13,10 +13,11 @@ from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import INTERRUPTED as BY_USER
 from unilateral.accuracy.search import Search
+from unilateral.choice import bound_mb
 from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, table
 from unilateral.cli.streams import say, tell
 from unilateral.errors import InputError
-from unilateral.memory import peak_mb
+from unilateral.memory import available_mb, peak_mb
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
@@ -24,8 +25,6 @@ from unilateral.solution import Bounds, Solution
 from unilateral.solvers.iterate import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
-CHEAP = 20_000
-"""Unknowns up to which a case's errors on given sizes are accompanied by their guaranteed bounds."""
 FEW = 512
 """Cells up to which the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
 
@@ -54,8 +53,12 @@ def run(options: argparse.Namespace) -> int:
         tell=None if options.json else _told(problem.name),
     )
     search = found.search
-    cheap = search or not isinstance(problem, Case) or found.mesh.n_nodes <= CHEAP
-    bounds = (found.sharp_bounds if sharp else found.bounds) if cheap else None
+    needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
+    if needed > free:
+        tell(f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free")
+        bounds = None
+    else:
+        bounds = found.sharp_bounds if sharp else found.bounds
     unique = bool(search) or found.solved.discrete.unique
     if search:
         _tell_faults(search)
