@@ -27,6 +27,7 @@ class Whole(NamedTuple):
     """p's c (m, k) and a bound rad (k,) of |f - p| on triangles (k,), `halvings` levels above the mesh.
 
     `rad` has what rounding does to p on the mesh's triangles. `first` (k,) is the corner of sigma = (-1, -1).
+    `averages` (2, k) are the means of p and p^2.
     """
 
     triangle: Index
