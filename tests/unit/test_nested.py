@@ -73,7 +73,7 @@ def test_f_is_enclosed_once(monkeypatch):
         load(found.discrete.mesh, found.discrete.source.moments), found.discrete.load
     )
     monkeypatch.setattr(discrete_solution, "enclosed", None)
-    assert found.bound.u > 0
+    assert found.bound().u > 0
 
 
 def test_another_load_is_noticed():
