@@ -67,9 +67,13 @@ class Source:
 
     def distance_with(self, more: Array | float) -> float:
         """The same for f - f_h and functions with mean 0 and those norms (m,) on the triangles together."""
+        return math.sqrt(self.squares_with(more).sum())
+
+    def squares_with(self, more: Array | float) -> Array:
+        """(m,) the triangles' parts of its square."""
         free = self.oscillation + more
-        both = (free + self.rest) ** 2
-        return math.sqrt(np.minimum((poincare(self.mesh) * free) ** 2 + self.rest**2, both).sum())
+        apart = (poincare(self.mesh) * free) ** 2 + self.rest**2
+        return np.asarray(np.minimum(apart, (free + self.rest) ** 2))
 
     @property
     def unknown(self) -> float:
