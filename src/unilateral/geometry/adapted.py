@@ -31,7 +31,7 @@ BULK = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Adapted:
+class AdaptedMesh:
     """A mesh whose boundary edge k lies between the places at[k] and at[k + 1], `at` (nb + 1,)."""
 
     mesh: Mesh
@@ -53,6 +53,16 @@ class Adapted:
         first = np.flatnonzero(np.append(True, np.diff(self.cell) > 0))
         return Partition(self.mesh.polygon, self.mesh.s[np.append(first, -1)])
 
+    @cached_property
+    def inside(self) -> Index:
+        """(cells,) a node inside each cell, that with the longest edges."""
+        both = np.diff(self.mesh.s) + np.roll(np.diff(self.mesh.s), 1)
+        within = np.flatnonzero(self.cell == np.roll(self.cell, 1))
+        order = within[np.argsort(both[within], kind="stable")]
+        found = np.empty(self.partition.n_cells, dtype=np.intp)
+        found[self.cell[order]] = self.mesh.boundary[order]
+        return found
+
     @property
     def unbalanced(self) -> Index:
         """The triangles at the edges that are too long for a shorter one in their cell."""
@@ -65,9 +75,9 @@ class Adapted:
         return self.mesh.boundary_triangles[long]
 
 
-def adapted(mesh: Mesh) -> Adapted:
+def adapted(mesh: Mesh) -> AdaptedMesh:
     """The first mesh, two of whose boundary edges, of the same length, make a cell."""
-    return Adapted(mesh, UNIT * np.arange(len(mesh.s), dtype=np.int64))
+    return AdaptedMesh(mesh, UNIT * np.arange(len(mesh.s), dtype=np.int64))
 
 
 def marked(mesh: Mesh, shares: Array) -> Index:
@@ -81,7 +91,7 @@ def marked(mesh: Mesh, shares: Array) -> Index:
     return found[mesh.longest_edges[found] > shortest]
 
 
-def refined(of: Adapted, chosen: Index, values: Array) -> tuple[Adapted, Array]:
+def refined(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh, Array]:
     """With the chosen triangles halved, and what else that needs; and the nodal values (n,) interpolated."""
     while chosen.size:
         of, values = _halved(of, chosen, values)
@@ -89,7 +99,7 @@ def refined(of: Adapted, chosen: Index, values: Array) -> tuple[Adapted, Array]:
     return of, values
 
 
-def _halved(of: Adapted, chosen: Index, values: Array) -> tuple[Adapted, Array]:
+def _halved(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh, Array]:
     mesh, n, edges = of.mesh, of.mesh.n_nodes, of.mesh.triangulation
     found = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()).refined(np.unique(chosen))
     points, triangles = found.p.T.copy(), found.t.T.astype(np.intp)
@@ -98,7 +108,7 @@ def _halved(of: Adapted, chosen: Index, values: Array) -> tuple[Adapted, Array]:
     edge = _at(mesh.points[edges.ends].mean(axis=1), points[n:])
     node = n + np.flatnonzero(edge >= edges.inside)
     k = edge[node - n] - edges.inside
-    middle = Adapted(
+    middle = AdaptedMesh(
         Mesh(
             mesh.polygon,
             points,
