@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index
+from unilateral.bounds.kept import kept
 from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete import FIRST, obstacle_means
 from unilateral.discrete_solution import Solution
@@ -109,9 +110,14 @@ class Adapted:
         return Solution(self, result, tolerance, lambda_H, lambda: found.u)
 
 
-def adapted(problem: Data, of: AdaptedMesh, guess: Array) -> Adapted:
-    """The problem on a mesh and its cells, without multipliers on free sides; `guess` (n,) is near u_h."""
-    mesh, partition, source = of.mesh, of.partition, enclosed(of.mesh, problem)
+def adapted(problem: Data, of: AdaptedMesh, guess: Array, before: Source | None = None) -> Adapted:
+    """The problem on a mesh and its cells, without multipliers on free sides; `guess` (n,) is near u_h.
+
+    With f as it is enclosed `before`, on a mesh from which this one was refined, only new triangles are
+    looked at.
+    """
+    mesh, partition = of.mesh, of.partition
+    source = kept(before, mesh, problem) if before else enclosed(mesh, problem)
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
     means, nb = obstacle_means(problem, partition), len(mesh.boundary)
     at_nodes = sp.csr_array((np.ones(nb), (np.arange(nb), mesh.boundary)), shape=(nb, mesh.n_nodes))

@@ -32,7 +32,7 @@ from unilateral.problems.data import Data
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
-"""Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
+"""Of h ||p - mean p||, like discretisation errors: what the rest of f may be; h of triangles all alike."""
 IN_VAIN = 16.0
 """Times what rounding leaves: a piece with that E^2 is not quartered."""
 RESOLVED = 4.0
@@ -119,7 +119,8 @@ def _sums(mesh: Mesh, everything: Sequence[Pieces]) -> tuple[float, float, int]:
         norm_squared += float(area @ _quadratic(pieces.c))
         integral += float(area @ (_moments()[:3].sum(axis=0) @ pieces.c))
     spread = math.sqrt(max(norm_squared - integral**2 / mesh.areas.sum(), 0.0)) - math.sqrt(unknown)
-    enough = max(ENOUGH * mesh.h * spread, FLOOR * (math.sqrt(norm_squared) - math.sqrt(unknown)), 0.0)
+    size = math.sqrt(2 * mesh.areas.sum() / len(mesh.areas))
+    enough = max(ENOUGH * size * spread, FLOOR * (math.sqrt(norm_squared) - math.sqrt(unknown)), 0.0)
     return unknown, enough**2, sum(len(pieces.squares) for pieces in everything)
 
 
