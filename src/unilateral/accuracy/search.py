@@ -143,7 +143,7 @@ def _adapted(problem: Data, stop: Stop, done: list[Level], begin: float) -> Iter
     while wanted(done):
         last, start = done[-1], time.perf_counter()
         of, u = refined(of, marked(of.mesh, last.solved.shares), last.solved.u_h)
-        if of.mesh.n_nodes == last.unknowns or not affordable(last, of.mesh.n_nodes, start - begin):
+        if not affordable(last, of.mesh.n_nodes, start - begin):
             return
         forget_peak()
         discrete = on_adapted(problem, of, u, last.solved.discrete.source)

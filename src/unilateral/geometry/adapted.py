@@ -18,6 +18,7 @@ import numpy as np
 import skfem
 
 from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
 from unilateral.geometry.mesh import ROUNDED, Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import signed_areas
@@ -83,12 +84,18 @@ def adapted(mesh: Mesh) -> AdaptedMesh:
 def marked(mesh: Mesh, shares: Array) -> Index:
     """The fewest triangles with BULK of the sum of the shares (m,) (Doerfler, SIAM J. Numer. Anal. 33, 1996).
 
-    Without those whose edges are as short as rounding.
+    Without those whose edges are as short as rounding; raises InputError if none is left.
     """
     shortest = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / ROUNDED
     order = np.argsort(-shares, kind="stable")
     found = order[: np.searchsorted(np.cumsum(shares[order]), BULK * shares.sum()) + 1]
-    return found[mesh.longest_edges[found] > shortest]
+    found = found[mesh.longest_edges[found] > shortest]
+    if found.size == 0:
+        raise InputError(
+            f"the triangles of '{mesh.polygon.name}' from which half of the bound comes have edges of "
+            f"{shortest:.2g}, as short as rounding allows; take a larger accuracy"
+        )
+    return found
 
 
 def refined(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh, Array]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import SHORTEST, UNIT, adapted, marked, refined
@@ -112,4 +113,6 @@ def test_triangles_as_short_as_rounding_are_not_marked():
     fine = structured(square(), 1 / 16)
     mesh = meshes.Mesh(far, fine.points + 1e9, fine.triangles, fine.boundary, fine.s)
     shares = np.ones(len(mesh.triangles))
-    assert len(marked(mesh, shares)) == 0 < len(marked(fine, shares))
+    assert len(marked(fine, shares)) == len(shares) / 2
+    with pytest.raises(InputError, match=r"'far' from which half of the bound comes have edges of 0\.12, as"):
+        marked(mesh, shares)
