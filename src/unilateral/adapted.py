@@ -73,7 +73,9 @@ class Adapted:
         Else it is at most `stop.fraction` of the bound of ||u - u_h||_1.
         """
         solution = self.iterated(stop.tolerance, stop)
-        return solution if stop.tolerance else solution.improved(stop.fraction * solution.total("h1"), stop)
+        if stop.tolerance is not None:
+            return solution
+        return solution.improved(stop.fraction * solution.total("h1"), stop)
 
     def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
         """The same for a tolerance or, with None, a share of the bound at 0.

@@ -2,20 +2,23 @@
 
 import numpy as np
 import pytest
-from conftest import load
+from conftest import DATA, load
 from test_sharp import Manufactured, h1_error
 
 from unilateral.accuracy.budget import limits, refinement_pays
 from unilateral.accuracy.level import SHARE, Goal
-from unilateral.accuracy.search import levels, search
+from unilateral.accuracy.search import levels, search, two_edges_per_cell
 from unilateral.adapted import Adapted
 from unilateral.adapted import adapted as on_adapted_mesh
+from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import h1_distance
+from unilateral.problems import problem_file
 from unilateral.solvers.iterate import Stop
 
+PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 FIT = 6
 """Times fewer unknowns than the last mesh: from there on a rate is fitted."""
 RE_ENTRANT = [[0, 0], [2, 0], [2, 2], [1.2, 0.8], [0, 1.5]]
@@ -32,6 +35,18 @@ def on_polygon(name):
 def error_of(level):
     solved = level.solved
     return h1_distance(solved.discrete.data, solved.discrete.mesh, solved.u_h)
+
+
+def steps(problem, mesh, times):
+    """The solutions on a mesh and on others adapted from it, each with u_h of the first one there."""
+    of, before = adapted(mesh), None
+    u = first = np.zeros(mesh.n_nodes)
+    for step in range(times):
+        solved = on_adapted_mesh(problem, of, u, before).solved(Stop())
+        first, before = first if step else solved.u_h, solved.discrete.source
+        yield solved, first
+        chosen = marked(of.mesh, solved.shares)
+        (of, u), (_, first) = (refined(of, chosen, values) for values in (solved.u_h, first))
 
 
 def rate(unknowns, values):
@@ -54,17 +69,24 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
 
 
 def test_of_a_flux_that_is_not_square_integrable():
-    """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
-    case, u, before, unknowns, errors = load("rough"), np.zeros(81), None, [], []
-    of = adapted(structured(square(), 1 / 8))
-    for _ in range(12):
-        solved = on_adapted_mesh(case, of, u, before).solved(Stop())
-        errors.append(h1_distance(case, of.mesh, solved.u_h))
-        unknowns.append(of.mesh.n_nodes)
+    """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: meshes without it."""
+    case, errors = load("rough"), []
+    for solved, _ in steps(case, structured(square(), 1 / 8), 12):
+        errors.append(h1_distance(case, solved.discrete.mesh, solved.u_h))
         assert errors[-1] <= solved.total("h1")
-        before = solved.discrete.source
-        of, u = refined(of, marked(of.mesh, solved.shares), solved.u_h)
     assert errors[-1] < 0.75 * errors[0]
+
+
+@pytest.mark.parametrize("file", PROBLEMS, ids=[file.stem for file in PROBLEMS])
+def test_the_bound_is_never_violated_on_problems_of_ones_own(file):
+    """||u - u_h|| >= ||u_fine - u_h|| - bound_fine, u_h interpolated on the mesh adapted from its own."""
+    problem = problem_file.load(str(file))
+    H = problem.polygon.lengths.max() / 2
+    found = list(steps(problem, two_edges_per_cell(problem.polygon, H, "unstructured", Stop())[0], 10))
+    (coarse, _), (fine, u_h) = found[0], found[-1]
+    apart = h1_norm(fine.discrete.mesh, fine.u_h - u_h)
+    assert apart - fine.total("h1") > 0.5 * apart
+    assert coarse.total("h1") >= apart - fine.total("h1")
 
 
 @pytest.mark.parametrize("name", ["reentrant", "singular"])

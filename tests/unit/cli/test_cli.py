@@ -243,6 +243,16 @@ def test_an_accuracy_of_a_case(run, solve_json):
     assert re.fullmatch(r"f and g enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
 
 
+def test_a_table_shows_the_shortest_edge_of_adapted_meshes(run):
+    """At a re-entrant corner, unless uniform meshes are asked for."""
+    for options, adapted in (((), True), (("--mesh", "structured"), False)):
+        code, out, _ = run("solve", "reentrant", "--accuracy", "0.3", *options)
+        levels = [line.split() for line in out.splitlines()[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
+        assert code == 0
+        assert (float(levels[-1][1]) < float(levels[-1][0]) / 2) == adapted
+        assert all(float(level[1]) <= float(level[0]) for level in levels)
+
+
 HIDDEN = "1 + 9/10*exp(-2500*((x - 409/500)**2 + (y - 397/500)**2))"
 """A peak between the points of the rules that were once used: 9 unknowns were certified to 1.6e-8."""
 
