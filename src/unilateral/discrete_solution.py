@@ -102,6 +102,12 @@ class Solution:
         """The guaranteed bounds of the errors, where f and g are formulas; sharp ones take more time."""
         return self._sharp_bound if sharp else self._local_bound
 
+    @property
+    def shares(self) -> Array:
+        """(m,) the triangles' parts of the square of the cheap bound of ||u - u_h||_1, 0 if it is unknown."""
+        bound = self._local_bound
+        return bound.shares if bound else np.zeros(len(self.discrete.mesh.triangles))
+
     @cached_property
     def _local_bound(self) -> LocalBound | None:
         given = self._given

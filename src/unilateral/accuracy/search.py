@@ -1,7 +1,9 @@
 """A stated accuracy, certified at the least cost for H = 2h: solves from coarse to fine.
 
-Other ratios, which might cost less, are not tried. Each level starts from the last lambda_H, or by multigrid
-from its own coarser levels, and is iterated until the algebraic bound is a tenth of the error that is wanted.
+Other ratios, which might cost less, are not tried. Meshes are uniform until, by the bounds so far, it pays to
+go on with meshes that are refined only where the bound comes from. Each level starts from the last lambda_H,
+or by multigrid from its own coarser levels, and is iterated until the algebraic bound is a tenth of the error
+that is wanted.
 The first level whose guaranteed total bound is small enough is the last. The search also ends where finer
 meshes would not help, because too little is known of f or g, and where two levels' bounds contradict each
 other, which would be a fault of this program.
@@ -15,13 +17,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from unilateral.accuracy.budget import affordable_H
+from unilateral.accuracy.budget import affordable, affordable_H, refinement_pays, wanted
 from unilateral.accuracy.level import SHARE, Goal, Level, standing, target
+from unilateral.adapted import adapted as on_adapted
 from unilateral.choice import cheapest, condensed, levels_for
-from unilateral.discrete_solution import AIM
+from unilateral.discrete_solution import AIM, AnyDiscrete
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
@@ -93,14 +97,24 @@ def search(
 def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") -> Iterator[Level]:
     """The levels as they are solved; the last one is certified, or the budget does not allow another.
 
-    `kind` is that of the meshes, "structured" or "unstructured", by default the first where there is one.
-    Raises InputError if the coarsest mesh has more unknowns than the goal allows, or, perhaps after some
-    levels, a mesh cannot be made.
+    `kind` is that of the meshes, "structured" or "unstructured". By default these are uniform, of the first
+    kind where there is one, until it pays to refine only where it is needed. Raises InputError if the
+    coarsest mesh has more unknowns than the goal allows, or, perhaps after some levels, a mesh cannot be
+    made.
     """
-    stop = stop or Stop()
-    kind = kind or natural_kind(problem.polygon)
-    begin = time.perf_counter()
-    done: list[Level] = []
+    stop, done, begin = stop or Stop(), list[Level](), time.perf_counter()
+    free = not kind and goal.norm == "h1" and not goal.sharp and stop.algorithm == "auto" and stop.rho is None
+    for level in _uniform(problem, goal, stop, kind or natural_kind(problem.polygon), done, begin):
+        yield level
+        if free and refinement_pays(level):
+            yield from _adapted(problem, stop, done, begin)
+            return
+
+
+def _uniform(
+    problem: Data, goal: Goal, stop: Stop, kind: str, done: list[Level], begin: float
+) -> Iterator[Level]:
+    """Those on uniform meshes, which are appended to what is `done` since the time `begin`."""
     H: float | None = float(problem.polygon.lengths.max())
     while H is not None:
         start = time.perf_counter()
@@ -111,11 +125,30 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
         if mesh.n_nodes > goal.max_unknowns:
             break
         forget_peak()
-        done.append(_solved(problem, mesh, partition, goal, stop, done[-1] if done else None, start))
+        discrete: AnyDiscrete
+        if goal.norm == "h1":
+            discrete = cheapest(problem, mesh, partition, stop)
+        else:
+            discrete = condensed(problem, mesh, partition)
+        done.append(_solved(discrete, goal, stop, done[-1] if done else None, start))
         yield done[-1]
         H = affordable_H(done, time.perf_counter() - begin)
     if not done:
         raise _too_many(problem.polygon, str(mesh.n_nodes), goal)
+
+
+def _adapted(problem: Data, stop: Stop, done: list[Level], begin: float) -> Iterator[Level]:
+    """The same on meshes that are refined from the last one where its bound comes from."""
+    of = adapted(done[-1].solved.discrete.mesh)
+    while wanted(done):
+        last, start = done[-1], time.perf_counter()
+        of, u = refined(of, marked(of.mesh, last.solved.shares), last.solved.u_h)
+        if not affordable(last, of.mesh.n_nodes, start - begin):
+            return
+        forget_peak()
+        discrete = on_adapted(problem, of, u, last.solved.discrete.source)
+        done.append(_solved(discrete, last.goal, stop, last, start))
+        yield done[-1]
 
 
 def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
@@ -134,21 +167,11 @@ def two_edges_per_cell(polygon: Polygon, H: float, kind: str, stop: Stop) -> tup
     return meshes.following(partitions.uniform(polygon, 2**halvings * H), 2, halvings)
 
 
-def _solved(
-    problem: Data,
-    mesh: Mesh,
-    partition: Partition,
-    goal: Goal,
-    stop: Stop,
-    before: Level | None,
-    begin: float,
-) -> Level:
-    of_u = goal.norm == "h1"
-    discrete = cheapest(problem, mesh, partition, stop) if of_u else condensed(problem, mesh, partition)
-    in_norm = 1.0 if of_u else discrete.beta
+def _solved(discrete: AnyDiscrete, goal: Goal, stop: Stop, before: Level | None, begin: float) -> Level:
+    in_norm = 1.0 if goal.norm == "h1" else discrete.beta
     start, tolerance = None, None
     if before is not None:
-        start = before.partition.means(before.solved.lambda_H, partition.points)[discrete.cells]
+        start = before.partition.means(before.solved.lambda_H, discrete.partition.points)[discrete.cells]
         if math.isfinite(before.total):
             tolerance = AIM * SHARE * before.target * in_norm or None
     solved = discrete.iterated(tolerance, stop, start)

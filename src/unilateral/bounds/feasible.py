@@ -34,11 +34,25 @@ SPARE = 1.05
 
 
 class Missing(NamedTuple):
-    """||w||_1, a bound of <q.n, v + w + added - g>, and the nodal values (n_nodes,) added for the doubt."""
+    """What w and a bound of <q.n, v + w + added - g> have on every edge, and what is added for the doubt.
 
-    norm: float
-    slack: float
+    The sum of `squares` (nb,) is at least ||w||_1^2, that of `slack` (nb,) the bound; `added` (n_nodes,) are
+    nodal values.
+    """
+
+    squares: Array
+    slack: Array
     added: Array
+
+    @property
+    def norm(self) -> float:
+        """A bound of ||w||_1."""
+        return math.sqrt(float(self.squares.sum()))
+
+    @property
+    def product(self) -> float:
+        """A bound of <q.n, v + w + added - g>."""
+        return max(float(self.slack.sum()), 0.0)
 
 
 class _Short(NamedTuple):
@@ -88,8 +102,7 @@ def missing(g: Constraint, v: Array, touching: Mask, triangle: Index, flux: Arra
     added, at_ends = np.zeros(g.mesh.n_nodes), np.maximum(short.doubt, np.roll(short.doubt, 1))
     added[g.mesh.boundary] = at_ends
     most, push = np.maximum(at_ends, np.roll(at_ends, -1)), 0.5 * np.diff(g.mesh.s) * flux.sum(axis=1)
-    slack = float(short.slack.sum() + most @ push)
-    return Missing(math.sqrt(float(shared @ short.squares)), slack, added)
+    return Missing(shared * short.squares, short.slack + most * push, added)
 
 
 def _bubbles(g: Constraint, v: Array) -> Array:

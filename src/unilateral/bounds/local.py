@@ -55,6 +55,9 @@ class LocalBound:
     `flux` is ||grad u_h - q||, `residual` ||u_h - f~ - div q||, `lifting` bounds ||d||_1, and `data` what
     f - f~ can do. `unknown` is the part that would be 0 if f and g were the polynomials by which they are
     enclosed; of that `irreducible` hardly falls on finer meshes.
+
+    `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
+    2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
     """
 
     u: float
@@ -65,6 +68,7 @@ class LocalBound:
     data: float
     unknown: float
     irreducible: float
+    shares: Array
 
 
 def local_bound(
@@ -86,25 +90,32 @@ def local_bound(
     q, of = equilibrated(mesh, u_h, source.moments, flux.ends), layer(mesh)
     d, short = _lifted(of, obstacle, u_h, flux, held)
     squares, residual, rounding = _defects(source, u_h, q)
-    of_added = _norm(of, *of.function(short.added[mesh.boundary], np.zeros(len(mesh.boundary))))
-    lifting = (1 + SUMS) * (_norm(of, *d) + short.norm + of_added)
-    defect, slack = math.sqrt(squares.sum() + mesh.areas @ residual**2) + rounding, 2 * max(short.slack, 0.0)
+    added = of.function(short.added[mesh.boundary], np.zeros(len(mesh.boundary)))
+    of_d, of_added = _norms(of, *d), _norms(of, *added)
+    lifting = (1 + SUMS) * (_root(of_d) + short.norm + _root(of_added))
+    inside = squares + mesh.areas * residual**2
+    defect, slack = _root(inside) + rounding, 2 * short.product
     of_u = (1 + SUMS) * math.sqrt(defect**2 + slack + lifting**2)
-    moved = _of_feasible(of, u_h, q, squares, residual, *d)
-    eta = (1 + SUMS) * math.sqrt((math.sqrt(moved) + rounding + short.norm + of_added) ** 2 + slack)
+    moved = _of_feasible(of, u_h, q, inside, residual, *d)
+    eta = (1 + SUMS) * math.sqrt((_root(moved) + rounding + short.norm + _root(of_added)) ** 2 + slack)
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
-    data = (1 + SUMS) * _distance(source, u_h)
+    of_data = _of_data(source, u_h)
+    data = (1 + SUMS) * _root(of_data)
+    shares = inside + of_data
+    shares[of.triangles] += of_d + of_added
+    np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack)
     return LocalBound(
         u=of_u + data,
         lambda_=min(lifting + of_u, eta) + oscillation + data if np.any(held) else 0.0,
-        flux=math.sqrt(squares.sum()),
+        flux=_root(squares),
         residual=math.sqrt(mesh.areas @ residual**2),
         lifting=lifting,
         data=data,
-        unknown=source.unknown + of_added,
-        irreducible=of_added + (0.0 if source.resolved else source.unknown),
+        unknown=source.unknown + _root(of_added),
+        irreducible=_root(of_added) + (0.0 if source.resolved else source.unknown),
+        shares=shares,
     )
 
 
@@ -122,21 +133,24 @@ def _lifted(
     return d, missing(g, v, touching, triangle, flux.ends)
 
 
-def _norm(of: Layer, hats: Array, bubbles: Array) -> float:
-    """The H1 norm of a function of the layer."""
-    squares = linear_squares(of.areas, of.gradients(hats, bubbles)) + of.squares(hats, bubbles)
+def _norms(of: Layer, hats: Array, bubbles: Array) -> Array:
+    """(k,) the squares of the H1 norms of a function of the layer."""
+    return linear_squares(of.areas, of.gradients(hats, bubbles)) + of.squares(hats, bubbles)
+
+
+def _root(squares: Array) -> float:
     return math.sqrt(float(squares.sum()))
 
 
 def _of_feasible(
     of: Layer, u_h: Array, q: Array, squares: Array, residual: Array, hats: Array, bubbles: Array
-) -> float:
-    """||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from their parts for u_h."""
+) -> Array:
+    """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from their `squares` for u_h."""
     here = of.triangles
     gradient = _misfit(of.mesh, u_h, q, here).transpose(2, 1, 0) + of.gradients(hats, bubbles)
-    inside = squares + of.mesh.areas * residual**2
-    inside[here] = linear_squares(of.areas, gradient) + of.squares(hats + residual[here, None], bubbles)
-    return float(inside.sum())
+    found = squares.copy()
+    found[here] = linear_squares(of.areas, gradient) + of.squares(hats + residual[here, None], bubbles)
+    return found
 
 
 def _misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:
@@ -171,8 +185,8 @@ def _defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]
     return squares, residual, ROUNDING * math.sqrt(sizes)
 
 
-def _distance(source: Source, u_h: Array) -> float:
-    """A bound of the norm of f - f~ in the dual of H^1."""
+def _of_data(source: Source, u_h: Array) -> Array:
+    """(m,) the squares whose sum's root bounds the norm of f - f~ in the dual of H^1."""
     left = source.f_h - u_h[source.mesh.triangles]
     left -= left.mean(axis=1, keepdims=True)
-    return source.distance_with(np.sqrt(linear_squares(source.mesh.areas, left)))
+    return source.squares_with(np.sqrt(linear_squares(source.mesh.areas, left)))

@@ -98,7 +98,7 @@ def sharp_bound(
     of_doubt = spaces.norm(spaces.of_p1(short.added))
     extension, defect = short.norm + of_doubt, math.sqrt(spaces.defect(f, v, q))
     defect += spaces.rounding(f, v, defect)
-    eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * max(short.slack, 0.0))
+    eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * short.product)
     d, of_v = v - u, eta + extension
     distance, of_trace = (1 + SUMS) * spaces.norm(d), (1 + SUMS) * spaces.norm(spaces.extension(d, held))
     residual = spaces.product(d, f.load + spaces.boundary_load(flux.ends), v)

@@ -31,7 +31,7 @@ from unilateral.problems.data import Data
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
-"""Of h ||p - mean p||, to which discretisation errors are like: what the rest of f may be."""
+"""Of h ||p - mean p||, like discretisation errors: what the rest of f may be; h of triangles all alike."""
 ABOVE = 1e-3
 """Of that: on coarser levels, where it costs next to nothing."""
 IN_VAIN = 16.0
@@ -68,9 +68,13 @@ class Source:
 
     def distance_with(self, more: Array | float) -> float:
         """The same for f - f_h and functions with mean 0 and those norms (m,) on the triangles together."""
+        return math.sqrt(self.squares_with(more).sum())
+
+    def squares_with(self, more: Array | float) -> Array:
+        """(m,) the triangles' parts of its square."""
         free = self.oscillation + more
-        both = (free + self.rest) ** 2
-        return math.sqrt(np.minimum((poincare(self.mesh) * free) ** 2 + self.rest**2, both).sum())
+        apart = (poincare(self.mesh) * free) ** 2 + self.rest**2
+        return np.asarray(np.minimum(apart, (free + self.rest) ** 2))
 
     @property
     def unknown(self) -> float:
@@ -94,7 +98,7 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
             break
         found = whole(mesh, left, k, data)
         squares = found.area * found.rad**2
-        wanted = (sums + _sums(found.averages, found.area, squares)).wanted(mesh.h, ABOVE if k else 1.0)
+        wanted = (sums + _sums(found.averages, found.area, squares)).wanted(_size(mesh), ABOVE if k else 1.0)
         fine = squares <= 0.5 * wanted * 4**k / n
         values.put(found, fine, mesh)
         sums += _sums(found.averages[:, fine], found.area[fine], squares[fine], 4**k)
@@ -104,7 +108,7 @@ def enclosed(mesh: Mesh, data: Data) -> Source:
         of_part, sums = _in_pieces(part, data, sums, max(MOST_PIECES, 4 * n))
         for array, there in zip(values, of_part, strict=True):
             array[left] = there
-    return Source(mesh, *values, resolved=sums.unknown <= RESOLVED * sums.wanted(mesh.h))
+    return Source(mesh, *values, resolved=sums.unknown <= RESOLVED * sums.wanted(_size(mesh)))
 
 
 def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, Sums]:
@@ -117,7 +121,7 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
         rest, area, of_p = _rest(mesh, pieces), areas(mesh, pieces), averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
         total = sums + _sums(of_p, area, rest)
-        enough = total.wanted(mesh.h)
+        enough = total.wanted(_size(mesh))
         wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
         wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], data)
         if 4 * np.count_nonzero(wide) > left:
@@ -150,6 +154,11 @@ class Sums:
         unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
         spread = math.sqrt(max(self.square - self.integral**2 / self.area, 0.0)) - unknown
         return max(share * ENOUGH * h * spread, FLOOR * (norm - unknown), 0.0) ** 2
+
+
+def _size(mesh: Mesh) -> float:
+    """h of as many triangles, all alike: halves of squares."""
+    return math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas))
 
 
 def _sums(of_p: Array, area: Array, squares: Array, parts: int = 1) -> Sums:

@@ -138,7 +138,8 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
     domain.add_argument(
         "--mesh",
         metavar="KIND|FILE",
-        help="structured, unstructured (default: structured where there is one), or a file with triangles",
+        help="structured, unstructured (default: structured where there is one, and with --accuracy refined "
+        "where it pays), or a file with triangles",
     )
     method = solve.add_argument_group("iteration")
     method.add_argument(

@@ -6,6 +6,8 @@ import json
 import math
 from typing import Any
 
+import numpy as np
+
 from unilateral.accuracy.budget import limits
 from unilateral.accuracy.level import Level, unknowable
 from unilateral.accuracy.search import Search
@@ -16,7 +18,7 @@ from unilateral.solvers.uzawa import DualResult
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
 NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
-COLUMNS = ("h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
+COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
 
 def head(found: dict[str, Any]) -> str:
@@ -75,8 +77,9 @@ def level_head(name: str, first: Level) -> str:
 
 
 def level_line(level: Level) -> str:
-    solved = level.solved
-    numbers = [solved.discrete.mesh.h, level.partition.H, level.unknowns, len(solved.discrete.cells)]
+    solved, mesh = level.solved, level.solved.discrete.mesh
+    numbers = [mesh.h, float(np.diff(mesh.s).min()), level.partition.H]
+    numbers += [level.unknowns, len(solved.discrete.cells)]
     numbers += [solved.result.iterations, level.algebraic, level.total, level.target]
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
 

@@ -90,6 +90,33 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     assert dual_norm(cells, [problem]).of_error(problem, lambda_H[None]).lower[0] <= bound.lambda_
 
 
+@pytest.mark.parametrize(("name", "polygon"), CASES)
+@pytest.mark.parametrize("crude", [None, "zero", "noise"])
+def test_the_triangles_shares_add_up_to_the_squared_bound(name, polygon, crude):
+    """At most that, for squares of sums are more; at least a sixth, by Cauchy's inequality used twice.
+
+    (a + b)^2 <= 2 (a^2 + b^2) for data and the rest, (a + b + c)^2 <= 3 (..) for the parts of the lifting.
+    """
+    of = pair(name, 8, polygon, crude)
+    bound = local_bound(*of[:5])
+    assert np.all(bound.shares >= 0)
+    assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= bound.u**2 * (1 + 2e-6)
+    inside = np.delete(bound.shares, layer(of.mesh).triangles)
+    assert inside.sum() <= bound.flux**2 + bound.residual**2 + bound.data**2
+
+
+def test_a_triangle_s_share_is_its_own():
+    """A value of u_h at a node in the middle moves shares of triangles at its neighbours, and no others."""
+    of = pair("natural", 16)
+    node, n = np.argmin(np.hypot(*(of.mesh.points - 0.5).T)), of.mesh.n_nodes
+    shares = [
+        local_bound(*of[:3], of.u_h + 0.01 * moved, of.lambda_H).shares for moved in (0, np.eye(n)[node])
+    ]
+    near = np.isin(of.mesh.triangles, of.mesh.triangles[(of.mesh.triangles == node).any(axis=1)]).any(axis=1)
+    assert np.all(shares[1][~near] == shares[0][~near])
+    assert shares[1][near].sum() > 2 * shares[0][near].sum()
+
+
 def test_free_sides_have_no_obstacle():
     """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
     problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
@@ -136,7 +163,7 @@ def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     """Control: with lambda_H = 0 the flux is that of Neumann's problem, which u_h solves."""
     of = pair("full_contact", 8, crude="zero")
     assert of.exceeded_by(local_bound(*of[:5]))
-    nothing = feasible.Missing(0.0, 0.0, np.zeros(of.mesh.n_nodes))
+    nothing = feasible.Missing(*np.zeros((2, len(of.mesh.boundary))), np.zeros(of.mesh.n_nodes))
     monkeypatch.setattr(local, "raised", lambda g, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool)))
     monkeypatch.setattr(local, "missing", lambda *_: nothing)
     assert not of.exceeded_by(local_bound(*of[:5]))

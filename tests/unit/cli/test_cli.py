@@ -235,11 +235,22 @@ def test_an_accuracy_of_a_case(run, solve_json):
     assert lines[0] == "natural: ||u - u_h||_1 <= 0.1 ||u||_1"
     levels = [line.split() for line in lines[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
     assert [float(level[0]) for level in levels][:2] == [0.5, 0.25]
-    assert int(levels[-1][2]) == found["unknowns"]
-    assert sum(int(level[4]) for level in levels) == found["iterations"]
+    assert [float(level[1]) for level in levels][:2] == [0.5, 0.25]
+    assert int(levels[-1][3]) == found["unknowns"]
+    assert sum(int(level[5]) for level in levels) == found["iterations"]
     assert re.search(rf"  certified: .* <= {found['total_bound']:.4e} = 0.0\d+ of \|\|u\|\|_1 >= ", out)
     (line,) = re.findall(r"  the guarantee rests on +(.*)", out)
     assert re.fullmatch(r"f and g enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
+
+
+def test_a_table_shows_the_shortest_edge_of_adapted_meshes(run):
+    """At a re-entrant corner, unless uniform meshes are asked for."""
+    for options, adapted in (((), True), (("--mesh", "structured"), False)):
+        code, out, _ = run("solve", "reentrant", "--accuracy", "0.3", *options)
+        levels = [line.split() for line in out.splitlines()[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
+        assert code == 0
+        assert (float(levels[-1][1]) < float(levels[-1][0]) / 2) == adapted
+        assert all(float(level[1]) <= float(level[0]) for level in levels)
 
 
 HIDDEN = "1 + 9/10*exp(-2500*((x - 409/500)**2 + (y - 397/500)**2))"

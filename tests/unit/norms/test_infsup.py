@@ -16,6 +16,7 @@ from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import dual_operator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Bounds, dual_norm
@@ -116,6 +117,20 @@ def test_beta_grows_along_nested_spaces_to_1(polygon):
     assert np.all(lower <= upper)
     assert np.all(upper <= 1)
     assert np.all((1 - lower**2)[2:] < 0.5 * (1 - upper**2)[1:-1])
+
+
+@pytest.mark.parametrize("halved", ["at a vertex", "at random"])
+def test_adapted_meshes_and_their_cells_are_stable(halved):
+    """beta is at least 0.7, as on all pairs that keep the rule (claim S.local)."""
+    of, rng = adapted(structured(named("lshape"), 1 / 2)), np.random.default_rng(5)
+    for _ in range(5):
+        centre = of.mesh.points[of.mesh.triangles].mean(axis=1)
+        near = np.hypot(*(centre - of.mesh.points[of.mesh.boundary[4]]).T)
+        chosen = np.argsort(near)[:4] if halved == "at a vertex" else rng.choice(len(near), len(near) // 6)
+        of, _ = refined(of, chosen, np.zeros(of.mesh.n_nodes))
+    assert np.diff(of.mesh.s).max() >= 4 * np.diff(of.mesh.s).min()
+    found = infsup(operator(of.mesh, of.partition), gram(of.partition))
+    assert 0.7 <= found.beta_lower <= found.beta_upper <= 1
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,154 @@
+"""The discrete problem on any mesh, by active sets; each system by conjugate gradients, or sparse factors.
+
+Find u in V_h and lambda_H >= 0, one number per cell, with A u = load + B^T lambda, B u >= d and
+lambda . (B u - d) = 0; A is the matrix of (., .)_1, B u and d are integrals of u and g over the cells.
+
+On an active cell B u = d, which gives u at one node inside it from the others at the cell. That leaves one
+positive definite system for a set of active cells, and at such a node the residual is lambda. The next set
+are the active cells that are pressed, lambda > 0, and the others on which u lies below g: the primal-dual
+active set. That the sets settle is not proved, and always seen.
+
+The end is guaranteed, for any u and lambda >= 0, whatever the set. As in `multigrid` v = u - w fulfils
+B v >= d and lambda . (B v - d) = 0, and ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most
+||R|| + ||w||_1 with R = A v - load - B^T lambda and its dual norm on V_h. On any mesh, with m_i a third of
+the area of the triangles at node i,
+
+    R . x <= (sum R_i^2 / m_i)^{1/2} (sum m_i x_i^2)^{1/2},     sum m_i x_i^2 <= 4 ||x||_0^2,
+
+the second since on every triangle the lumped mass, 1/3, is at most 4 times the least eigenvalue of the mass,
+1/12. So ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is too large by up to 1/h, h the shortest edge, but a few
+more steps make up for it. All this holds up to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.sparse import dissected
+
+DIRECT = 10_000
+"""Unknowns up to which a system is factorised."""
+ROUNDING = 1e-13
+"""Of the largest |u|: a mean of g - u of that size is no violation."""
+AIM = 0.9
+"""Of the tolerance: what the steps' own residuals are to be, which differ from R by rounding."""
+MOST_SETS, MOST_STEPS = 40, 200
+SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
+"""Of prolongations: the default one begins with random numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A (n, n), load (n,), B (m, n), d (m,); `inside` (m,) is a node in each cell, `mass` (n,) the m_i."""
+
+    A: sp.csr_array
+    load: Array
+    B: sp.csr_array
+    d: Array
+    inside: Index
+    mass: Array
+
+    @cached_property
+    def weights(self) -> Array:
+        """(m,) the integrals of the hats at the nodes inside."""
+        return np.asarray(self.B[np.arange(len(self.d)), self.inside]).ravel()
+
+    def dual_norm(self, R: Array) -> float:
+        """A bound of that of R (n,) on V_h."""
+        return 2 * math.sqrt(float(R @ (R / self.mass)))
+
+    def bound(self, u: Array, lambda_H: Array) -> float:
+        """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
+        gap = self.B @ u - self.d
+        w = np.zeros(len(u))
+        w[self.inside] = np.where(lambda_H > 0, gap, np.minimum(gap, 0)) / self.weights
+        R = self.A @ (u - w) - self.load - self.B.T @ lambda_H
+        return self.dual_norm(R) + math.sqrt(max(float(w @ (self.A @ w)), 0.0))
+
+    def next_set(self, u: Array, active: Mask, lambda_H: Array) -> Mask:
+        """(m,) the active cells that are pressed, and the others on which u lies below g."""
+        below = self.B @ u - self.d < -ROUNDING * np.max(np.abs(u), initial=0.0) * self.B.sum(axis=1)
+        return np.where(active, lambda_H > 0, below)
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """u (n,), lambda_H (m,) >= 0, their guaranteed bound; how many systems, and steps, it took."""
+
+    u: Array
+    lambda_H: Array
+    bound: float
+    systems: int
+    steps: int
+
+
+def settled(system: System, u: Array, active: Mask, tolerance: float) -> Settled:
+    """From u (n,) and active cells (m,), until a set stays the same with a bound of at most the tolerance.
+
+    If rounding, MOST_SETS or MOST_STEPS end it before, the bound is larger.
+    """
+    systems = steps = 0
+    while True:
+        u, lambda_H, more = _on(system, active, u, AIM * tolerance)
+        after, systems, steps = system.next_set(u, active, lambda_H), systems + 1, steps + more
+        if np.array_equal(after, active) or systems == MOST_SETS:
+            break
+        active = after
+    lambda_H = np.maximum(lambda_H, 0)
+    return Settled(u, lambda_H, system.bound(u, lambda_H), systems, steps)
+
+
+def riesz(system: System, R: Array, tolerance: float) -> Array:
+    """v (n,) with A v = R (n,), up to the tolerance."""
+    return _solved(system.A, R, np.zeros(len(R)), system.mass, tolerance)[0]
+
+
+def _on(system: System, active: Mask, u: Array, tolerance: float) -> tuple[Array, Array, int]:
+    """u (n,), lambda (m,) of any sign, and the steps, for one set of active cells."""
+    n, m, cells = len(u), len(active), np.flatnonzero(active)
+    nodes, weights = system.inside[cells], system.weights[cells]
+    free = np.delete(np.arange(n), nodes)
+    rows = sp.csr_array((1 / weights, (nodes, np.arange(len(cells)))), shape=(n, len(cells)))
+    chosen = sp.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(n, len(free)))
+    B = system.B[cells]
+    T, shift = (chosen - rows @ B[:, free]).tocsr(), rows @ system.d[cells]
+    rhs = T.T @ (system.load - system.A @ shift)
+    y, steps = _solved((T.T @ system.A @ T).tocsr(), rhs, u[free], system.mass[free], tolerance)
+    u = T @ y + shift
+    lambda_H = np.zeros(m)
+    lambda_H[cells] = (system.A[nodes] @ u - system.load[nodes]) / weights
+    return u, lambda_H, steps
+
+
+def _solved(A: sp.csr_array, b: Array, x: Array, mass: Array, tolerance: float) -> tuple[Array, int]:
+    """x with A x = b, from x (n,), and the steps until the residual's dual norm is at most the tolerance."""
+    if len(b) <= DIRECT:
+        return dissected(A).solve(b), 1
+    import pyamg  # whose import takes longer than small systems
+
+    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=SMOOTHING)
+    return _descended(A, b, x, levels.aspreconditioner().matvec, tolerance**2 / 4, mass)
+
+
+def _descended(
+    A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array], least: float, mass: Array
+) -> tuple[Array, int]:
+    """Conjugate gradients from x until r . r / mass is at most that."""
+    r = b - A @ x
+    z = precondition(r)
+    p, rz, steps = z, float(r @ z), 0
+    while r @ (r / mass) > least and steps < MOST_STEPS and rz > 0:
+        A_p = A @ p
+        alpha = rz / float(p @ A_p)
+        x, r = x + alpha * p, r - alpha * A_p
+        z = precondition(r)
+        old, rz = rz, float(r @ z)
+        p, steps = z + rz / old * p, steps + 1
+    return x, steps

@@ -1,0 +1,118 @@
+"""Local refinement against the checks of meshes, and the cells that follow against their rule."""
+
+import numpy as np
+import pytest
+
+from unilateral.errors import InputError
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import SHORTEST, UNIT, adapted, marked, refined
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
+
+SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
+FIRST = {
+    "squares": lambda: structured(named("lshape"), 1 / 2),
+    "gmsh": lambda: meshes.following(partitions.uniform(SLANTED, 1.5), 2)[0],
+}
+
+
+def at_random(first, times=6):
+    """A third of the triangles chosen again and again, in an ever smaller part of the domain."""
+    of, rng = adapted(first), np.random.default_rng(2)
+    for k in range(times):
+        centre = of.mesh.points[of.mesh.triangles].mean(axis=1)
+        near = np.flatnonzero(np.hypot(*(centre - first.points[first.boundary[3]]).T) < 2.0**-k)
+        of, _ = refined(of, rng.choice(near, len(near) // 3 + 1), np.zeros(of.mesh.n_nodes))
+    return of
+
+
+def at_a_corner(times):
+    """Of the unit square, its triangle at a vertex halved so often."""
+    of = adapted(structured(square(), 1 / 2))
+    for _ in range(times):
+        corner = np.flatnonzero(np.hypot(*of.mesh.points[of.mesh.triangles].min(axis=1).T) == 0)
+        of, _ = refined(of, corner, np.zeros(of.mesh.n_nodes))
+    return of
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_it_is_a_triangulation_of_the_polygon_with_its_boundary_in_order(name):
+    """`from_arrays` checks conformity and areas, sorts all edges and finds the boundary by its places."""
+    first = FIRST[name]()
+    mesh = at_random(first).mesh
+    checked = meshes.from_arrays(mesh.polygon, mesh.points, mesh.triangles)
+    np.testing.assert_array_equal(checked.boundary, mesh.boundary)
+    np.testing.assert_allclose(checked.s, mesh.s, atol=1e-14)
+    np.testing.assert_array_equal(mesh.points[: first.n_nodes], first.points)
+    assert np.ptp(np.log2(np.diff(mesh.s))) > 3
+
+
+def test_arc_lengths_are_exact():
+    """On the unit square arc lengths and places are the same dyadic numbers, 30 halvings deep."""
+    of = at_a_corner(30)
+    assert np.array_equal(of.mesh.s, of.at / UNIT / 2)
+    assert np.diff(of.mesh.s).min() == 2.0**-31
+    assert np.isin(structured(square(), 1 / 2).s, of.mesh.s).all()
+
+
+@pytest.mark.parametrize("name", [*FIRST, "corner"])
+def test_every_edge_is_at_most_half_and_at_least_a_quarter_of_its_cell(name):
+    """The rule of stability, in arc lengths; and that no cell is longer than SHORTEST times its edges."""
+    of = at_a_corner(12) if name == "corner" else at_random(FIRST[name]())
+    edges, cells = np.diff(of.mesh.s), of.partition
+    assert np.isin(cells.points, of.mesh.s).all()
+    length = cells.lengths[np.searchsorted(cells.points, of.mesh.s[:-1], side="right") - 1]
+    assert np.all(edges <= 0.5 * length * (1 + 1e-12))
+    assert np.all(length <= SHORTEST * edges * (1 + 1e-12))
+    np.testing.assert_array_equal(of.cell, np.searchsorted(cells.points, of.mesh.s[:-1], side="right") - 1)
+    assert cells.n_cells >= len(edges) / SHORTEST
+
+
+def test_edges_in_geometric_progression_are_not_one_cell():
+    """Parents are nested: the bottom, halved 12 times at its start, has a cell for every second length."""
+    of = at_a_corner(12)
+    bottom = np.diff(of.mesh.s)[of.mesh.side == 0]
+    assert bottom.min() == 2.0**-13
+    assert of.partition.lengths[0] <= SHORTEST * 2.0**-13
+    assert np.count_nonzero(of.partition.side == 0) >= 12 / 2
+    assert of.unbalanced.size == 0
+
+
+def test_the_first_cells_have_two_edges():
+    of = adapted(structured(named("lshape"), 1 / 2))
+    np.testing.assert_array_equal(of.partition.points, partitions.uniform(named("lshape"), 1).points)
+
+
+def test_right_isosceles_triangles_stay_so():
+    """Halved from the right angle, or in four: the area is a quarter of the squared longest edge."""
+    mesh = at_random(structured(named("lshape"), 1 / 2)).mesh
+    assert mesh.areas / mesh.longest_edges**2 == pytest.approx(0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_linear_functions_are_interpolated(name):
+    of = adapted(FIRST[name]())
+    chosen = np.arange(0, len(of.mesh.triangles), 5)
+    finer, values = refined(of, chosen, of.mesh.points @ [1, -2])
+    assert finer.mesh.n_nodes > of.mesh.n_nodes
+    np.testing.assert_allclose(values, finer.mesh.points @ [1, -2], atol=1e-14)
+
+
+def test_the_fewest_triangles_with_half_of_the_sum_are_marked():
+    mesh = structured(square(), 1 / 4)
+    shares = np.random.default_rng(0).random(len(mesh.triangles))
+    found = marked(mesh, shares)
+    assert shares[found].sum() >= 0.5 * shares.sum() > shares[found].sum() - shares[found].min()
+    assert shares[found].min() >= np.delete(shares, found).max()
+
+
+def test_triangles_as_short_as_rounding_are_not_marked():
+    """Of the square moved by 1e9, whose coordinates are rounded by 1e-7: from 0.1 on."""
+    far = Polygon(square().vertices + 1e9, "far")
+    fine = structured(square(), 1 / 16)
+    mesh = meshes.Mesh(far, fine.points + 1e9, fine.triangles, fine.boundary, fine.s)
+    shares = np.ones(len(mesh.triangles))
+    assert len(marked(fine, shares)) == len(shares) / 2
+    with pytest.raises(InputError, match=r"'far' from which half of the bound comes have edges of 0\.12, as"):
+        marked(mesh, shares)
