@@ -20,6 +20,8 @@ GUESS = 1.05
 """More unknowns than h^-2 predicts, which gmsh may make."""
 WORTH, ENOUGH = 1.5, 200
 """1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
+SPARE = 0.8
+"""Of the memory that is free: what the next level may take, beside what the last one still holds."""
 GROWTH = 1.3
 """Seconds and memory grow like the unknowns to this power, at most."""
 
@@ -58,7 +60,7 @@ def refinement_pays(last: Level) -> bool:
 
 def _shares(last: Level, seconds: float) -> dict[str, float]:
     """Of every limit, the part of a level's H to which it allows the next one to go down."""
-    most, memory = last.goal.max_unknowns, min(last.goal.max_memory, available_mb())
+    most, memory = last.goal.max_unknowns, min(last.goal.max_memory, SPARE * available_mb())
     left = last.goal.max_seconds - seconds
     return {
         f"max_unknowns={most:.0f}": math.sqrt(GUESS * last.unknowns / most),

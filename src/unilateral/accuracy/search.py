@@ -160,10 +160,10 @@ def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
 
 def two_edges_per_cell(polygon: Polygon, H: float, kind: str, stop: Stop) -> tuple[Mesh, Partition]:
     """A mesh with two equal boundary edges, h = H/2, in every cell, and the cells, of the size H at most."""
-    if kind == "structured":  # the next smaller H whose cells consist of whole edges
-        H = float(1 / square().counts(H)[0])
-        return structured(polygon, H / 2), partitions.uniform(polygon, H)
     halvings = levels_for(polygon, H / 2, stop)
+    if kind == "structured":  # the next smaller H whose cells consist of whole edges, on all these levels
+        H = 1 / (math.ceil(square().counts(H)[0] / 2**halvings) * 2**halvings)
+        return structured(polygon, H / 2), partitions.uniform(polygon, H)
     return meshes.following(partitions.uniform(polygon, 2**halvings * H), 2, halvings)
 
 
