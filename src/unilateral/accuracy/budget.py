@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from unilateral.accuracy.level import Level, standing, unknowable
+from unilateral.geometry.adapted import BULK
 from unilateral.memory import available_mb
 
 MARGIN = 0.9
@@ -56,6 +57,14 @@ def refinement_pays(last: Level) -> bool:
     """
     s = last.solved.shares
     return last.unknowns >= ENOUGH and bool(len(s) * s.sum() > WORTH * np.sqrt(s).sum() ** 2)
+
+
+def bulk(last: Level) -> float:
+    """Of the squared bound, what triangles are to have that are refined next: BULK, or what is enough.
+
+    That is where the target is near, and their shares are taken to fall to a quarter.
+    """
+    return min(BULK, 4 / 3 * (1 - (MARGIN * last.target / last.total) ** 2))
 
 
 def _shares(last: Level, seconds: float) -> dict[str, float]:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from unilateral.accuracy.budget import affordable, affordable_H, refinement_pays, wanted
+from unilateral.accuracy.budget import affordable, affordable_H, bulk, refinement_pays, wanted
 from unilateral.accuracy.level import SHARE, Goal, Level, standing, target
 from unilateral.adapted import adapted as on_adapted
 from unilateral.choice import cheapest, condensed, levels_for
@@ -142,7 +142,7 @@ def _adapted(problem: Data, stop: Stop, done: list[Level], begin: float) -> Iter
     of = adapted(done[-1].solved.discrete.mesh)
     while wanted(done):
         last, start = done[-1], time.perf_counter()
-        of, u = refined(of, marked(of.mesh, last.solved.shares), last.solved.u_h)
+        of, u = refined(of, marked(of.mesh, last.solved.shares, bulk(last)), last.solved.u_h)
         if not affordable(last, of.mesh.n_nodes, start - begin):
             return
         forget_peak()

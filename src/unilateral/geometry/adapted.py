@@ -28,7 +28,7 @@ UNIT = 2**39
 SHORTEST = 4
 """Times as long as its shortest edge a cell may be."""
 BULK = 0.5
-"""Of the sum of all shares: what those of the marked triangles are to be, at least."""
+"""Of the sum of all shares: what those of the marked triangles usually are to be, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +81,18 @@ def adapted(mesh: Mesh) -> AdaptedMesh:
     return AdaptedMesh(mesh, UNIT * np.arange(len(mesh.s), dtype=np.int64))
 
 
-def marked(mesh: Mesh, shares: Array) -> Index:
-    """The fewest triangles with BULK of the sum of the shares (m,) (Doerfler, SIAM J. Numer. Anal. 33, 1996).
+def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
+    """The fewest triangles with that part of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
 
     Without those whose edges are as short as rounding; raises InputError if none is left.
     """
     shortest = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / ROUNDED
     order = np.argsort(-shares, kind="stable")
-    found = order[: np.searchsorted(np.cumsum(shares[order]), BULK * shares.sum()) + 1]
+    found = order[: np.searchsorted(np.cumsum(shares[order]), bulk * shares.sum()) + 1]
     found = found[mesh.longest_edges[found] > shortest]
     if found.size == 0:
         raise InputError(
-            f"the triangles of '{mesh.polygon.name}' from which half of the bound comes have edges of "
+            f"the triangles of '{mesh.polygon.name}' from which most of the bound comes have edges of "
             f"{shortest:.2g}, as short as rounding allows; take a larger accuracy"
         )
     return found

@@ -85,12 +85,17 @@ def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangula
     n, place = len(points), np.array([len(points), 1])
     opposite = np.sort(nodes[:, [[1, 2], [2, 0], [0, 1]]], axis=2) @ place
     along = np.column_stack([boundary, np.roll(boundary, -1)])
-    of_boundary = np.sort(along, axis=1) @ place
-    inside = np.setdiff1d(opposite, of_boundary)
-    numbers = np.concatenate([inside, of_boundary])
-    order = np.argsort(numbers)
-    edges = order[np.searchsorted(numbers, opposite, sorter=order)].astype(np.int32)
-    ends = np.concatenate([np.column_stack(np.divmod(inside, n)), along]).astype(np.int32)
+    order = np.argsort(opposite, axis=None)
+    in_order = opposite.ravel()[order]
+    first = np.append(True, in_order[1:] != in_order[:-1])
+    numbers = in_order[first]
+    of_boundary = np.searchsorted(numbers, np.sort(along, axis=1) @ place)
+    inside = np.delete(np.arange(len(numbers)), of_boundary)
+    new = np.empty(len(numbers), dtype=np.int32)
+    new[np.concatenate([inside, of_boundary])] = np.arange(len(numbers))
+    edges = np.empty(nodes.shape, dtype=np.int32)
+    edges.ravel()[order] = new[np.cumsum(first) - 1]
+    ends = np.concatenate([np.column_stack(np.divmod(numbers[inside], n)), along]).astype(np.int32)
     return Triangulation(n, nodes.astype(np.int32), edges, ends, len(inside), alike)
 
 

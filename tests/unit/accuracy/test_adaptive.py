@@ -1,11 +1,13 @@
 """Refinement where it is needed: when it begins, what it saves, and that its certificates hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import DATA, load
 from test_sharp import Manufactured, h1_error
 
-from unilateral.accuracy.budget import limits, refinement_pays
+from unilateral.accuracy.budget import bulk, limits, refinement_pays
 from unilateral.accuracy.level import SHARE, Goal
 from unilateral.accuracy.search import levels, search, two_edges_per_cell
 from unilateral.adapted import Adapted
@@ -118,6 +120,16 @@ def test_fewer_unknowns_than_on_uniform_meshes():
     adapted, uniform = (list(levels(case, goal, None, kind))[-1] for kind in ("", "structured"))
     assert adapted.certified
     assert 4 * adapted.unknowns <= uniform.unknowns
+
+
+def test_near_the_target_fewer_triangles_are_marked():
+    """A quarter of the squared bound has to go, and of what is marked three quarters go: it is a third."""
+    level = next(levels(load("natural"), Goal(0.1)))
+    assert bulk(level) == 0.5
+    near = replace(
+        level, goal=replace(level.goal, accuracy=0.1 * level.total / level.target / 0.9 * 0.75**0.5)
+    )
+    assert bulk(near) == pytest.approx(1 / 3, rel=1e-12)
 
 
 def test_few_systems_are_solved_on_a_mesh():
