@@ -15,6 +15,8 @@ from skfem.quadrature import get_quadrature_tri
 from unilateral.accuracy.search import Goal, levels
 from unilateral.bounds import source
 from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.formula import compile_numpy, pos
 from unilateral.problems import problem_file
@@ -103,8 +105,8 @@ def least_error_of_lambda(of, level):
     flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
     lengths, shapes = np.diff(mesh.s), (1 - x, x)
     first, second = (lengths * (flux * shape).mean(axis=1) for shape in shapes)
-    load = first + np.roll(second, 1) - discrete.spaces.B.T @ level.solved.result.lambda_H
-    return float(np.sqrt(max(load @ discrete.spaces.condensed.solve_boundary(load), 0.0)))
+    load = first + np.roll(second, 1) - coupling(mesh, discrete.partition).T @ level.solved.lambda_H
+    return float(np.sqrt(max(load @ condense(mesh).solve_boundary(load), 0.0)))
 
 
 def exact(number):
