@@ -105,7 +105,7 @@ class Solution:
 
     @cached_property
     def sharp_bounds(self) -> Bounds | None:
-        """The same, nearer to the errors, above all to that of lambda; slow on large meshes."""
+        """The same, mostly nearer to the errors, above all to that of lambda; slow on large meshes."""
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:

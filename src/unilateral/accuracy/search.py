@@ -4,6 +4,7 @@ Other ratios, which might cost less, are not tried. Meshes are uniform until, by
 go on with meshes that are refined only where the bound comes from. Each level starts from the last lambda_H,
 or by multigrid from its own coarser levels, and is iterated until the algebraic bound is a tenth of the error
 that is wanted.
+
 The first level whose guaranteed total bound is small enough is the last. The search also ends where finer
 meshes would not help, because too little is known of f or g, and where two levels' bounds contradict each
 other, which would be a fault of this program.

@@ -165,28 +165,36 @@ def _inside(of: _Corners) -> Array:
     S = T - d
     own, off, by_z, by_next, by_F, load, load_next, load_F = _terms(of, S, T)
     diagonal, load = own + np.roll(own, 1, axis=0), load + np.roll(load_next, 1, axis=0)
-    border, k = by_z + np.roll(by_next, 1, axis=0), len(d)
-    last = np.zeros_like(d)
-    last[0], last[k - 2] = off[k - 1], last[k - 2] + off[k - 2]
-    for j in range(k - 2):
+    border = by_z + np.roll(by_next, 1, axis=0)
+    z, F = _periodic(diagonal, off, border, by_F.sum(axis=0), load, load_F.sum(axis=0))
+    return np.stack([F + S + z, F + S - z])
+
+
+def _periodic(
+    diagonal: Array, off: Array, border: Array, corner: Array, load: Array, last_load: Array
+) -> tuple[Array, Array]:
+    """z (k, p) and F (p,) of p systems: periodic, tridiagonal, `off` between z_j and z_{j+1}, and a border.
+
+    z_0, .., z_{k-2} are eliminated, which leaves two unknowns, z_{k-1} and F. The arrays are overwritten.
+    """
+    m = len(diagonal) - 1
+    last = np.zeros_like(diagonal)
+    last[0], last[m - 1] = off[m], last[m - 1] + off[m - 1]
+    for j in range(m - 1):
         factor = off[j] / diagonal[j]
         diagonal[j + 1] -= factor * off[j]
-        last[j + 1] -= factor * last[j]
-        border[j + 1] -= factor * border[j]
-        load[j + 1] -= factor * load[j]
-    m = k - 1
-    over = [column[:m] / diagonal[:m] for column in (last, border)]
-    a = diagonal[m] - (over[0] * last[:m]).sum(axis=0)
-    b = border[m] - (over[0] * border[:m]).sum(axis=0)
-    c = by_F.sum(axis=0) - (over[1] * border[:m]).sum(axis=0)
-    r, s = load[m] - (over[0] * load[:m]).sum(axis=0), load_F.sum(axis=0) - (over[1] * load[:m]).sum(axis=0)
-    det = a * c - b**2
-    z = np.empty_like(d)
-    z[m], F = (c * r - b * s) / det, (a * s - b * r) / det
+        for column in (last, border, load):
+            column[j + 1] -= factor * column[j]
+    by_last, by_border = (column[:m] / diagonal[:m] for column in (last, border))
+    a, r = (x[m] - (by_last * y[:m]).sum(axis=0) for x, y in ((diagonal, last), (load, load)))
+    b = border[m] - (by_last * border[:m]).sum(axis=0)
+    c, s = (x - (by_border * y[:m]).sum(axis=0) for x, y in ((corner, border), (last_load, load)))
+    z = np.empty_like(diagonal)
+    z[m], F = (c * r - b * s) / (a * c - b**2), (a * s - b * r) / (a * c - b**2)
     z[:m] = (load[:m] - last[:m] * z[m] - border[:m] * F) / diagonal[:m]
-    for j in range(k - 3, -1, -1):
+    for j in range(m - 2, -1, -1):
         z[j] -= off[j] / diagonal[j] * z[j + 1]
-    return np.stack([F + S + z, F + S - z])
+    return z, F
 
 
 def _at_the_boundary(of: _Corners, into: Array, out: Array) -> Array:

@@ -91,7 +91,7 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
     solve.add_argument(
         "--sharp",
         action="store_true",
-        help="bounds nearer to the errors, above all that of lambda; slower",
+        help="slower bounds, mostly nearer to the errors, above all of lambda",
     )
     sizes = solve.add_argument_group("on given sizes")
     sizes.add_argument("--h", type=_positive, help="mesh size on the boundary, such as 1/64")

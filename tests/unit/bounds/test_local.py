@@ -63,7 +63,7 @@ SHARP = {"natural": (16, 32), "full_contact": (16, 32), "smooth": (32, 64), "thi
 
 @pytest.mark.parametrize("name", SHARP)
 def test_the_index_of_u_is_at_most_1_3_on_smooth_cases_and_falls_with_h(name):
-    """1.3 is what fluxes on patches were made for (theory only says that the index is bounded)."""
+    """1.3 is the round number of claim F.cheap; theory says only that the index is bounded."""
     found = [pair(name, n) for n in SHARP[name]]
     indices = [local_bound(*of[:5]).u / of.h1_error for of in found]
     assert all(index >= 1 for index in indices)
