@@ -22,10 +22,11 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class Goal:
-    """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
+    """An accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
 
-    These are unknowns on the finest mesh, seconds in all, and MB, in any case no more than are free. `sharp`
-    asks for the sharp bound, without which that of lambda is far above its error.
+    It is relative to the solution's norm, unless it is `absolute`. Limits are unknowns on
+    the finest mesh, seconds in all, and MB, in any case no more than are free. `sharp` asks for the sharp
+    bound, without which that of lambda is far above its error.
     """
 
     accuracy: float
@@ -34,6 +35,7 @@ class Goal:
     max_seconds: float = MAX_SECONDS
     max_memory: float = math.inf
     sharp: bool = False
+    absolute: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +77,17 @@ class Level:
 
     @property
     def certified(self) -> bool:
-        wanted = self.goal.accuracy * self.size
+        wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
         return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 
 def target(solved: Solution, goal: Goal) -> float:
-    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm."""
+    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm.
+
+    An absolute one is the accuracy itself.
+    """
+    if goal.absolute:
+        return goal.accuracy
     size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
     return goal.accuracy * (solved.size(goal.norm, goal.sharp) or size)
 

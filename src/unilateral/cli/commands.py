@@ -14,6 +14,7 @@ from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 
 CLAIM_FAILS = 1
+ONLY = "is only for --accuracy"
 EXIT_CODES = (
     "exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, "
     "4 the system or this program failed, 130 interrupted"
@@ -104,6 +105,12 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--accuracy",
         type=_positive,
         help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C, after a mesh, keeps the best so far",
+    )
+    goal.add_argument(
+        "--absolute",
+        action="store_const",
+        const=True,
+        help="the accuracy is the largest error itself, not a part of the norm; may be 1 and more",
     )
     goal.add_argument("--norm", choices=NORMS, help="of u in H1 (default) or of lambda in H^(-1/2)")
     goal.add_argument(
@@ -214,10 +221,12 @@ def _check_alternatives(options: argparse.Namespace) -> None:
         if missing:
             named = " and ".join(f"--{name}" for name in needed)
             raise InputError(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
-        wrong, why = {"norm", "max_unknowns", "max_seconds", "max_memory"} & given, "is only for --accuracy"
+        wrong, why = given & {"absolute", "norm", "max_unknowns", "max_seconds", "max_memory"}, ONLY
     else:
-        if options.accuracy >= 1:
-            raise InputError("argument --accuracy: it is relative and must be below 1, such as 1e-2")
+        if options.accuracy >= 1 and not options.absolute:
+            raise InputError(
+                "argument --accuracy: it is relative and must be below 1, such as 1e-2, unless --absolute"
+            )
         wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         raise InputError(f"--{name.replace('_', '-')} {why}")

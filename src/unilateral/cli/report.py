@@ -72,7 +72,7 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
 def level_head(name: str, first: Level) -> str:
     """What is wanted, the columns' names and the first level."""
     columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
-    wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g} {SIZE[goal.norm]}"
+    wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g}" + f" {SIZE[goal.norm]}" * (not goal.absolute)
     return "\n".join([wanted, columns, level_line(first)])
 
 
@@ -102,9 +102,9 @@ def ending(search: Search) -> str:
             "is an estimate"
         )
     why = search.ended or f"out of budget ({', '.join(limits(search.done))})"
-    nothing = norm == "hm12" and best.solved.lambda_norm == 0
+    nothing = norm == "hm12" and best.solved.lambda_norm == 0 and not best.goal.absolute
     return f"  NOT certified, {as_options(why)}: {reached}" + (
-        "; lambda_H is 0, nothing is relative to it" * nothing
+        "; lambda_H is 0, nothing is relative to it; take --absolute" * nothing
     )
 
 

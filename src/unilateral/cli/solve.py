@@ -50,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
         max_seconds=options.max_seconds or MAX_SECONDS,
         max_memory=options.max_memory or math.inf,
         sharp=sharp,
+        absolute=bool(options.absolute),
         tell=None if options.json else _told(problem.name),
     )
     search = found.search

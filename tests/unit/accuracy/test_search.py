@@ -22,7 +22,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import problem_file
 from unilateral.solvers.iterate import Stop, iterate
@@ -131,6 +131,26 @@ def test_a_level_is_certified_up_to_its_own_total(norm):
     relative = coarsest.total(norm) / coarsest.size(norm)
     for share, certified in ((1.1, True), (0.9, False)):
         assert next(levels(load("natural"), Goal(share * relative, norm))).certified == certified
+
+
+def test_an_absolute_accuracy_is_that_of_the_error_itself():
+    """Against the exact solution; it may be above 1, and the relative one is met by a coarser mesh."""
+    case, goal = load("natural"), Goal(0.3, absolute=True)
+    done = list(levels(case, goal))
+    assert done[-1].certified
+    assert h1_distance(case, done[-1].solved.discrete.mesh, done[-1].solved.u_h) <= 0.3
+    assert all(level.total > 0.3 for level in done[:-1])
+    assert [level.certified for level in levels(case, replace(goal, accuracy=1.5))] == [False, True]
+    assert len(list(levels(case, Goal(0.3)))) < len(done)
+
+
+def test_an_absolute_accuracy_of_a_multiplier_that_is_0():
+    """Nothing is relative to it; lambda = 0 exactly, so the error is 0 and no bound is below it."""
+    absolute = list(levels(load("no_contact"), Goal(0.1, "hm12", sharp=True, absolute=True)))[-1]
+    assert absolute.certified
+    assert absolute.size == 0 <= absolute.total <= 0.1
+    relative = levels(load("no_contact"), Goal(0.1, "hm12", 300, sharp=True))
+    assert not any(level.certified for level in relative)
 
 
 def test_levels_are_not_wasted():

@@ -243,6 +243,15 @@ def test_an_accuracy_of_a_case(run, solve_json):
     assert re.fullmatch(r"f and g enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
 
 
+def test_an_absolute_accuracy(run, solve_json):
+    """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
+    arguments = ("natural", "--accuracy", "1.5", "--absolute")
+    code, found, err = solve_json(*arguments)
+    assert (code, err, found["converged"]) == (0, "", True)
+    assert found["h1_error"] <= found["total_bound"] <= 1.5
+    assert run("solve", *arguments)[1].startswith("natural: ||u - u_h||_1 <= 1.5\n")
+
+
 def test_a_table_shows_the_shortest_edge_of_adapted_meshes(run):
     """At a re-entrant corner, unless uniform meshes are asked for."""
     for options, adapted in (((), True), (("--mesh", "structured"), False)):
@@ -451,6 +460,7 @@ SINGULAR, ACCURATE = ("--h", "1/8", "--H", "1/8", "--rho", "1/2"), ("natural", "
         (("solve", "natural", *SIZES, "--accuracy", "0.1"), "--H is chosen by --accuracy; leave one of the"),
         (("solve", *ACCURATE, "--tolerance", "1"), "--tolerance is chosen by --accuracy"),
         (("solve", "natural", "--accuracy", "1"), "--accuracy: it is relative and must be below 1"),
+        (("solve", "natural", *SIZES, "--absolute"), "--absolute is only for --accuracy"),
         (("solve", "natural", *SIZES, "--norm", "h1"), "--norm is only for --accuracy"),
         (("solve", "natural", *SIZES, "--max-seconds", "9"), "--max-seconds is only for --accuracy"),
         (("solve", *ACCURATE, "--norm", "l2"), "invalid choice: 'l2'"),
