@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from unilateral.accuracy.level import MAX_SECONDS, NORMS, Goal, Level
 from unilateral.accuracy.search import search
+from unilateral.accuracy.watch import Watch
 from unilateral.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse
@@ -140,7 +141,9 @@ def solve(
     max_memory: float = math.inf,
     sharp: bool = False,
     absolute: bool = False,
+    dry_run: bool = False,
     tell: Callable[[Level], None] | None = None,
+    watch: Watch | None = None,
 ) -> Solution:
     """The solution on given sizes h and H, or up to an accuracy that is then guaranteed.
 
@@ -151,7 +154,9 @@ def solve(
     relative to that norm of the solution or, if it is `absolute`, the largest error itself, and certified by
     the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was reached within
     `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by `certified`.
-    Raises InputError for what does not fit together, or not into the memory.
+    A `dry_run` ends after the first levels, and the solution's `search.plan` says what the accuracy takes.
+    A `watch` may interrupt and see how far a level is. Raises BudgetError where a limit leaves no result, and
+    InputError for what does not fit together, or not into the memory.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
@@ -174,7 +179,7 @@ def solve(
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
     goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12", absolute)
-    found_levels = search(problem, goal, stop, mesh, tell)
+    found_levels = search(problem, goal, stop, mesh, tell, watch, dry_run)
     return Solution(found_levels.best.solved, found_levels)
 
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
@@ -18,6 +20,8 @@ MAX_SECONDS = 600.0
 """For all levels together, unless somebody says otherwise."""
 SHARE = 0.1
 """Of the error that is wanted: what the iteration may contribute."""
+WORTH, ENOUGH = 1.5, 200
+"""1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +44,16 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most."""
+    """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most.
+
+    Of the seconds, `enclosing` is the part in which f is enclosed.
+    """
 
     solved: Solution
     goal: Goal
     seconds: float
     mb: float = 0.0
+    enclosing: float = 0.0
 
     @property
     def partition(self) -> Partition:
@@ -96,6 +104,16 @@ def unknowable(last: Level) -> bool:
     """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
     bound = last.solved.bound(last.goal.sharp)
     return bound is not None and bound.irreducible > last.target > 0
+
+
+def refinement_pays(last: Level) -> bool:
+    """Whether uniform meshes need more than WORTH times the unknowns of adapted ones, by the bound's parts.
+
+    A triangle with the share s of the squared bound, cut into k, has s / k. With m triangles cut into K in
+    all that is m sum(s) / K for equal k, and for the best, k like s^{1/2}, sum(s^{1/2})^2 / K.
+    """
+    s = last.solved.shares
+    return last.unknowns >= ENOUGH and bool(len(s) * s.sum() > WORTH * np.sqrt(s).sum() ** 2)
 
 
 def standing(done: Sequence[Level]) -> list[Level]:
