@@ -25,6 +25,8 @@ INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 REFUSED = "the next level is refused"
+STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
+"""A search, and leave what was found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +83,10 @@ def search(
             if probe and enough(prospect):
                 break
         watch.goal = None
-    except (KeyboardInterrupt, OutOfBudget, InputError) as caught:
-        stopped = caught
+    except BaseException as caught:
+        stopped = watch.raised or caught  # of which some libraries make another error
+        if not isinstance(stopped, STOPS):
+            raise
     if prospect is None:
         raise _without_result(problem, stopped)
     return _ended(prospect, stopped, probe)
@@ -101,9 +105,13 @@ def _ended(prospect: Prospect, stopped: BaseException | None, probe: bool) -> Se
     if probe:
         return Search(done, "", plan=plan(prospect))
     if stopped or wanted(done):
-        reached = stopped or ", ".join(limits(prospect))
+        reached = _limit(stopped) if stopped else ", ".join(limits(prospect))
         return Search(done, f"out of budget ({reached})", plan=plan(prospect))
     return Search(done, "")
+
+
+def _limit(stopped: BaseException) -> str:
+    return "the memory of this machine" if isinstance(stopped, MemoryError) else str(stopped)
 
 
 def _without_result(problem: Data, stopped: BaseException | None) -> BaseException:

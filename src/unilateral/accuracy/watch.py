@@ -22,12 +22,14 @@ class Watch:
 
     The level's mesh has so many `unknowns`, 0 while that is not known; `expected` are its seconds in all, and
     `seconds` those of its phases so far. Limits, and whether an interrupt was `asked` for, are looked at
-    between phases, and whenever somebody looks.
+    between phases, and whenever somebody looks. What was `raised` then is raised again at the next phase, for
+    libraries that call back may lose it.
     """
 
     begin: float = field(default_factory=time.perf_counter)
     goal: Goal | None = None
     asked: bool = False
+    raised: BaseException | None = None
     phase: str = ""
     unknowns: int = 0
     expected: float = 0.0
@@ -52,6 +54,8 @@ class Watch:
 
     def at(self, phase: str, unknowns: int = 0) -> None:
         """The level comes to this phase."""
+        if self.raised:
+            raise self.raised
         self.look()
         self._next(phase)
         self.unknowns = unknowns or self.unknowns
@@ -62,7 +66,7 @@ class Watch:
         return self.seconds
 
     def look(self) -> None:
-        """Raises OutOfBudget or KeyboardInterrupt, once for a search."""
+        """Raises OutOfBudget or KeyboardInterrupt, once while a search works."""
         if self.goal is None:
             return
         limits = {
@@ -72,7 +76,8 @@ class Watch:
         reached = ", ".join(name for name, over in limits.items() if over)
         if self.asked or reached:
             self.goal = None
-            raise KeyboardInterrupt if self.asked else OutOfBudget(reached)
+            self.raised = KeyboardInterrupt() if self.asked else OutOfBudget(reached)
+            raise self.raised
 
     def resume(self, goal: Goal) -> None:
         """Goes on after a search: raises at once what would have ended it."""

@@ -21,6 +21,7 @@ from unilateral.accuracy.watch import Watch
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.cli import main
+from unilateral.cli.watching import bar
 from unilateral.norms.dual import dual_norm
 from unilateral.problems import case
 from unilateral.solution import Solution
@@ -445,6 +446,45 @@ def test_an_interrupt_while_true_errors_are_computed_keeps_the_certificate(run, 
     assert (code, err) == (130, "")
     assert "  certified: " in out
     assert "guaranteed  " in out
+
+
+def test_a_second_interrupt_ends_at_once():
+    """With code 130, before anything else is done."""
+    source = (
+        "import os, signal; from unilateral.accuracy.watch import Watch; "
+        "from unilateral.cli.watching import watching\n"
+        "with watching(Watch(), False):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    print('once', flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    print('twice', flush=True)\n"
+    )
+    found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, timeout=60)
+    assert (found.returncode, found.stdout, found.stderr) == (130, "once\n", "unilateral: interrupted\n")
+
+
+def test_a_bar_on_a_terminal_and_nowhere_else(capfd, monkeypatch):
+    """Of each level there is at least what clears it. No escapes, so no colours; the lines are as ever."""
+    arguments = ["solve", "natural", "--accuracy", "0.2"]
+    main(arguments)
+    plain = capfd.readouterr()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    main([*arguments, "--json"])
+    as_json = capfd.readouterr()
+    main(arguments)
+    drawn = capfd.readouterr()
+    assert (plain.err, as_json.err) == ("", "")
+    assert drawn.err.count("\r") >= 2 * 4
+    assert "\033" not in drawn.err
+    assert drawn.out.splitlines()[:-1] == plain.out.splitlines()[:-1]  # the last one has the seconds
+
+
+def test_the_bar_shows_the_phase_and_is_never_full():
+    """5 of 10 seconds are half of 20 cells; 30 are not all, for the level goes on; 0 is not known."""
+    watch = Watch(phase="solve", unknowns=4225, expected=10.0)
+    assert bar(watch, 5.0) == f"  4225 unknowns: solve [{'#' * 10}{'.' * 10}] 5 s"
+    assert bar(watch, 30.0) == f"  4225 unknowns: solve [{'#' * 19}.] 30 s"
+    assert bar(Watch(phase="mesh"), 5.0) == f"  mesh [{'.' * 20}] 5 s"
 
 
 def test_a_limit_in_the_midst_of_the_first_level_is_told(run):
