@@ -41,7 +41,7 @@ class Nested:
 
     Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; a
     lower bound of `beta` is not known. f and g are enclosed where the `data` are formulas; `source` is f
-    enclosed, where the load was made of that.
+    enclosed, where it has been, as the load may be made of that.
     """
 
     mesh: Mesh

@@ -110,7 +110,7 @@ def ending(search: Search) -> str:
 
 
 def amounts(plan: Plan) -> str:
-    unknowns, seconds, mb = (f"{float(f'{x:.2g}'):g}" for x in (plan.unknowns, plan.seconds, plan.mb))
+    unknowns, seconds, mb = (f"{float(f'{x:.2g}'):g}" for x in (plan.unknowns, plan.seconds, plan.peak_mb))
     return f"about {unknowns} unknowns, {seconds} s and {mb} MB"
 
 
@@ -129,7 +129,7 @@ def planned(name: str, search: Search, as_json: bool) -> str:
         why = "uniform meshes, for the norm, bound, mesh or algorithm that is asked for needs them"
     else:
         why = "uniform meshes, for all triangles have much the same part of the bound"
-    rule = "H = 2h, for an edge that meets a cell may be at most half of it: with less lambda_H is not stable"
+    rule = "H = 2h, for an edge that meets a cell may be at most half of it, or lambda_H may be unstable"
     return f"  plan: {amounts(plan)}{as_options(fits)}\n  {why}\n  {rule}"
 
 

@@ -36,14 +36,14 @@ def run(options: argparse.Namespace) -> int:
     problem, watch = _problem(options), Watch(begin=options.begin)
     drawn = sys.stderr.isatty() and not options.json
     if options.accuracy is None:
-        return _reported(_solved(options, problem, watch, drawn), options, watch)
+        return _reported(_solved(options, problem, watch, drawn), options, watch, drawn)
     with watching(watch, drawn):
         found = _solved(options, problem, watch, drawn)
         clear(drawn)
         if options.dry_run and found.search:
             say(planned(problem.name, found.search, options.json))
             return INTERRUPTED if watch.asked else 0
-        return _reported(found, options, watch)
+        return _reported(found, options, watch, drawn)
 
 
 def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
@@ -71,7 +71,7 @@ def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, 
     )
 
 
-def _reported(found: Solution, options: argparse.Namespace, watch: Watch) -> int:
+def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, _sharp(options)
     needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
@@ -87,7 +87,7 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch) -> int
             say(ending(search))
     if not unique:
         tell(f"lambda_H {NOT_UNIQUE}")
-    printed = _printed(found, bounds, _errors(found, watch))
+    printed = _printed(found, bounds, _errors(found, watch, drawn))
     printed["seconds"] = watch.elapsed
     printed["peak_mb"] = peak_mb()
     if not options.json and not search:
@@ -102,18 +102,19 @@ def _sharp(options: argparse.Namespace) -> bool:
     return options.sharp or options.norm == "hm12"
 
 
-def _errors(found: Solution, watch: Watch) -> Errors | None:
+def _errors(found: Solution, watch: Watch, drawn: bool) -> Errors | None:
     """The true errors, where they are known, and no interrupt and no limit stops them."""
     dual = found.partition.n_cells <= FEW
     if found.search is None:
         return found.true_errors(dual)
     try:
-        watch.resume(found.search.best.goal)
+        watch.resume(found.search.best.goal, "true errors")
         return found.true_errors(dual)
     except (KeyboardInterrupt, OutOfBudget):
         return None
     finally:
-        watch.goal = None
+        watch.rest()
+        clear(drawn)
 
 
 def _problem(options: argparse.Namespace) -> Case | Problem:

@@ -434,7 +434,7 @@ def test_a_dry_run_as_json_and_where_nothing_is_known(run):
     options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
     code, out, _ = run("solve", "natural", *options, "0.01")
     found = json.loads(out)
-    assert (code, list(found)) == (0, ["problem", "adapted", "unknowns", "seconds", "mb", "missed"])
+    assert (code, list(found)) == (0, ["problem", "adapted", "unknowns", "seconds", "peak_mb", "missed"])
     assert (found["adapted"], found["missed"]) == (False, ["max_unknowns=100"])
     code, out, _ = run("solve", "no_contact", *options, "0.5", "--norm", "hm12")
     assert (code, json.loads(out)["unknowns"]) == (0, None)
