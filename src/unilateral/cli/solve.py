@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import INTERRUPTED as BY_USER
@@ -27,6 +29,8 @@ from unilateral.solvers.iterate import Stop
 NOT_CONVERGED, INTERRUPTED = 3, 130
 FEW = 512
 """Cells up to which the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
+SIDES = 12
+"""Up to which the forces are computed and printed."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -64,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         _tell_faults(search)
     if not unique:
         tell(f"lambda_H {NOT_UNIQUE}")
-    printed = _printed(found, bounds)
+    printed = _printed(found, bounds, sharp)
     printed["seconds"] = time.perf_counter() - begin
     printed["peak_mb"] = peak_mb()
     if not options.json:
@@ -118,7 +122,7 @@ def _tell_faults(search: Search) -> None:
         tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
 
 
-def _printed(found: Solution, bounds: Bounds | None) -> dict[str, Any]:
+def _printed(found: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, Any]:
     """What --json prints, but for the cost."""
     discrete, search = found.solved.discrete, found.search
     errors = found.errors if found.partition.n_cells <= FEW else found.true_errors(dual=False)
@@ -137,4 +141,16 @@ def _printed(found: Solution, bounds: Bounds | None) -> dict[str, Any]:
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
         "total_bound": (search.best.total if search else bounds.u) if bounds else math.nan,
+        "forces": _forces(found, sharp) if bounds else None,
     }
+
+
+def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
+    """Over the whole boundary, and over each side with multipliers."""
+    n_sides, cells = found.mesh.polygon.n_sides, found.partition
+    if n_sides > SIDES:
+        return None
+    held = np.unique(cells.side[found.solved.discrete.cells])
+    forces = found.forces(sharp)
+    sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
+    return {"boundary": forces.whole._asdict()} | sides
