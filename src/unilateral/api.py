@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from unilateral.accuracy.level import MAX_SECONDS, NORMS, Goal, Level
 from unilateral.accuracy.search import search
+from unilateral.accuracy.watch import Watch
 from unilateral.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse
@@ -139,17 +140,23 @@ def solve(
     max_seconds: float = MAX_SECONDS,
     max_memory: float = math.inf,
     sharp: bool = False,
+    absolute: bool = False,
+    dry_run: bool = False,
     tell: Callable[[Level], None] | None = None,
+    watch: Watch | None = None,
 ) -> Solution:
-    """The solution on given sizes h and H, or up to a relative accuracy that is then guaranteed.
+    """The solution on given sizes h and H, or up to an accuracy that is then guaranteed.
 
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
     `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. An accuracy is
     that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. It is
-    certified by the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was
-    reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by
-    `certified`. Raises InputError for what does not fit together, or not into the memory.
+    relative to that norm of the solution or, if it is `absolute`, the largest error itself, and certified by
+    the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was reached within
+    `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by `certified`.
+    A `dry_run` ends after the first levels, and the solution's `search.plan` says what the accuracy takes.
+    A `watch` may interrupt and see how far a level is. Raises BudgetError where a limit leaves no result, and
+    InputError for what does not fit together, or not into the memory.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
@@ -167,10 +174,12 @@ def solve(
         raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
     if norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
-    if not 0 < accuracy < 1:
-        raise InputError(f"the accuracy {accuracy:g} is relative and must lie between 0 and 1, such as 1e-2")
-    goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12")
-    found_levels = search(problem, goal, stop, mesh, tell)
+    if not 0 < accuracy < math.inf:
+        raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
+    if accuracy >= 1 and not absolute:
+        raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
+    goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12", absolute)
+    found_levels = search(problem, goal, stop, mesh, tell, watch, dry_run)
     return Solution(found_levels.best.solved, found_levels)
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -31,6 +31,8 @@ AIM = 0.5
 
 class AnyDiscrete(Protocol):
     """What a solution asks of the problem that it solves: see `Discrete`, and `Nested`."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
     def mesh(self) -> Mesh: ...

@@ -12,6 +12,12 @@ class InputError(Exception):
     exit_code = 2
 
 
+class BudgetError(InputError):
+    """A limit that was reached before there was any result."""
+
+    exit_code = 3
+
+
 class StorageError(InputError):
     """A file that is damaged, or cannot be read or written, as on a full disk: no input is wrong."""
 

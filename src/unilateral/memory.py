@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
+import re
 import resource
 import sys
 from pathlib import Path
@@ -11,6 +13,8 @@ from pathlib import Path
 BYTES_PER_MB = 2**20
 UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
 """Of ru_maxrss, see getrusage(2)."""
+CGROUP = Path("/sys/fs/cgroup")
+"""Of this process, as a container sees it."""
 
 
 def forget_peak() -> None:
@@ -25,7 +29,24 @@ def peak_mb() -> float:
 
 
 def available_mb() -> float:
-    """What can be taken without swapping, in MB, as Linux tells (proc(5)); elsewhere what the machine has."""
+    """What this process can take without swapping, in MB, on the machine and within its container's limit."""
+    return min(_machine_mb(), _container_mb())
+
+
+def _container_mb() -> float:
+    """Infinite without a limit of cgroup v2 (see its memory.max); files that are cached count as free."""
+    try:
+        limit, used = (int((CGROUP / f"memory.{name}").read_text("ascii")) for name in ("max", "current"))
+        cached = re.search(
+            r"^inactive_file (\d+)$", (CGROUP / "memory.stat").read_text("ascii"), re.MULTILINE
+        )
+    except (OSError, ValueError):
+        return math.inf
+    return (limit - used + (int(cached[1]) if cached else 0)) / BYTES_PER_MB
+
+
+def _machine_mb() -> float:
+    """As Linux tells (proc(5)); elsewhere what the machine has."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
             if line.startswith("MemAvailable:"):

@@ -184,7 +184,7 @@ def test_the_picture_shows_contact_and_gap():
         ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
         ({"accuracy": 0.1, "mesh": "quads"}, "the mesh 'quads' is neither a mesh nor one of structured"),
         ({"accuracy": 0.1, "norm": "l2"}, "the norm 'l2' is none of h1, hm12"),
-        ({"accuracy": 2}, "the accuracy 2 is relative and must lie between 0 and 1"),
+        ({"accuracy": 2}, "the accuracy 2 is relative and must be below 1, unless absolute=True"),
         ({"mesh": "quads", **SIZES}, "the mesh 'quads' is neither a mesh nor one of structured"),
     ],
 )

@@ -3,12 +3,28 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from unilateral.memory import forget_peak, peak_mb
+from unilateral import memory
+from unilateral.memory import available_mb, forget_peak, peak_mb
 
 MB = 200
 CLEARED = Path("/proc/self/clear_refs")
 """Where a system lets a process forget its peak."""
+
+
+@pytest.mark.parametrize(("limit", "left"), [(100 * 2**20, 70), (2**60, 1000), ("max", 1000)])
+def test_a_container_s_limit_is_kept(tmp_path, monkeypatch, limit, left):
+    """100 MB, of which 50 are used, 20 of these by cached files; without a limit its file says max.
+
+    On the machine 1000 MB are free.
+    """
+    values = {"max": limit, "current": 50 * 2**20, "stat": f"anon 9\ninactive_file {20 * 2**20}\nkernel 1"}
+    for name, value in values.items():
+        (tmp_path / f"memory.{name}").write_text(f"{value}\n")
+    monkeypatch.setattr(memory, "CGROUP", tmp_path)
+    monkeypatch.setattr(memory, "_machine_mb", lambda: 1000.0)
+    assert available_mb() == left
 
 
 def test_the_peak_sees_what_was_held_and_is_forgotten_where_the_system_can():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
+from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.level import Level, standing, unknowable
 from unilateral.geometry.adapted import BULK
 from unilateral.memory import available_mb
@@ -19,12 +18,8 @@ RATES = (0.25, 2.0)
 """Within which an observed rate is believed."""
 GUESS = 1.05
 """More unknowns than h^-2 predicts, which gmsh may make."""
-WORTH, ENOUGH = 1.5, 200
-"""1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
 SPARE = 0.8
 """Of the memory that is free: what the next level may take, beside what the last one still holds."""
-GROWTH = 1.3
-"""Seconds and memory grow like the unknowns to this power, at most."""
 
 
 def wanted(done: Sequence[Level]) -> bool:
@@ -34,29 +29,40 @@ def wanted(done: Sequence[Level]) -> bool:
     return not over and len(standing(done)) == len(done)
 
 
-def affordable_H(done: Sequence[Level], seconds: float) -> float | None:
-    """The next level's H within the budget, of which so many seconds are spent, or None."""
-    last, share = done[-1], max(_shares(done[-1], seconds).values())
+def affordable_H(prospect: Prospect) -> float | None:
+    """The next uniform level's H within the budget, or None."""
+    done = prospect.done
+    share = _share(prospect, min(most_unknowns(prospect).values()))
     if not wanted(done) or LEAST_STEP * share > 1:
         return None
-    H = last.partition.H
-    aim = wanted_H([level.partition.H for level in done], [level.total for level in done], last.target)
-    return max(aim, H * share)
+    aim = wanted_H(*sizes_and_bounds(done), done[-1].target)
+    return max(aim, done[-1].partition.H * share)
 
 
-def affordable(last: Level, unknowns: int, seconds: float) -> bool:
-    """Whether a next level with so many unknowns is within the budget."""
-    return math.sqrt(last.unknowns / unknowns) >= max(_shares(last, seconds).values())
+def sizes_and_bounds(done: Sequence[Level]) -> tuple[list[float], list[float]]:
+    """H, and the bound, of each level."""
+    return [level.partition.H for level in done], [level.total for level in done]
 
 
-def refinement_pays(last: Level) -> bool:
-    """Whether uniform meshes need more than WORTH times the unknowns of adapted ones, by the bound's parts.
+def affordable(prospect: Prospect, unknowns: int) -> bool:
+    """Whether a level with so many unknowns is within the budget."""
+    return unknowns <= min(most_unknowns(prospect).values())
 
-    A triangle with the share s of the squared bound, cut into k, has s / k. With m triangles cut into K in
-    all that is m sum(s) / K for equal k, and for the best, k like s^{1/2}, sum(s^{1/2})^2 / K.
-    """
-    s = last.solved.shares
-    return last.unknowns >= ENOUGH and bool(len(s) * s.sum() > WORTH * np.sqrt(s).sum() ** 2)
+
+def most_unknowns(prospect: Prospect) -> dict[str, float]:
+    """Of every limit, the unknowns that it allows the next level to have."""
+    goal = prospect.done[-1].goal
+    memory = min(goal.max_memory, SPARE * available_mb())
+    return {
+        f"max_unknowns={goal.max_unknowns:.0f}": goal.max_unknowns,
+        f"max_memory={memory:.0f}": prospect.within_mb(memory),
+        f"max_seconds={goal.max_seconds:g}": prospect.within_seconds(goal.max_seconds),
+    }
+
+
+def _share(prospect: Prospect, most: float) -> float:
+    """The part of the last level's H down to which the next one may go with so many unknowns."""
+    return math.sqrt(GUESS * prospect.done[-1].unknowns / most) if most > 0 else math.inf
 
 
 def bulk(last: Level) -> float:
@@ -67,34 +73,28 @@ def bulk(last: Level) -> float:
     return min(BULK, 4 / 3 * (1 - (MARGIN * last.target / last.total) ** 2))
 
 
-def _shares(last: Level, seconds: float) -> dict[str, float]:
-    """Of every limit, the part of a level's H to which it allows the next one to go down."""
-    most, memory = last.goal.max_unknowns, min(last.goal.max_memory, SPARE * available_mb())
-    left = last.goal.max_seconds - seconds
-    return {
-        f"max_unknowns={most:.0f}": math.sqrt(GUESS * last.unknowns / most),
-        f"max_memory={memory:.0f}": (last.mb / memory) ** (0.5 / GROWTH),
-        f"max_seconds={last.goal.max_seconds:g}": (
-            (last.seconds / left) ** (0.5 / GROWTH) if left > 0 else math.inf
-        ),
-    }
-
-
-def limits(done: Sequence[Level]) -> list[str]:
-    """Those that do not allow a level after these."""
-    shares = _shares(done[-1], sum(level.seconds for level in done))
-    largest = max(shares.values())
-    return [name for name, share in shares.items() if LEAST_STEP * share > 1 or share == largest]
+def limits(prospect: Prospect) -> list[str]:
+    """Those that do not allow a level after the last one."""
+    most = most_unknowns(prospect)
+    shares = {name: _share(prospect, unknowns) for name, unknowns in most.items()}
+    return [name for name, share in shares.items() if LEAST_STEP * share > 1 or share == max(shares.values())]
 
 
 def wanted_H(sizes: Sequence[float], bounds: Sequence[float], target: float) -> float:
     """The next level's H from those of the levels done and their bounds: where it should meet the target.
 
-    Bounds are taken to fall at the rate of the last two; without two of them, or a target, H is halved.
+    Bounds are taken to fall at the rate of the last two; without that, or a target, H is halved.
     """
-    H, bound = sizes[-1], bounds[-1]
-    if len(sizes) < 2 or target <= 0 or not (math.isfinite(bounds[-2]) and math.isfinite(bound)):
+    H, rate = sizes[-1], observed_rate(sizes, bounds)
+    if math.isnan(rate) or target <= 0:
         return H / 2
-    observed = math.log(bounds[-2] / bound) / math.log(sizes[-2] / H)
-    wanted = H * (MARGIN * target / bound) ** (1 / min(max(observed, RATES[0]), RATES[1]))
-    return min(max(wanted, H / LARGEST_STEP), H / LEAST_STEP)
+    aim = H * (MARGIN * target / bounds[-1]) ** (1 / rate)
+    return min(max(aim, H / LARGEST_STEP), H / LEAST_STEP)
+
+
+def observed_rate(sizes: Sequence[float], bounds: Sequence[float]) -> float:
+    """That of the last two levels, as far as it is believed; NaN without two finite bounds."""
+    if len(sizes) < 2 or not (math.isfinite(bounds[-2]) and math.isfinite(bounds[-1])):
+        return math.nan
+    observed = math.log(bounds[-2] / bounds[-1]) / math.log(sizes[-2] / sizes[-1])
+    return min(max(observed, RATES[0]), RATES[1])

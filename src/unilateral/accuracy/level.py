@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
@@ -18,14 +20,17 @@ MAX_SECONDS = 600.0
 """For all levels together, unless somebody says otherwise."""
 SHARE = 0.1
 """Of the error that is wanted: what the iteration may contribute."""
+WORTH, ENOUGH = 1.5, 200
+"""1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A relative accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
+    """An accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
 
-    These are unknowns on the finest mesh, seconds in all, and MB, in any case no more than are free. `sharp`
-    asks for the sharp bound, without which that of lambda is far above its error.
+    It is relative to the solution's norm, unless it is `absolute`. Limits are unknowns on
+    the finest mesh, seconds in all, and MB, in any case no more than are free. `sharp` asks for the sharp
+    bound, without which that of lambda is far above its error.
     """
 
     accuracy: float
@@ -34,16 +39,21 @@ class Goal:
     max_seconds: float = MAX_SECONDS
     max_memory: float = math.inf
     sharp: bool = False
+    absolute: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most."""
+    """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most.
+
+    Of the seconds, `enclosing` is the part in which f is enclosed.
+    """
 
     solved: Solution
     goal: Goal
     seconds: float
     mb: float = 0.0
+    enclosing: float = 0.0
 
     @property
     def partition(self) -> Partition:
@@ -75,12 +85,17 @@ class Level:
 
     @property
     def certified(self) -> bool:
-        wanted = self.goal.accuracy * self.size
+        wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
         return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 
 def target(solved: Solution, goal: Goal) -> float:
-    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm."""
+    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm.
+
+    An absolute one is the accuracy itself.
+    """
+    if goal.absolute:
+        return goal.accuracy
     size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
     return goal.accuracy * (solved.size(goal.norm, goal.sharp) or size)
 
@@ -89,6 +104,16 @@ def unknowable(last: Level) -> bool:
     """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
     bound = last.solved.bound(last.goal.sharp)
     return bound is not None and bound.irreducible > last.target > 0
+
+
+def refinement_pays(last: Level) -> bool:
+    """Whether uniform meshes need more than WORTH times the unknowns of adapted ones, by the bound's parts.
+
+    A triangle with the share s of the squared bound, cut into k, has s / k. With m triangles cut into K in
+    all that is m sum(s) / K for equal k, and for the best, k like s^{1/2}, sum(s^{1/2})^2 / K.
+    """
+    s = last.solved.shares
+    return last.unknowns >= ENOUGH and bool(len(s) * s.sum() > WORTH * np.sqrt(s).sum() ** 2)
 
 
 def standing(done: Sequence[Level]) -> list[Level]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
@@ -14,6 +15,7 @@ from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 
 CLAIM_FAILS = 1
+OF_ACCURACY = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "max_memory"}
 EXIT_CODES = (
     "exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, "
     "4 the system or this program failed, 130 interrupted"
@@ -23,7 +25,7 @@ EXIT_CODES = (
 def run(arguments: Sequence[str] | None) -> int:
     """Run what the arguments say; the exit code. Raises InputError for arguments that do not fit."""
     try:
-        options = _parser().parse_args(arguments)
+        options = _parser().parse_args(arguments, argparse.Namespace(begin=time.perf_counter()))
     except SystemExit:  # after --help and --version
         return 0
     return int(options.run(options))
@@ -103,7 +105,19 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
     goal.add_argument(
         "--accuracy",
         type=_positive,
-        help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C, after a mesh, keeps the best so far",
+        help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C keeps the best so far",
+    )
+    goal.add_argument(
+        "--absolute",
+        action="store_const",
+        const=True,
+        help="the accuracy is the largest error itself, not a part of the norm; may be 1 and more",
+    )
+    goal.add_argument(
+        "--dry-run",
+        action="store_const",
+        const=True,
+        help="only say what it will take: unknowns, seconds, MB, and what meshes",
     )
     goal.add_argument("--norm", choices=NORMS, help="of u in H1 (default) or of lambda in H^(-1/2)")
     goal.add_argument(
@@ -116,13 +130,13 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
         "--max-seconds",
         type=_positive,
         metavar="S",
-        help=f"no mesh is begun that is expected to end later (default {MAX_SECONDS:g})",
+        help=f"then the best so far is kept, with its bound (default {MAX_SECONDS:g})",
     )
     goal.add_argument(
         "--max-memory",
         type=_positive,
         metavar="MB",
-        help="no mesh is begun that is expected to take more (default: what is free)",
+        help="the same for the memory of this process (default: what is free)",
     )
     domain = solve.add_argument_group("domain and multipliers")
     domain.add_argument("--polygon", help=f"of a case: {' or '.join(names())} (default: the case's first)")
@@ -214,10 +228,12 @@ def _check_alternatives(options: argparse.Namespace) -> None:
         if missing:
             named = " and ".join(f"--{name}" for name in needed)
             raise InputError(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
-        wrong, why = {"norm", "max_unknowns", "max_seconds", "max_memory"} & given, "is only for --accuracy"
+        wrong, why = given & OF_ACCURACY, "is only for --accuracy"
     else:
-        if options.accuracy >= 1:
-            raise InputError("argument --accuracy: it is relative and must be below 1, such as 1e-2")
+        if options.accuracy >= 1 and not options.absolute:
+            raise InputError(
+                "argument --accuracy: it is relative and must be below 1, such as 1e-2, unless --absolute"
+            )
         wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         raise InputError(f"--{name.replace('_', '-')} {why}")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
-from unilateral.accuracy.budget import limits
-from unilateral.accuracy.level import Level, unknowable
+from unilateral.accuracy.level import Level, refinement_pays, unknowable
+from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import Search
 from unilateral.cli.streams import as_options
 from unilateral.solution import Bounds
@@ -75,7 +76,7 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
 def level_head(name: str, first: Level) -> str:
     """What is wanted, the columns' names and the first level."""
     columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
-    wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g} {SIZE[goal.norm]}"
+    wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g}" + f" {SIZE[goal.norm]}" * (not goal.absolute)
     return "\n".join([wanted, columns, level_line(first)])
 
 
@@ -104,11 +105,35 @@ def ending(search: Search) -> str:
             f"{bound.unknown:.4e} is what is not known of them; {best.total - bound.unknown:.4e}, the rest, "
             "is an estimate"
         )
-    why = search.ended or f"out of budget ({', '.join(limits(search.done))})"
-    nothing = norm == "hm12" and best.solved.lambda_norm == 0
-    return f"  NOT certified, {as_options(why)}: {reached}" + (
-        "; lambda_H is 0, nothing is relative to it" * nothing
+    nothing = norm == "hm12" and best.solved.lambda_norm == 0 and not best.goal.absolute
+    needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""
+    return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}" + (
+        "; lambda_H is 0, nothing is relative to it; take --absolute" * nothing
     )
+
+
+def amounts(plan: Plan) -> str:
+    unknowns, seconds, mb = (f"{float(f'{x:.2g}'):g}" for x in (plan.unknowns, plan.seconds, plan.mb))
+    return f"about {unknowns} unknowns, {seconds} s and {mb} MB"
+
+
+def planned(name: str, search: Search, as_json: bool) -> str:
+    """What a dry run found; as JSON null for what is unknown."""
+    plan, last = search.plan, search.done[-1]
+    if as_json:
+        found = asdict(plan) if plan else {field.name: None for field in fields(Plan)}
+        return json.dumps({"problem": name, **found})
+    if plan is None:
+        return "  plan: unknown, for nothing is known yet of the size of the solution or of the error"
+    fits = f"; not within {', '.join(plan.missed)}" if plan.missed else ", within the limits"
+    if plan.adapted:
+        why = "adapted meshes, for few triangles have most of the bound"
+    elif refinement_pays(last):
+        why = "uniform meshes, for the norm, bound, mesh or algorithm that is asked for needs them"
+    else:
+        why = "uniform meshes, for all triangles have much the same part of the bound"
+    rule = "H = 2h, for an edge that meets a cell may be at most half of it: with less lambda_H is not stable"
+    return f"  plan: {amounts(plan)}{as_options(fits)}\n  {why}\n  {rule}"
 
 
 def _unknown(value: Any) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,15 @@ import numpy as np
 
 from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
-from unilateral.accuracy.search import INTERRUPTED as BY_USER
 from unilateral.accuracy.search import Search
+from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.choice import bound_mb
-from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, table
+from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, planned, table
 from unilateral.cli.streams import say, tell
+from unilateral.cli.watching import clear, watching
 from unilateral.errors import InputError
 from unilateral.memory import available_mb, peak_mb
+from unilateral.norms.dual import Errors
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
@@ -35,9 +37,21 @@ SIDES = 12
 
 def run(options: argparse.Namespace) -> int:
     """Solve and report; the exit code."""
-    begin = time.perf_counter()
-    problem, sharp = _problem(options), options.sharp or options.norm == "hm12"
-    found = api.solve(
+    problem, watch = _problem(options), Watch(begin=options.begin)
+    drawn = sys.stderr.isatty() and not options.json
+    if options.accuracy is None:
+        return _reported(_solved(options, problem, watch, drawn), options, watch)
+    with watching(watch, drawn):
+        found = _solved(options, problem, watch, drawn)
+        clear(drawn)
+        if options.dry_run and found.search:
+            say(planned(problem.name, found.search, options.json))
+            return INTERRUPTED if watch.asked else 0
+        return _reported(found, options, watch)
+
+
+def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
+    return api.solve(
         problem,
         options.h,
         options.H,
@@ -53,10 +67,17 @@ def run(options: argparse.Namespace) -> int:
         max_unknowns=options.max_unknowns or math.inf,
         max_seconds=options.max_seconds or MAX_SECONDS,
         max_memory=options.max_memory or math.inf,
-        sharp=sharp,
-        tell=None if options.json else _told(problem.name),
+        sharp=_sharp(options),
+        absolute=bool(options.absolute),
+        dry_run=bool(options.dry_run),
+        tell=None if options.json else _told(problem.name, drawn),
+        watch=watch,
     )
-    search = found.search
+
+
+def _reported(found: Solution, options: argparse.Namespace, watch: Watch) -> int:
+    """Prints what was found; the exit code."""
+    search, sharp = found.search, _sharp(options)
     needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
     if needed > free:
         tell(f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free")
@@ -66,17 +87,38 @@ def run(options: argparse.Namespace) -> int:
     unique = bool(search) or found.solved.discrete.unique
     if search:
         _tell_faults(search)
+        if not options.json:
+            say(ending(search))
     if not unique:
         tell(f"lambda_H {NOT_UNIQUE}")
-    printed = _printed(found, bounds, sharp)
-    printed["seconds"] = time.perf_counter() - begin
+    errors = _allowed(lambda: found.true_errors(found.partition.n_cells <= FEW), found, watch)
+    forces = _allowed(lambda: _forces(found, sharp), found, watch) if bounds else None
+    printed = _printed(found, bounds, errors) | {"forces": forces}
+    printed["seconds"] = watch.elapsed
     printed["peak_mb"] = peak_mb()
-    if not options.json:
-        say(ending(search) if search else head(printed))
+    if not options.json and not search:
+        say(head(printed))
     say(table(printed, found.solved.result, bounds, options.json, unique))
-    if search and search.ended == BY_USER:
+    if watch.asked:
         return INTERRUPTED
     return 0 if printed["converged"] else NOT_CONVERGED
+
+
+def _sharp(options: argparse.Namespace) -> bool:
+    return options.sharp or options.norm == "hm12"
+
+
+def _allowed(compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
+    """What is computed after a search, None where an interrupt or a limit stops it."""
+    if found.search is None:
+        return compute()
+    try:
+        watch.resume(found.search.best.goal)
+        return compute()
+    except (KeyboardInterrupt, OutOfBudget):
+        return None
+    finally:
+        watch.goal = None
 
 
 def _problem(options: argparse.Namespace) -> Case | Problem:
@@ -102,12 +144,13 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return api.mesh(given, problem.polygon)
 
 
-def _told(name: str) -> Callable[[Level], None]:
-    """Prints each level when it is done, the first one below what is wanted."""
+def _told(name: str, drawn: bool) -> Callable[[Level], None]:
+    """Prints each level when it is done, the first one below what is wanted, where a bar was drawn."""
     first = True
 
     def one(level: Level) -> None:
         nonlocal first
+        clear(drawn)
         say(level_head(name, level) if first else level_line(level))
         first = False
 
@@ -122,10 +165,9 @@ def _tell_faults(search: Search) -> None:
         tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
 
 
-def _printed(found: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, Any]:
+def _printed(found: Solution, bounds: Bounds | None, errors: Errors | None) -> dict[str, Any]:
     """What --json prints, but for the cost."""
     discrete, search = found.solved.discrete, found.search
-    errors = found.errors if found.partition.n_cells <= FEW else found.true_errors(dual=False)
     return {
         "problem": discrete.data.name if discrete.data else None,
         "h": found.mesh.h,
@@ -141,7 +183,6 @@ def _printed(found: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, A
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
         "total_bound": (search.best.total if search else bounds.u) if bounds else math.nan,
-        "forces": _forces(found, sharp) if bounds else None,
     }
 
 

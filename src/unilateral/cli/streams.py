@@ -53,14 +53,15 @@ def _print(text: str, stream: TextIO) -> None:
 
 def load(module: str) -> Any:
     """Import a module. An interrupt ends it at once: some libraries make another error of it."""
-    before = signal.signal(signal.SIGINT, _leave)
+    before = signal.signal(signal.SIGINT, leave)
     try:
         return import_module(module)
     finally:
         signal.signal(signal.SIGINT, before)
 
 
-def _leave(*_: object) -> NoReturn:
+def leave(*_: object) -> NoReturn:
+    """At once, after an interrupt."""
     tell("interrupted")
     os._exit(130)
 

@@ -1,8 +1,10 @@
 """The command line: what it prints, where, and with which exit code."""
 
+import itertools
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import warnings
@@ -15,13 +17,14 @@ from conftest import DATA, ROOT, certified, discrete, load
 
 from unilateral import cli, discrete_solution
 from unilateral import discrete as of_data
-from unilateral.accuracy import search as searching
-from unilateral.accuracy.search import levels
+from unilateral.accuracy.watch import Watch
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.cli import main
+from unilateral.cli.watching import bar
 from unilateral.norms.dual import dual_norm
 from unilateral.problems import case
+from unilateral.solution import Solution
 from unilateral.study.judge import claims
 
 KEYS = [  # of --json, in the documented order
@@ -243,6 +246,15 @@ def test_an_accuracy_of_a_case(run, solve_json):
     assert re.fullmatch(r"f and g enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
 
 
+def test_an_absolute_accuracy(run, solve_json):
+    """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
+    arguments = ("natural", "--accuracy", "1.5", "--absolute")
+    code, found, err = solve_json(*arguments)
+    assert (code, err, found["converged"]) == (0, "", True)
+    assert found["h1_error"] <= found["total_bound"] <= 1.5
+    assert run("solve", *arguments)[1].startswith("natural: ||u - u_h||_1 <= 1.5\n")
+
+
 def test_a_table_shows_the_shortest_edge_of_adapted_meshes(run):
     """At a re-entrant corner, unless uniform meshes are asked for."""
     for options, adapted in (((), True), (("--mesh", "structured"), False)):
@@ -340,15 +352,43 @@ def test_the_forces_are_printed(run, solve_json, monkeypatch):
     assert found["forces"] is None
 
 
-@pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "1e-09")])
+@pytest.fixture
+def looks(monkeypatch):
+    """A clock that shows how often it was looked at: a look is a second. The handler's looks are left out."""
+    count = itertools.count()
+    monkeypatch.setattr("unilateral.cli.watching.TICK", 0)
+    monkeypatch.setattr(Watch, "elapsed", property(lambda _: float(next(count))))
+
+
+@pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "60")])
+@pytest.mark.usefixtures("looks")
 def test_a_budget_that_ends_is_code_3(run, solve_json, option, value):
+    """And what would be enough is said: more than the unknowns so far."""
     arguments = ("natural", "--accuracy", "1e-3", option, value)
     code, out, err = run("solve", *arguments)
     assert (code, err) == (3, "")
     assert re.search(rf"NOT certified, out of budget \(.*{option} {value}.*\): \|\|u - u_h\|\|_1 <= ", out)
-    code, found, _ = solve_json(*arguments)
+    (needed,) = re.findall(r"; about (\S+) unknowns, \S+ s and \S+ MB would be enough\n", out)
+    code, found, _ = solve_json(*arguments[:3], "--max-unknowns", "100")
+    assert float(needed) > 1e4 > found["unknowns"]
     assert (code, found["converged"]) == (3, False)
     assert found["total_bound"] >= found["h1_error"]
+
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def interrupt_in(phase, done, monkeypatch):
+    """In that phase of the level after so many: a signal, as Ctrl-C sends it."""
+    own, count = Watch._next, itertools.count()
+
+    def interrupting(watch, name):
+        own(watch, name)
+        if name == phase and next(count) == done:
+            interrupt()
+
+    monkeypatch.setattr(Watch, "_next", interrupting)
 
 
 def blocks(page):
@@ -378,15 +418,100 @@ def test_nothing_is_relative_to_a_multiplier_that_is_0(run):
 
 @pytest.mark.parametrize("done", [0, 1])
 def test_an_interrupt_leaves_the_best_solution_if_there_is_one(run, monkeypatch, done):
-    def interrupted(*arguments):
-        for _, level in zip(range(done), levels(*arguments), strict=False):
-            yield level
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(searching, "levels", interrupted)
+    """A signal in the midst of the first level, or of the second; no true errors, which may take long."""
+    interrupt_in("solve", done, monkeypatch)
     code, out, err = run("solve", "natural", "--accuracy", "1e-3")
     assert (code, err) == (130, "" if done else "unilateral: interrupted\n")
     assert ("NOT certified, interrupted: ||u - u_h||_1 <= " in out) == (done > 0)
+    assert ("  unknowns                    9 and" in out) == (done > 0)
+    assert "||u - u_h||_1                = " not in out
+
+
+@pytest.mark.usefixtures("looks")
+def test_a_dry_run_says_what_is_needed(run):
+    """Within 2 of what it then takes, by a run: 78366 unknowns are enough, and 45162 are not.
+
+    Solved are the first levels only, up to 400 unknowns; on these meshes that is 833.
+    """
+    code, out, err = run("solve", "reentrant", "--accuracy", "0.015", "--dry-run")
+    assert (code, err) == (0, "")
+    (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
+    assert 45162 / 2 <= float(needed) <= 2 * 78366
+    assert "\n  adapted meshes, for few triangles have most of the bound\n" in out
+    assert "H = 2h" in out
+    levels = [line.split() for line in out.splitlines()[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
+    assert [int(level[3]) for level in levels] == [21, 65, 833]
+    limited = run("solve", "reentrant", "--accuracy", "0.015", "--dry-run", "--max-unknowns", "9999")[1]
+    assert "; not within --max-unknowns 9999\n" in limited
+
+
+def test_a_dry_run_as_json_and_where_nothing_is_known(run):
+    """lambda_H = 0 says nothing of a part of it."""
+    options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
+    code, out, _ = run("solve", "natural", *options, "0.01")
+    found = json.loads(out)
+    assert (code, list(found)) == (0, ["problem", "adapted", "unknowns", "seconds", "mb", "missed"])
+    assert (found["adapted"], found["missed"]) == (False, ["max_unknowns=100"])
+    code, out, _ = run("solve", "no_contact", *options, "0.5", "--norm", "hm12")
+    assert (code, json.loads(out)["unknowns"]) == (0, None)
+
+
+def test_an_interrupt_while_true_errors_are_computed_keeps_the_certificate(run, monkeypatch):
+    monkeypatch.setattr(Solution, "true_errors", lambda *_: interrupt())
+    code, out, err = run("solve", "natural", "--accuracy", "0.2")
+    assert (code, err) == (130, "")
+    assert "  certified: " in out
+    assert "guaranteed  " in out
+
+
+def test_a_second_interrupt_ends_at_once():
+    """With code 130, before anything else is done."""
+    source = (
+        "import os, signal; from unilateral.accuracy.watch import Watch; "
+        "from unilateral.cli.watching import watching\n"
+        "with watching(Watch(), False):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    print('once', flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    print('twice', flush=True)\n"
+    )
+    found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, timeout=60)
+    assert (found.returncode, found.stdout, found.stderr) == (130, "once\n", "unilateral: interrupted\n")
+
+
+def test_a_bar_on_a_terminal_and_nowhere_else(capfd, monkeypatch):
+    """Of each level there is at least what clears it. No escapes, so no colours; the lines are as ever."""
+    arguments = ["solve", "natural", "--accuracy", "0.2"]
+    main(arguments)
+    plain = capfd.readouterr()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    main([*arguments, "--json"])
+    as_json = capfd.readouterr()
+    main(arguments)
+    drawn = capfd.readouterr()
+    assert (plain.err, as_json.err) == ("", "")
+    assert drawn.err.count("\r") >= 2 * 4
+    assert "\033" not in drawn.err
+    assert drawn.out.splitlines()[:-1] == plain.out.splitlines()[:-1]  # the last one has the seconds
+
+
+def test_the_bar_shows_the_phase_and_is_never_full():
+    """5 of 10 seconds are half of 20 cells; 30 are not all, for the level goes on; 0 is not known."""
+    watch = Watch(phase="solve", unknowns=4225, expected=10.0)
+    assert bar(watch, 5.0) == f"  4225 unknowns: solve [{'#' * 10}{'.' * 10}] 5 s"
+    assert bar(watch, 30.0) == f"  4225 unknowns: solve [{'#' * 19}.] 30 s"
+    assert bar(Watch(phase="mesh"), 5.0) == f"  mesh [{'.' * 20}] 5 s"
+
+
+def test_a_limit_in_the_midst_of_the_first_level_is_told(run):
+    """Nothing is solved in 1e-9 seconds, nor in the MB that are held before: code 3, one line."""
+    for option in (("--max-seconds", "1e-09"), ("--max-memory", "1")):
+        code, out, err = run("solve", "natural", "--accuracy", "0.1", *option)
+        assert (code, out) == (3, "")
+        assert (
+            err
+            == f"unilateral: {' '.join(option)} does not suffice to solve on the coarsest mesh of 'square'\n"
+        )
 
 
 @pytest.mark.parametrize(
@@ -467,6 +592,7 @@ SINGULAR, ACCURATE = ("--h", "1/8", "--H", "1/8", "--rho", "1/2"), ("natural", "
         (("solve", "natural", *SIZES, "--accuracy", "0.1"), "--H is chosen by --accuracy; leave one of the"),
         (("solve", *ACCURATE, "--tolerance", "1"), "--tolerance is chosen by --accuracy"),
         (("solve", "natural", "--accuracy", "1"), "--accuracy: it is relative and must be below 1"),
+        (("solve", "natural", *SIZES, "--absolute"), "--absolute is only for --accuracy"),
         (("solve", "natural", *SIZES, "--norm", "h1"), "--norm is only for --accuracy"),
         (("solve", "natural", *SIZES, "--max-seconds", "9"), "--max-seconds is only for --accuracy"),
         (("solve", *ACCURATE, "--norm", "l2"), "invalid choice: 'l2'"),

@@ -1,0 +1,94 @@
+"""What levels cost: constants as measured, corrected by what the levels done have cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from unilateral.accuracy.level import Level, refinement_pays
+from unilateral.adapted import Adapted
+from unilateral.choice import LOCAL, MULTIGRID, SHARP, SPARSE, wants_multigrid
+from unilateral.solvers.iterate import Stop
+
+BYTES_PER_MB = 2**20
+RECENT = 3
+"""Levels whose enclosures of f took as long as the next one's will, which hardly depends on their size."""
+
+
+class Cost(NamedTuple):
+    """Of a level: seconds whatever its size and for an unknown, and bytes for an unknown."""
+
+    start: float
+    each: float
+    bytes: float
+
+
+ADAPTED = Cost(0.02, 2.5e-5, 2800)
+UNIFORM = Cost(0.03, 8e-6, MULTIGRID + LOCAL)
+CONDENSED = Cost(0.03, 5e-5, SPARSE)
+WITH_SHARP = Cost(0.02, 1.3e-4, SHARP)
+"""As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What a level after those `done` will cost, `elapsed` seconds after the beginning.
+
+    Meshes are of that `kind` or, by default, adapted once that pays, unless more is asked for than that can.
+    """
+
+    done: Sequence[Level]
+    stop: Stop
+    kind: str
+    elapsed: float
+
+    @cached_property
+    def adapted(self) -> bool:
+        """Whether the next mesh is."""
+        last, stop = self.done[-1], self.stop
+        asked_for = self.kind or last.goal.sharp or stop.algorithm != "auto" or stop.rho is not None
+        free = last.goal.norm == "h1" and not asked_for
+        return free and (isinstance(last.solved.discrete, Adapted) or refinement_pays(last))
+
+    @property
+    def cost(self) -> Cost:
+        goal = self.done[-1].goal
+        if self.adapted:
+            return ADAPTED
+        cost = UNIFORM if goal.norm == "h1" and wants_multigrid(self.stop, math.inf) else CONDENSED
+        return Cost(*(a + b for a, b in zip(cost, WITH_SHARP, strict=True))) if goal.sharp else cost
+
+    @cached_property
+    def speed(self) -> float:
+        """Times the seconds of `cost`, f's enclosures aside; not of the first level, which imports."""
+        alike = [each for each in self.done[1:] if isinstance(each.solved.discrete, Adapted) == self.adapted]
+        expected = sum(self.cost.start + self.cost.each * level.unknowns for level in alike)
+        return sum(level.seconds - level.enclosing for level in alike) / expected if alike else 1.0
+
+    @cached_property
+    def fixed(self) -> float:
+        """Seconds of a level whatever its size: to enclose f, above all."""
+        recent = self.done[-RECENT:]
+        return sum(each.enclosing for each in recent) / len(recent) + self.speed * self.cost.start
+
+    @cached_property
+    def held(self) -> float:
+        """MB of a level whatever its size."""
+        return max(level.mb - self.cost.bytes * level.unknowns / BYTES_PER_MB for level in self.done)
+
+    def seconds(self, unknowns: float) -> float:
+        return self.fixed + self.speed * self.cost.each * unknowns
+
+    def mb(self, unknowns: float) -> float:
+        return self.held + self.cost.bytes * unknowns / BYTES_PER_MB
+
+    def within_seconds(self, seconds: float) -> float:
+        """The unknowns of a level that ends in time, 0 if there is none."""
+        return max((seconds - self.elapsed - self.fixed) / (self.speed * self.cost.each), 0.0)
+
+    def within_mb(self, mb: float) -> float:
+        """The unknowns of a level that fits into the memory, 0 if there is none."""
+        return max((mb - self.held) * BYTES_PER_MB / self.cost.bytes, 0.0)

@@ -1,0 +1,83 @@
+"""What a stated accuracy will take, from the first levels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from unilateral.accuracy.budget import LARGEST_STEP, MARGIN, most_unknowns, observed_rate, sizes_and_bounds
+from unilateral.accuracy.cost import Prospect
+from unilateral.accuracy.level import Level
+
+PROBE, KNOWN = 1.0, 400
+"""Seconds and unknowns from which on the first levels are enough for a plan."""
+UNEVEN = 1.4
+"""Times the triangles of the best distribution: by marking, 1.2, and by the last step, which overshoots."""
+STEP = 1.7
+"""Times the unknowns of the adapted level before, on the average."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Unknowns of the finest mesh, seconds from the beginning, and MB; limits that do not allow it."""
+
+    adapted: bool
+    unknowns: int
+    seconds: float
+    mb: float
+    missed: tuple[str, ...]
+
+
+def plan(prospect: Prospect) -> Plan | None:
+    """None where nothing can be said: the size of the solution or of the error is not known at all."""
+    last, adapted = prospect.done[-1], prospect.adapted
+    needed = _needed(prospect)
+    if not math.isfinite(needed):
+        return None
+    sizes = [] if last.certified else _sizes(last.unknowns, needed, STEP if adapted else LARGEST_STEP**2)
+    unknowns = max([last.unknowns, *sizes])
+    seconds = prospect.elapsed + sum(map(prospect.seconds, sizes))
+    missed = [name for name, most in most_unknowns(prospect).items() if sizes and most < unknowns]
+    if seconds > last.goal.max_seconds:
+        missed.append(f"max_seconds={last.goal.max_seconds:g}")
+    return Plan(adapted, round(unknowns), seconds, prospect.mb(unknowns), tuple(dict.fromkeys(missed)))
+
+
+def enough(prospect: Prospect) -> bool:
+    """Whether the levels done are, for a plan."""
+    seconds = sum(level.seconds for level in prospect.done)
+    return seconds >= PROBE and prospect.done[-1].unknowns >= KNOWN
+
+
+def _needed(prospect: Prospect) -> float:
+    """The unknowns of the last mesh, infinite if unknown.
+
+    m triangles with the shares s of the squared bound, cut into K in all, have at best the squared bound
+    sum(s^{1/2})^2 / K. Uniform meshes are taken to go on with the rate that was observed.
+    """
+    last = prospect.done[-1]
+    wanted, s = _wanted(last), last.solved.shares
+    if last.certified:
+        return last.unknowns
+    if wanted <= 0 or not math.isfinite(last.total):
+        return math.inf
+    if prospect.adapted:
+        best = float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
+        return last.unknowns * (last.total / wanted) ** 2 * UNEVEN * best
+    rate = observed_rate(*sizes_and_bounds(prospect.done))
+    return last.unknowns * (last.total / (MARGIN * wanted)) ** (2 / (1.0 if math.isnan(rate) else rate))
+
+
+def _wanted(last: Level) -> float:
+    """The error that will be wanted: of ||u||, taken to be ||u_h||, less that error itself."""
+    goal, solved = last.goal, last.solved
+    size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
+    return goal.accuracy if goal.absolute else goal.accuracy * size / (1 + goal.accuracy)
+
+
+def _sizes(unknowns: float, needed: float, step: float) -> list[float]:
+    """The unknowns of the levels up to so many."""
+    count = max(math.ceil(math.log(needed / unknowns, step)), 1)
+    return [*(unknowns * step**k for k in range(1, count)), max(needed, unknowns)]

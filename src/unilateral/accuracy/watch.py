@@ -1,0 +1,96 @@
+"""What looks at a search while it works: how far its level is, and whether the limits are kept."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from unilateral.accuracy.level import Goal
+from unilateral.memory import forget_peak, peak_mb
+
+ENCLOSING = "f enclosed"
+"""The phase of a level whose time hardly depends on its size."""
+
+
+class OutOfBudget(BaseException):
+    """A limit of the goal is reached in the midst of a level; like an interrupt, no Exception."""
+
+
+@dataclass
+class Watch:
+    """Of a search from the time `begin` on; while it works there is a `goal`.
+
+    The level's mesh has so many `unknowns`, 0 while that is not known; `expected` are its seconds in all, and
+    `seconds` those of its phases so far. Limits, and whether an interrupt was `asked` for, are looked at
+    between phases, and whenever somebody looks. What was `raised` then is raised again at the next phase, for
+    libraries that call back may lose it.
+    """
+
+    begin: float = field(default_factory=time.perf_counter)
+    goal: Goal | None = None
+    asked: bool = False
+    raised: BaseException | None = None
+    phase: str = ""
+    unknowns: int = 0
+    expected: float = 0.0
+    seconds: dict[str, float] = field(default_factory=dict)
+    since: float = 0.0
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the beginning."""
+        return time.perf_counter() - self.begin
+
+    @property
+    def level_seconds(self) -> float:
+        """Of the level so far."""
+        return sum(self.seconds.values()) + self.elapsed - self.since
+
+    def begin_level(self) -> None:
+        """With its first phase, the mesh."""
+        forget_peak()
+        self.phase, self.unknowns, self.expected, self.seconds = "", 0, 0.0, {}
+        self.at("mesh")
+
+    def at(self, phase: str, unknowns: int = 0) -> None:
+        """The level comes to this phase."""
+        if self.raised:
+            raise self.raised
+        self.look()
+        self._next(phase)
+        self.unknowns = unknowns or self.unknowns
+
+    def end_level(self) -> dict[str, float]:
+        """The seconds of the level's phases."""
+        self._next("")
+        return self.seconds
+
+    def look(self) -> None:
+        """Raises OutOfBudget or KeyboardInterrupt, once while a search works."""
+        if self.goal is None:
+            return
+        limits = {
+            f"max_seconds={self.goal.max_seconds:g}": self.elapsed > self.goal.max_seconds,
+            f"max_memory={self.goal.max_memory:g}": peak_mb() > self.goal.max_memory,
+        }
+        reached = ", ".join(name for name, over in limits.items() if over)
+        if self.asked or reached:
+            self.goal = None
+            self.raised = KeyboardInterrupt() if self.asked else OutOfBudget(reached)
+            raise self.raised
+
+    def resume(self, goal: Goal) -> None:
+        """Goes on after a search: raises at once what would have ended it."""
+        self.goal = goal
+        self.look()
+
+    def interrupt(self) -> None:
+        """Raises KeyboardInterrupt if a search works, else before the next one does."""
+        self.asked = True
+        self.look()
+
+    def _next(self, phase: str) -> None:
+        now = self.elapsed
+        if self.phase:
+            self.seconds[self.phase] = now - self.since
+        self.phase, self.since = phase, now

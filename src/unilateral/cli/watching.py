@@ -1,0 +1,71 @@
+"""Signals while a search works: Ctrl-C, and a clock that looks at the limits and draws a bar."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator
+
+from unilateral.accuracy.watch import Watch
+from unilateral.cli.streams import leave
+
+TICK = 0.1
+"""Seconds from one look to the next."""
+LONG = 1.0
+"""Seconds from which on a level has a bar."""
+WIDTH, CELLS = 60, 20
+"""Letters of the line, and of its bar."""
+
+
+@contextlib.contextmanager
+def watching(watch: Watch, drawn: bool) -> Iterator[None]:
+    """Interrupts are the watch's, and a second one ends at once; limits are looked at again and again.
+
+    A bar is `drawn` on standard error.
+    """
+
+    def interrupt(*_: object) -> None:
+        if watch.asked:
+            leave()
+        watch.interrupt()
+
+    def tick(*_: object) -> None:
+        watch.look()
+        if drawn:
+            draw(watch)
+
+    before = signal.signal(signal.SIGINT, interrupt), signal.signal(signal.SIGALRM, tick)
+    signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGINT, before[0])
+        signal.signal(signal.SIGALRM, before[1])
+
+
+def draw(watch: Watch) -> None:
+    """The bar of a long level; to be called from a handler, so nothing is buffered."""
+    taken = watch.level_seconds
+    if watch.phase and taken >= LONG:
+        _write(bar(watch, taken))
+
+
+def clear(drawn: bool) -> None:
+    """Where a bar may be, nothing."""
+    if drawn:
+        _write("")
+
+
+def bar(watch: Watch, taken: float) -> str:
+    """The seconds taken of those expected, never all, and the phase."""
+    done = min(int(CELLS * taken / max(watch.expected, taken)), CELLS - 1) if watch.expected else 0
+    unknowns = f"{watch.unknowns} unknowns: " if watch.unknowns else ""
+    return f"  {unknowns}{watch.phase} [{'#' * done}{'.' * (CELLS - done)}] {taken:.0f} s"
+
+
+def _write(text: str) -> None:
+    with contextlib.suppress(OSError):
+        os.write(sys.stderr.fileno(), f"\r{text[:WIDTH]:{WIDTH}}\r".encode())

@@ -1,0 +1,88 @@
+"""What an accuracy will take: unknowns against those that then come, and costs that agree with themselves."""
+
+from dataclasses import replace
+
+import pytest
+from conftest import DATA, load
+
+from unilateral.accuracy import plan as of_plan
+from unilateral.accuracy.cost import Prospect
+from unilateral.accuracy.level import Goal
+from unilateral.accuracy.levels import levels
+from unilateral.accuracy.plan import plan
+from unilateral.accuracy.search import search
+from unilateral.problems import problem_file
+from unilateral.solvers.iterate import Stop
+
+
+def problem(name):
+    if name.endswith(".yaml"):
+        return problem_file.load(str(DATA / "problems" / name))
+    return load(name, "lshape" if name == "violates_j" else "square")
+
+
+def planned(done, goal):
+    return plan(Prospect([replace(level, goal=goal) for level in done], Stop(), "", 1.0))
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """A plan as soon as there are enough unknowns, however long they took."""
+    monkeypatch.setattr(of_plan, "PROBE", 0.0)
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize(
+    ("name", "goal", "adapted"),
+    [
+        ("natural", Goal(0.005), False),
+        ("natural", Goal(0.02, absolute=True), False),
+        ("violates_j", Goal(0.02), True),
+        ("hexagon_jump.yaml", Goal(0.03), True),
+        ("lshape.yaml", Goal(0.02), True),
+    ],
+)
+def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
+    """Of the unknowns, from levels that have many times fewer: what the documents promise."""
+    dry, whole = (search(problem(name), goal, probe=probe) for probe in (True, False))
+    assert whole.certified
+    assert not dry.certified
+    assert dry.done[-1].unknowns <= whole.best.unknowns / 4
+    assert 0.5 <= dry.plan.unknowns / whole.best.unknowns <= 2
+    assert dry.plan.adapted == adapted
+    assert dry.plan.missed == ()
+
+
+def test_limits_that_do_not_allow_a_plan_are_named():
+    """Each a little below what is planned; control: none a little above it."""
+    done = list(levels(load("natural"), Goal(0.05)))
+    for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
+        free = planned(done, Goal(0.001))
+        limits = [share * value for value in (free.unknowns, free.seconds, free.mb)]
+        found = planned(done, Goal(0.001, "h1", *limits)).missed
+        assert [limit.split("=")[0] for limit in found] == missed
+
+
+def test_what_is_certified_needs_nothing_more():
+    found = search(load("natural"), Goal(0.2), probe=True)
+    assert found.certified
+    assert found.plan.unknowns == found.best.unknowns
+    assert found.plan.missed == ()
+
+
+def test_costs_and_what_they_allow_agree():
+    """The unknowns within the seconds and the MB of a level are its own; none are within no time."""
+    done = list(levels(load("natural"), Goal(0.05)))
+    prospect = Prospect(done, Stop(), "", elapsed=7.0)
+    assert prospect.within_seconds(7.0 + prospect.seconds(12_345)) == pytest.approx(12_345)
+    assert prospect.within_mb(prospect.mb(12_345)) == pytest.approx(12_345)
+    assert prospect.within_seconds(7.0) == prospect.within_mb(0.0) == 0.0
+    assert prospect.mb(done[-1].unknowns) >= max(level.mb for level in done)
+
+
+def test_only_what_is_left_free_is_adapted():
+    """The bound of `reentrant` comes from its corner; a kind or a solver may ask for uniform meshes."""
+    *_, last = levels(load("reentrant", "lshape"), Goal(0.3), kind="structured")
+    assert Prospect([last], Stop(), "", 0.0).adapted
+    for stop, kind in ((Stop(), "structured"), (Stop(rho=0.1), ""), (Stop(algorithm="nesterov"), "")):
+        assert not Prospect([last], stop, kind, 0.0).adapted
