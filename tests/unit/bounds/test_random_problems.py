@@ -11,7 +11,9 @@ import pytest
 from random_problems import at_a_corner, known
 from test_adversarial import FUZZ, SIZE, true_errors
 
-from unilateral.accuracy.search import Goal, search, two_edges_per_cell
+from unilateral.accuracy.level import Goal
+from unilateral.accuracy.levels import two_edges_per_cell
+from unilateral.accuracy.search import search
 from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds import local, source
 from unilateral.choice import condensed
