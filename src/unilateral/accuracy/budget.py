@@ -22,6 +22,10 @@ SPARE = 0.8
 """Of the memory that is free: what the next level may take, beside what the last one still holds."""
 
 
+CAUTION = 0.7
+"""Of the unknowns that seconds or memory allow, for what they are predicted to be was right within 1.5."""
+
+
 def wanted(done: Sequence[Level]) -> bool:
     """Whether another level is, after these."""
     last = done[-1]
@@ -30,13 +34,18 @@ def wanted(done: Sequence[Level]) -> bool:
 
 
 def affordable_H(prospect: Prospect) -> float | None:
-    """The next uniform level's H within the budget, or None."""
-    done = prospect.done
-    share = _share(prospect, min(most_unknowns(prospect).values()))
-    if not wanted(done) or LEAST_STEP * share > 1:
+    """The next uniform level's H within the budget, or None.
+
+    Where the budget does not allow what is wanted, the last level stays away from the limits.
+    """
+    done, H = prospect.done, prospect.done[-1].partition.H
+    if not wanted(done):
         return None
     aim = wanted_H(*sizes_and_bounds(done), done[-1].target)
-    return max(aim, done[-1].partition.H * share)
+    if aim >= H * _share(prospect, min(most_unknowns(prospect).values())):
+        return aim
+    share = _share(prospect, min(most_unknowns(prospect, CAUTION).values()))
+    return max(aim, H * share) if LEAST_STEP * share <= 1 else None
 
 
 def sizes_and_bounds(done: Sequence[Level]) -> tuple[list[float], list[float]]:
@@ -49,14 +58,14 @@ def affordable(prospect: Prospect, unknowns: int) -> bool:
     return unknowns <= min(most_unknowns(prospect).values())
 
 
-def most_unknowns(prospect: Prospect) -> dict[str, float]:
-    """Of every limit, the unknowns that it allows the next level to have."""
+def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
+    """Of every limit, the unknowns that it allows the next level to have; that part where it is predicted."""
     goal = prospect.done[-1].goal
     memory = min(goal.max_memory, SPARE * available_mb())
     return {
         f"max_unknowns={goal.max_unknowns:.0f}": goal.max_unknowns,
-        f"max_memory={memory:.0f}": prospect.within_mb(memory),
-        f"max_seconds={goal.max_seconds:g}": prospect.within_seconds(goal.max_seconds),
+        f"max_memory={memory:.0f}": part * prospect.within_mb(memory),
+        f"max_seconds={goal.max_seconds:g}": part * prospect.within_seconds(goal.max_seconds),
     }
 
 

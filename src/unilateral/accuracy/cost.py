@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from unilateral.accuracy.level import Goal, Level, refinement_pays
 from unilateral.adapted import Adapted
-from unilateral.choice import LOCAL, MULTIGRID, SHARP, SPARSE, wants_multigrid
+from unilateral.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.solvers.iterate import Stop
 
 BYTES_PER_MB = 2**20
@@ -27,7 +27,7 @@ class Cost(NamedTuple):
 
 
 ADAPTED = Cost(0.02, 2.5e-5, 2800)
-UNIFORM = Cost(0.03, 8e-6, MULTIGRID + LOCAL)
+UNIFORM = Cost(0.03, 8e-6, 1600)
 CONDENSED = Cost(0.03, 5e-5, SPARSE)
 WITH_SHARP = Cost(0.02, 1.3e-4, SHARP)
 """As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""

@@ -11,12 +11,14 @@ from unilateral.accuracy.budget import LARGEST_STEP, MARGIN, most_unknowns, obse
 from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.level import Level
 
-PROBE, KNOWN = 1.0, 400
-"""Seconds and unknowns from which on the first levels are enough for a plan."""
+PROBE, KNOWN = 1.5, 400
+"""Seconds, with those of the next level, and unknowns from which on the first levels are enough."""
 UNEVEN = 1.4
 """Times the triangles of the best distribution: by marking, 1.2, and by the last step, which overshoots."""
 STEP = 1.7
 """Times the unknowns of the adapted level before, on the average."""
+VAST = 1e30
+"""Times the error that is wanted: more is not told apart, and its powers are numbers."""
 
 
 @dataclass(frozen=True)
@@ -32,23 +34,25 @@ class Plan:
 
 def plan(prospect: Prospect) -> Plan | None:
     """None where nothing can be said: the size of the solution or of the error is not known at all."""
-    last, adapted = prospect.done[-1], prospect.adapted
-    needed = _needed(prospect)
-    if not math.isfinite(needed):
+    last, sizes = prospect.done[-1], _sizes(prospect)
+    if sizes is None:
         return None
-    sizes = [] if last.certified else _sizes(last.unknowns, needed, STEP if adapted else LARGEST_STEP**2)
     unknowns = max([last.unknowns, *sizes])
     seconds = prospect.elapsed + sum(map(prospect.seconds, sizes))
     missed = [name for name, most in most_unknowns(prospect).items() if sizes and most < unknowns]
     if seconds > last.goal.max_seconds:
         missed.append(f"max_seconds={last.goal.max_seconds:g}")
-    return Plan(adapted, round(unknowns), seconds, prospect.mb(unknowns), tuple(dict.fromkeys(missed)))
+    return Plan(
+        prospect.adapted, round(unknowns), seconds, prospect.mb(unknowns), tuple(dict.fromkeys(missed))
+    )
 
 
 def enough(prospect: Prospect) -> bool:
     """Whether the levels done are, for a plan."""
-    seconds = sum(level.seconds for level in prospect.done)
-    return seconds >= PROBE and prospect.done[-1].unknowns >= KNOWN
+    sizes = _sizes(prospect)
+    to_come = prospect.seconds(sizes[0]) if sizes else 0.0
+    spent = sum(level.seconds for level in prospect.done)
+    return prospect.done[-1].unknowns >= KNOWN and spent + to_come >= PROBE
 
 
 def _needed(prospect: Prospect) -> float:
@@ -59,15 +63,14 @@ def _needed(prospect: Prospect) -> float:
     """
     last = prospect.done[-1]
     wanted, s = _wanted(last), last.solved.shares
-    if last.certified:
-        return last.unknowns
     if wanted <= 0 or not math.isfinite(last.total):
         return math.inf
+    times = min(last.total / wanted, VAST)
     if prospect.adapted:
         best = float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
-        return last.unknowns * (last.total / wanted) ** 2 * UNEVEN * best
+        return last.unknowns * times**2 * UNEVEN * best
     rate = observed_rate(*sizes_and_bounds(prospect.done))
-    return last.unknowns * (last.total / (MARGIN * wanted)) ** (2 / (1.0 if math.isnan(rate) else rate))
+    return last.unknowns * (times / MARGIN) ** (2 / (1.0 if math.isnan(rate) else rate))
 
 
 def _wanted(last: Level) -> float:
@@ -77,7 +80,11 @@ def _wanted(last: Level) -> float:
     return goal.accuracy if goal.absolute else goal.accuracy * size / (1 + goal.accuracy)
 
 
-def _sizes(unknowns: float, needed: float, step: float) -> list[float]:
-    """The unknowns of the levels up to so many."""
-    count = max(math.ceil(math.log(needed / unknowns, step)), 1)
-    return [*(unknowns * step**k for k in range(1, count)), max(needed, unknowns)]
+def _sizes(prospect: Prospect) -> list[float] | None:
+    """The unknowns of the levels that are still to come, None if unknown."""
+    last, needed = prospect.done[-1], _needed(prospect)
+    if last.certified or not math.isfinite(needed):
+        return [] if last.certified else None
+    step = STEP if prospect.adapted else LARGEST_STEP**2
+    count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
+    return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from unilateral.accuracy.watch import Watch
 from unilateral.cli.streams import leave
 
-TICK = 0.1
-"""Seconds from one look to the next."""
+TICK = 0.02
+"""Seconds from one look to the next, in which at most some ten MB are taken."""
 LONG = 1.0
 """Seconds from which on a level has a bar."""
 WIDTH, CELLS = 60, 20
