@@ -40,8 +40,8 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)
 
-fuzz: .venv/ready  ## hundreds of problems made to fool the certificate, beyond those of `make test` (some minutes)
-	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py
+fuzz: .venv/ready  ## 720 problems against the certificate, beyond those of `make test` (about an hour)
+	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py tests/unit/bounds/test_random_problems.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }

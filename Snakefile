@@ -31,6 +31,7 @@ include: "workflow/rules/common.smk"
 include: "workflow/rules/scenes.smk"
 include: "workflow/rules/surveys.smk"
 include: "workflow/rules/sharpness.smk"
+include: "workflow/rules/adaptive.smk"
 include: "workflow/rules/cost.smk"
 include: "workflow/rules/extremes.smk"
 include: "workflow/rules/figures.smk"
@@ -46,6 +47,7 @@ RESULTS = [
     *expand(rules.totals.output, scene=config["totals"]["scenes"]),
     *expand(rules.survey.output, survey=SURVEYS),
     *rules.sharpness.output,
+    *rules.adaptive.output,
     *rules.algorithm.output,
     *rules.cost.input.runs,
     *rules.cost.input.timed,

@@ -138,7 +138,7 @@ def copy_project(folder):
     """The project without results, in a folder of that folder."""
     copied = folder / "project"
     copied.mkdir()
-    for name in ("workflow", "src/unilateral", "manufactured", "docs"):
+    for name in ("workflow", "src/unilateral", "manufactured", "examples", "docs"):
         shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)

@@ -7,6 +7,7 @@ refinement, in a time and a memory that are nearly proportional to the number of
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +18,10 @@ from unilateral.arrays import Array, Index
 from unilateral.bounds.kept import kept
 from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete import FIRST, obstacle_means
-from unilateral.discrete_solution import Solution
+from unilateral.discrete_solution import AIM, Solution
 from unilateral.fem.p1 import coupling, load, stiffness_and_mass
-from unilateral.geometry.adapted import AdaptedMesh
+from unilateral.geometry.adapted import AdaptedMesh, refined
+from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data
@@ -73,9 +75,7 @@ class Adapted:
         Else it is at most `stop.fraction` of the bound of ||u - u_h||_1.
         """
         solution = self.iterated(stop.tolerance, stop)
-        if stop.tolerance is not None:
-            return solution
-        return solution.improved(stop.fraction * solution.total("h1"), stop)
+        return solution if stop.tolerance is not None else _enough(solution, stop)
 
     def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
         """The same for a tolerance or, with None, a share of the bound at 0.
@@ -110,6 +110,40 @@ class Adapted:
             found.lambda_H, found.systems, found.steps, found.bound, converged, math.nan, "primal_dual"
         )
         return Solution(self, result, tolerance, lambda_H, lambda: found.u)
+
+
+def refinements(
+    problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[Solution], Index], most: float
+) -> Iterator[Solution]:
+    """The solutions on a mesh, two of whose boundary edges make a cell, and on finer ones of `most` unknowns.
+
+    Of each mesh the triangles (k,) are refined that are `chosen` by its solution, from which the next one
+    starts. Algebraic bounds are at most `stop.fraction` of those of ||u - u_h||_1. Raises InputError as
+    `chosen` does.
+    """
+    of, u, last = adapted_mesh(mesh), np.zeros(mesh.n_nodes), None
+    while of.mesh.n_nodes <= most:
+        last = _after(last, adapted(problem, of, u, last.discrete.source if last else None), stop)
+        yield last
+        of, u = refined(of, chosen(last), last.u_h)
+
+
+def _after(last: Solution | None, discrete: Adapted, stop: Stop) -> Solution:
+    """The solution of a problem, from that on the mesh before, if there is one."""
+    if last is None:
+        return discrete.solved(stop)
+    start = last.discrete.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
+    return _enough(discrete.iterated(AIM * stop.fraction * last.total("h1"), stop, start), stop)
+
+
+def _enough(solution: Solution, stop: Stop) -> Solution:
+    """Iterated on until the algebraic bound is at most `stop.fraction` of the one of ||u - u_h||_1.
+
+    That is asked for again, for it falls, too, where most of it was algebraic. Rounding may end it before.
+    """
+    while (better := solution.improved(stop.fraction * solution.total("h1"), stop)) is not solution:
+        solution = better
+    return solution
 
 
 def adapted(problem: Data, of: AdaptedMesh, guess: Array, before: Source | None = None) -> Adapted:

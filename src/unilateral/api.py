@@ -198,7 +198,7 @@ def _sizes(
     check_size(polygon, wanted_h)
     kind = given or natural_kind(polygon)
     edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
-    halvings = levels_for(polygon, wanted_h, stop) if kind == "unstructured" and edges > 1 else 0
+    halvings = levels_for(polygon, wanted_H, edges, stop) if kind == "unstructured" and edges > 1 else 0
     if halvings:
         return meshes.following(uniform(polygon, 2**halvings * wanted_H), edges, halvings)
     return KINDS[kind](polygon, wanted_h), uniform(polygon, wanted_H)

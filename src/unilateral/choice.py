@@ -20,6 +20,8 @@ PAYS = 20_000
 """Unknowns from which multigrid is cheaper than A_3; below, importing it alone takes longer."""
 COARSE = 5000
 """Unknowns of the coarse mesh that an unstructured one is refined from."""
+MORE_CELLS = 1.5
+"""Times those of uniform meshes that are not made by halving, at most."""
 MULTIGRID, RECURSIVE, SPARSE = 400, 1000, 5000
 """Bytes for an unknown, as measured at 1e6 of them."""
 LOCAL, SHARP = 1000, 22_000
@@ -59,12 +61,19 @@ def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Disc
     return discretise(problem, mesh, partition)
 
 
-def levels_for(polygon: Polygon, h: float, stop: Stop) -> int:
-    """How often an unstructured mesh of size h is to be refined from a coarse one: 0 where A_3 is cheaper."""
-    unknowns = polygon.area / h**2
+def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
+    """How often an unstructured mesh with so many edges in a cell of the size H is to be made by halving.
+
+    0 where A_3 is cheaper; and not so often that short sides, which have a cell from the beginning, get many.
+    """
+    unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
         return 0
-    return max(math.ceil(math.log(unknowns / COARSE, 4)), 1)
+    most, cells = max(math.ceil(math.log(unknowns / COARSE, 4)), 1), polygon.counts(H).sum()
+    if stop.algorithm == "multigrid":
+        return most
+    fit = (k for k in range(most, 0, -1) if 2**k * polygon.counts(2**k * H).sum() <= MORE_CELLS * cells)
+    return next(fit, 0)
 
 
 def wants_multigrid(stop: Stop, unknowns: float) -> bool:

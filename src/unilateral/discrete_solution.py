@@ -140,12 +140,12 @@ class Solution:
         """||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}."""
         return self.discrete.lambda_norm(self.result.lambda_H)
 
-    @property
+    @cached_property
     def u_integral(self) -> float:
         mesh = self.discrete.mesh
         return float(mesh.areas @ self.u_h[mesh.triangles].mean(axis=1))
 
-    @property
+    @cached_property
     def force(self) -> float:
         """The integral of lambda_H."""
         return float(self.discrete.partition.lengths @ self.lambda_H)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from unilateral import discrete_solution
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
+from unilateral.bounds.forces import Force, forces
 from unilateral.errors import InputError
 from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh
@@ -34,6 +36,13 @@ class Bounds(NamedTuple):
     u: float
     multiplier: float
     unknown: float
+
+
+class Forces(NamedTuple):
+    """Over the whole boundary, and over each of its sides."""
+
+    whole: Force
+    sides: list[Force]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +120,18 @@ class Solution:
     def _bounds(self, sharp: bool) -> Bounds | None:
         bound = self.solved.bound(sharp) if self.search is None or self.search.believed else None
         return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
+
+    def forces(self, sharp: bool = False) -> Forces:
+        """The integrals of lambda_H over the boundary and over each side, and guaranteed bounds of lambda's.
+
+        They rest on `bounds` or the `sharp_bounds`; without these no upper bound is finite.
+        """
+        bounds, sides = self._bounds(sharp), range(self.mesh.polygon.n_sides)
+        error = bounds.multiplier if bounds else math.inf
+        parts = [[*sides], *([side] for side in sides)]
+        free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
+        found = forces(self.mesh, self.partition, self.multiplier, error, parts, free)
+        return Forces(found[0], found[1:])
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""

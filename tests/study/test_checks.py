@@ -11,7 +11,16 @@ import pytest
 import xarray as xr
 
 from unilateral.geometry.polygon import named, square
-from unilateral.study.judge.checks import algorithm, cost, estimates, evidence, extremes, rates, stability
+from unilateral.study.judge.checks import (
+    adaptive,
+    algorithm,
+    cost,
+    estimates,
+    evidence,
+    extremes,
+    rates,
+    stability,
+)
 from unilateral.study.judge.checks.evidence import Unjudged
 from unilateral.study.runs.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
 
@@ -76,6 +85,49 @@ def test_values_along_a_ratio_are_those_of_the_pairs_with_it():
     of = over(PAIRS, x=np.arange(9).reshape(3, 3), h_over_H=h[:, None] / H) | over("partition", y=H)
     assert evidence.along_ratio(table(of)["table"], "x", 2).tolist() == [0, 5]
     assert evidence.along_ratio(table(of)["table"], "y", 2).tolist() == [1, 1 / 2]
+
+
+# Adapted meshes
+
+LEVELS = ("kind", "case", "level")
+
+
+def on_levels(rate, share=0.005, index=1.2, asymptotic=1.0):
+    """Of one case on uniform meshes, which are bad, and on adapted ones; asymptotic but for the first one."""
+    known = np.array([0.0, *(asymptotic,) * 4])
+    values = {"error_rate": [NAN, *rate], "share": [9, *[share] * 4], "index": [9, *[index] * 4]}
+    both = {name: [[9 * np.ones(5)], [of]] for name, of in values.items()} | {
+        "asymptotic": [[known], [known]]
+    }
+    return table(over(LEVELS, **both), kind=["uniform", "adapted"], case=["c"])
+
+
+@pytest.mark.parametrize(
+    ("rate", "share", "expected"),
+    [
+        ([0.5, 0.48, 0.6, NAN], 0.01, (0.48, True)),
+        ([0.5, 0.46, 0.6, NAN], 0.01, (0.46, False)),
+        ([0.5, 0.46, 0.6, NAN], 0.02, (0.46, False)),
+        ([0.5, 0.48, 0.6, NAN], 0.02, r"^the algebraic bound is 0\.02 of an error$"),
+        ([0.5, 0.48, 0.6, NAN], NAN, "^the algebraic bound is nan of an error$"),
+        ([0.5, 0.48, NAN, NAN], 0.01, "^c has 2 pairs$"),
+        ([NAN, NAN, NAN, NAN], 0.01, "^c has 0 pairs$"),
+        ([0.4, NAN, NAN, NAN], 0.01, (0.4, False)),
+    ],
+)
+def test_every_pair_of_asymptotic_levels_has_a_rate(rate, share, expected):
+    """Three at least, with algebraic bounds of 1 % at most."""
+    given = on_levels(rate, share), "table", ["c"], "error_rate", 0.47, 0.01
+    assert made_is(expected, adaptive.rate, *given)
+
+
+@pytest.mark.parametrize(
+    ("index", "asymptotic", "expected"),
+    [(1.5, 1, (1.5, True)), (1.6, 1, (1.6, False)), (1.2, 0, "the largest bound over .* is not known of c")],
+)
+def test_how_large_a_bound_is_counts_on_asymptotic_levels(index, asymptotic, expected):
+    of = on_levels([NAN] * 4, index=index, asymptotic=asymptotic)
+    assert made_is(expected, adaptive.index, of, "table", ["c"], 1.5)
 
 
 # The algorithm

@@ -107,6 +107,8 @@ BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own cont
     ("5.2c", "square/errors", "lambda_max", {"value": 1.0001 * LIMIT}),
     ("5.A", "algorithm/elimination", "difference", {"value": 1e-9}),
     ("5.G", "cost/algorithm", "steps", {"value": np.nan, "at": {"algorithm": 1, "H": 2, "stop": 3}}),
+    ("A.beta", "adaptive/infsup", "smallest_angle", {"value": 30.0}),
+    ("A.rate", "adaptive/rates", "error_rate", {"value": 0.46, "at": {"case": 3, "kind": 1, "level": 9}}),
     ("F.norm", "square/errors", "hm12_error_upper", {"factor": 0.9, "at": {"mesh": 0}}),
     ("F.total", "corners/totals", "total_index_lambda", {"factor": 0.1}),
     ("S.local", "betasquare/infsup", "cell_over_edge", {"value": 3.0}),
@@ -123,6 +125,7 @@ def test_every_branch_of_a_check_can_turn_its_claim_to_fails(name, table, variab
 FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
 LOST, OTHER = {"value": np.nan, "at": {"case": 0, "H": -2}}, {"factor": 2, "at": {"algebra": 1}}
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
+    ("A.rate", "adaptive/rates", "share", {"value": 0.02}, r"the algebraic bound is 0\.02 of an error"),
     ("1.2", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
     ("3.1c", "square/errors", "h_over_H", {"value": 0.5}, "the largest .* at H <= h is not known of square"),
     ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
@@ -191,9 +194,15 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
 
 
 def test_the_rule_for_beta_is_the_study_s_and_judged_on_every_survey():
-    given = LEDGER["S.local"].parameters
-    assert set(given["scenes"]) == set(STUDY["surveys"])
-    assert {name: given[name] for name in STUDY["infsup"]["rule"]} == STUDY["infsup"]["rule"]
+    assert set(LEDGER["S.local"].parameters["scenes"]) == set(STUDY["surveys"])
+    for claim in ("S.local", "A.beta"):
+        given = LEDGER[claim].parameters
+        assert {name: given[name] for name in STUDY["infsup"]["rule"]} == STUDY["infsup"]["rule"]
+
+
+def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
+    declared = [case for scene in STUDY["adaptive"]["scenes"] for case in scene["cases"]]
+    assert LEDGER["A.rate"].parameters["cases"] == LEDGER["A.index"].parameters["cases"] == declared
 
 
 def failing(changed):
@@ -231,7 +240,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
         table = results()[name].copy(deep=True)
         changed[name] = table.assign(beta_lower=table["beta_0"], beta_upper=table["beta_0"])
     monkeypatch.setattr(Gram, "p0", property(shortcut))
-    assert failing(changed) == {"3.1a", "3.5", "S.local"}
+    assert failing(changed) == {"3.1a", "3.5", "S.local", "A.beta"}
 
 
 def made_up(observed, required, at_least):

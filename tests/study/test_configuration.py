@@ -100,6 +100,7 @@ def test_defaults_are_filled_in():
         ("scenes.quick.cases", ["natural\n"]),
         ("scenes.../../etc/passwd", {}),
         ("scenes.sharpness", {}),
+        ("scenes.adaptive", {}),
         ("surveys.betasquare.partitions", [{"H": "1/16", "shift": 1}]),
         ("surveys.betasquare.partitions", [{"H": math.inf}]),
         ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
@@ -139,6 +140,14 @@ def test_defaults_are_filled_in():
         ("figures.grid_square.parameters", {}),
         ("figures.grid_square.parameters.colour", "red"),
         ("figures.multiplier.parameters.h_over_H", []),
+        ("adaptive", REMOVED),
+        ("adaptive.scenes", []),
+        ("adaptive.scenes", [{"polygon": "square"}]),
+        ("adaptive.examples", ["../../etc/passwd"]),
+        ("adaptive.h", 0),
+        ("adaptive.most.unknowns", 0),
+        ("adaptive.most.of_beta", 0.5),
+        ("adaptive.factor", 1),
         ("sharpness", REMOVED),
         ("sharpness.alphas", ["1"]),
         ("sharpness.alphas", ["1/21"]),
@@ -206,7 +215,7 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of algorithm, cost, extremes, logs, paper, sharpness",
+        "letter first, and none of adaptive, algorithm, cost, extremes, logs, paper, sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
@@ -233,6 +242,10 @@ SAID = [
     (
         ("scenes.quick.cases", ["violates_j"]),
         "scenes.quick.cases[0]: case 'violates_j' is for lshape, not for 'square'",
+    ),
+    (
+        ("adaptive.scenes", [{"polygon": "square", "cases": ["thirds", "reentrant"]}]),
+        "adaptive.scenes[0].cases[1]: case 'reentrant' is for lshape, not for 'square'",
     ),
     (
         ("scenes.quick.side", 4),

@@ -34,6 +34,9 @@ def told():
         "pairs": ROOT / "figures/infsup.csv",
         "floors": results / "square/floors.nc",
         "sharpness": results / "sharpness/rates.nc",
+        "adapted": results / "adaptive/errors.nc",
+        "adapted_rates": results / "adaptive/rates.nc",
+        "adapted_beta": results / "adaptive/infsup.nc",
         "extremes": results / "extremes/extremes.nc",
         "benchmarks": ROOT / "benchmarks/results.nc",
     }

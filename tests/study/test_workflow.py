@@ -86,6 +86,12 @@ def test_the_sharpness_study_plans_one_job_and_no_scene(tree):
     assert built(text) == {"sharpness"}
 
 
+def test_adapted_meshes_plan_one_job_and_no_scene(tree):
+    text, jobs = plan(tree, "figures/adaptive.svg")
+    assert jobs == dict.fromkeys(("adaptive", "figure"), 1)
+    assert built(text) == {"adaptive"}
+
+
 def test_the_extremes_plan_one_job_and_no_scene(tree):
     text, jobs = plan(tree, "figures/extremes.svg")
     assert jobs == dict.fromkeys(("extremes", "figure"), 1)

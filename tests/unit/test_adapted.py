@@ -128,6 +128,44 @@ def test_it_stops_where_it_is_told_and_goes_on(monkeypatch):
     assert 0 < solved.result.bound <= 0.01 * solved.total("h1")
 
 
+def test_it_goes_on_where_the_total_bound_was_mostly_algebraic(monkeypatch):
+    """On edges down to 1e-4 the algebraic bound of a crude start is large, and the total one is with it."""
+    monkeypatch.setattr(primal_dual, "DIRECT", 0)
+    found = on(PROBLEMS["one's own"](), 14)
+    assert np.diff(found.mesh.s).min() < 1e-4
+    crude = found.iterated(None, Stop())
+    assert crude.total("h1") > 10 * found.solved(Stop()).total("h1")
+    once = crude.improved(0.01 * crude.total("h1"), Stop())
+    assert once.result.bound > 0.01 * once.total("h1")  # control
+    solved = found.solved(Stop())
+    assert solved.result.bound <= 0.01 * solved.total("h1")
+
+
+def test_refinements_are_the_solutions_on_ever_finer_meshes():
+    """Each as from nothing; of a mesh two triangles are refined here, and no mesh has too many unknowns."""
+    problem, asked = PROBLEMS["one's own"](), []
+
+    def two(solution):
+        asked.append(solution)
+        return np.array([0, 1])
+
+    first = meshes.following(uniform(problem.polygon, 0.8), 2)[0]
+    found = list(problems.refinements(problem, first, Stop(), two, first.n_nodes + 30))
+    unknowns = [each.discrete.mesh.n_nodes for each in found]
+    assert unknowns[0] == first.n_nodes
+    assert np.all(np.diff(unknowns) > 0)
+    assert len(unknowns) > 3
+    assert unknowns[-1] <= first.n_nodes + 30
+    assert asked == found
+    for each in found:
+        assert each.result.bound <= 0.01 * each.total("h1")
+    last, n = found[-1], unknowns[-1]
+    alone = problems.adapted(problem, last.discrete.of, np.zeros(n)).solved(EXACTLY)
+    moved = alone.u_h - last.u_h
+    assert np.sqrt(moved @ (last.discrete.system.A @ moved)) <= last.result.bound + 1e-9
+    np.testing.assert_allclose(last.discrete.source.moments, alone.discrete.source.moments, rtol=1e-12)
+
+
 def test_a_good_start_leaves_one_system():
     """The set of the solution itself; from all cells active it takes more."""
     found = on(PROBLEMS["one's own"]())

@@ -13,6 +13,9 @@ rule numbers:
         pairs="figures/infsup.csv",
         floors="results/square/floors.nc",
         sharpness="results/sharpness/rates.nc",
+        adapted="results/adaptive/errors.nc",
+        adapted_rates="results/adaptive/rates.nc",
+        adapted_beta="results/adaptive/infsup.nc",
         totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
         extremes="results/extremes/extremes.nc",
         benchmarks="benchmarks/results.nc",
@@ -23,7 +26,7 @@ rule numbers:
         "results/logs/numbers.log",
     params:
         study={
-            **{name: config[name] for name in ("cost", "extremes", "infsup")},
+            **{name: config[name] for name in ("adaptive", "cost", "extremes", "infsup")},
             "judged": JUDGED,
             "bounded": list(config["totals"]["scenes"]),
             "judged_ratio": config["rates"]["judged_ratio"],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from unilateral.accuracy.level import Level, refinement_pays
+from unilateral.accuracy.level import Goal, Level, refinement_pays
 from unilateral.adapted import Adapted
 from unilateral.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.solvers.iterate import Stop
@@ -33,6 +33,12 @@ WITH_SHARP = Cost(0.02, 1.3e-4, SHARP)
 """As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
 
 
+def may_adapt(goal: Goal, stop: Stop, kind: str) -> bool:
+    """Whether nothing is asked for that adapted meshes cannot give."""
+    asked_for = kind or goal.sharp or stop.algorithm != "auto" or stop.rho is not None
+    return goal.norm == "h1" and not asked_for
+
+
 @dataclass(frozen=True)
 class Prospect:
     """What a level after those `done` will cost, `elapsed` seconds after the beginning.
@@ -48,10 +54,9 @@ class Prospect:
     @cached_property
     def adapted(self) -> bool:
         """Whether the next mesh is."""
-        last, stop = self.done[-1], self.stop
-        asked_for = self.kind or last.goal.sharp or stop.algorithm != "auto" or stop.rho is not None
-        free = last.goal.norm == "h1" and not asked_for
-        return free and (isinstance(last.solved.discrete, Adapted) or refinement_pays(last))
+        last = self.done[-1]
+        of_adapted = isinstance(last.solved.discrete, Adapted)
+        return may_adapt(last.goal, self.stop, self.kind) and (of_adapted or refinement_pays(last))
 
     @property
     def cost(self) -> Cost:

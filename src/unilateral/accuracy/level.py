@@ -11,6 +11,7 @@ import numpy as np
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Polygon
 
 NORMS = ("h1", "hm12")
 """Of u in H1, and of lambda in H^{-1/2}."""
@@ -106,13 +107,21 @@ def unknowable(last: Level) -> bool:
     return bound is not None and bound.irreducible > last.target > 0
 
 
+def least_unknowns(polygon: Polygon, h: float) -> float:
+    """On triangles of the size h, all alike; equilateral ones have 2 / sqrt(3) times the area over h^2."""
+    return 0.5 * polygon.area / h**2
+
+
 def refinement_pays(last: Level) -> bool:
     """Whether uniform meshes need more than WORTH times the unknowns of adapted ones, by the bound's parts.
 
+    Where short sides leave a mesh with fewer unknowns than a uniform one has at least, they would at once.
     A triangle with the share s of the squared bound, cut into k, has s / k. With m triangles cut into K in
     all that is m sum(s) / K for equal k, and for the best, k like s^{1/2}, sum(s^{1/2})^2 / K.
     """
-    s = last.solved.shares
+    s, mesh = last.solved.shares, last.solved.discrete.mesh
+    if last.unknowns < least_unknowns(mesh.polygon, mesh.h):
+        return True
     return last.unknowns >= ENOUGH and bool(len(s) * s.sum() > WORTH * np.sqrt(s).sum() ** 2)
 
 

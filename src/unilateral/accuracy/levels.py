@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from unilateral.accuracy.budget import affordable, affordable_H, bulk, wanted
-from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.level import SHARE, Goal, Level, target
+from unilateral.accuracy.cost import Prospect, may_adapt
+from unilateral.accuracy.level import ENOUGH, SHARE, Goal, Level, least_unknowns, target
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds.source import enclosed
@@ -32,8 +32,8 @@ from unilateral.memory import peak_mb
 from unilateral.problems.data import Data
 from unilateral.solvers.iterate import Stop
 
-SAFE = 0.5
-"""Below 2 / sqrt(3), the unknowns on equilateral triangles of the size h, times h^2 over the area."""
+GROWTH = 0.4
+"""Of triangles, over their distance from a boundary of many short sides: angles stay above 25 degrees."""
 
 
 def levels(
@@ -59,13 +59,15 @@ def _uniform(
     problem: Data, goal: Goal, stop: Stop, kind: str, done: list[Level], watch: Watch
 ) -> Iterator[Level]:
     """Those on uniform meshes, which are appended to what is `done`."""
-    H: float | None = float(problem.polygon.lengths.max())
+    polygon, made = problem.polygon, kind or natural_kind(problem.polygon)
+    H: float | None = float(polygon.lengths.max())
+    expected = least_unknowns(polygon, polygon.lengths.max() / 2)
+    graded = expected > ENOUGH and made == "unstructured" and may_adapt(goal, stop, kind)
+    if not graded and expected > goal.max_unknowns:
+        raise _too_many(polygon, f"at least {expected:.2g}", goal)
     while H is not None:
-        expected = SAFE * problem.polygon.area / (H / 2) ** 2
-        if not done and expected > goal.max_unknowns:
-            raise _too_many(problem.polygon, f"at least {expected:.2g}", goal)
         watch.begin_level()
-        mesh, partition = two_edges_per_cell(problem.polygon, H, kind or natural_kind(problem.polygon), stop)
+        mesh, partition = coarsest(polygon, H) if graded else two_edges_per_cell(polygon, H, made, stop)
         if mesh.n_nodes > goal.max_unknowns:
             break
         if done:
@@ -83,7 +85,7 @@ def _uniform(
         yield done[-1]
         H = affordable_H(Prospect(done, stop, kind, watch.elapsed))
     if not done:
-        raise _too_many(problem.polygon, str(mesh.n_nodes), goal)
+        raise _too_many(polygon, str(mesh.n_nodes), goal)
 
 
 def _adapted(problem: Data, stop: Stop, done: list[Level], watch: Watch) -> Iterator[Level]:
@@ -111,11 +113,20 @@ def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
 
 def two_edges_per_cell(polygon: Polygon, H: float, kind: str, stop: Stop) -> tuple[Mesh, Partition]:
     """A mesh with two equal boundary edges, h = H/2, in every cell, and the cells, of the size H at most."""
-    halvings = levels_for(polygon, H / 2, stop)
+    halvings = levels_for(polygon, H, 2, stop)
     if kind == "structured":  # the next smaller H whose cells consist of whole edges, on all these levels
         H = 1 / (math.ceil(square().counts(H)[0] / 2**halvings) * 2**halvings)
         return structured(polygon, H / 2), partitions.uniform(polygon, H)
-    return meshes.following(partitions.uniform(polygon, 2**halvings * H), 2, halvings)
+    return meshes.following(_cells(polygon, 2**halvings * H), 2, halvings)
+
+
+def coarsest(polygon: Polygon, H: float) -> tuple[Mesh, Partition]:
+    """The same with triangles that grow with the distance from the boundary, where all sides are short."""
+    return meshes.following(_cells(polygon, H), 2, growth=GROWTH)
+
+
+def _cells(polygon: Polygon, H: float) -> Partition:
+    return partitions.balanced(partitions.uniform(polygon, H))
 
 
 def _solved(discrete: AnyDiscrete, goal: Goal, stop: Stop, before: Level | None, watch: Watch) -> Level:

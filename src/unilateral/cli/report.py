@@ -45,6 +45,9 @@ def table(
         rows["guaranteed"] = f"{ERROR['h1']} <= {bounds.u:.4e}, {ERROR['hm12']} <= {bounds.multiplier:.4e}"
         adds = f"f and g enclosed, which adds {bounds.unknown:.1e}"
         rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
+    for name, force in (found["forces"] or {}).items():
+        between = f"between {force['lower']:.4e} and {force['upper']:.4e}"
+        rows[f"force, {name.replace('_', ' ')}"] = f"{force['value']:.4e}, {between}"
     if not unique:
         rows["lambda_H"] = NOT_UNIQUE
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import Search
@@ -29,6 +31,8 @@ from unilateral.solvers.iterate import Stop
 NOT_CONVERGED, INTERRUPTED = 3, 130
 FEW = 512
 """Cells up to which the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
+SIDES = 12
+"""Up to which the forces are computed and printed."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -87,7 +91,11 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn:
             say(ending(search))
     if not unique:
         tell(f"lambda_H {NOT_UNIQUE}")
-    printed = _printed(found, bounds, _errors(found, watch, drawn))
+    dual = found.partition.n_cells <= FEW
+    errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
+    forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
+    clear(drawn)
+    printed = _printed(found, bounds, errors) | {"forces": forces}
     printed["seconds"] = watch.elapsed
     printed["peak_mb"] = peak_mb()
     if not options.json and not search:
@@ -102,19 +110,17 @@ def _sharp(options: argparse.Namespace) -> bool:
     return options.sharp or options.norm == "hm12"
 
 
-def _errors(found: Solution, watch: Watch, drawn: bool) -> Errors | None:
-    """The true errors, where they are known, and no interrupt and no limit stops them."""
-    dual = found.partition.n_cells <= FEW
+def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
+    """What is computed after a search, None where an interrupt or a limit stops it."""
     if found.search is None:
-        return found.true_errors(dual)
+        return compute()
     try:
-        watch.resume(found.search.best.goal, "true errors")
-        return found.true_errors(dual)
+        watch.resume(found.search.best.goal, phase)
+        return compute()
     except (KeyboardInterrupt, OutOfBudget):
         return None
     finally:
         watch.rest()
-        clear(drawn)
 
 
 def _problem(options: argparse.Namespace) -> Case | Problem:
@@ -180,3 +186,14 @@ def _printed(found: Solution, bounds: Bounds | None, errors: Errors | None) -> d
         "l2_error": errors.l2 if errors else math.nan,
         "total_bound": (search.best.total if search else bounds.u) if bounds else math.nan,
     }
+
+
+def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
+    """Over the whole boundary, and over each side with multipliers."""
+    n_sides, cells = found.mesh.polygon.n_sides, found.partition
+    if n_sides > SIDES:
+        return None
+    held = np.unique(cells.side[found.solved.discrete.cells])
+    forces = found.forces(sharp)
+    sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
+    return {"boundary": forces.whole._asdict()} | sides

@@ -191,9 +191,11 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
     return replace(mesh, s=edges.points)
 
 
-def following(cells: Partition, edges: int, halvings: int = 0) -> tuple[Mesh, Partition]:
+def following(
+    cells: Partition, edges: int, halvings: int = 0, growth: float | None = None
+) -> tuple[Mesh, Partition]:
     """A mesh by gmsh with so many equal boundary edges in every cell, and the cells; both then halved."""
-    mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1])
+    mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1], growth)
     return refine(mesh, halvings), partitions.refine(cells, 2**halvings)
 
 

@@ -147,6 +147,18 @@ def refine(partition: Partition, parts: int = 2) -> Partition:
     return Partition(partition.polygon, np.interp(at, np.arange(partition.n_cells + 1), partition.points))
 
 
+def balanced(partition: Partition) -> Partition:
+    """Cells halved until none is more than twice as long as a neighbour, but for round-off."""
+    while True:
+        s, lengths = partition.points, partition.lengths
+        beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))
+        long = lengths > (2 + VERTEX_TOLERANCE) * beside
+        if not long.any():
+            return partition
+        middle = 0.5 * (s[:-1] + s[1:])
+        partition = Partition(partition.polygon, np.sort(np.append(s, middle[long])))
+
+
 def _check(polygon: Polygon, points: Array) -> None:
     inside = (points >= 0) & (points <= polygon.perimeter)
     wrong = np.flatnonzero(~(inside & (np.diff(points, prepend=-np.inf) > 0)))

@@ -22,14 +22,14 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
 
 def signed_areas(points: Array, triangles: Index) -> Array:
     """(m,) areas of the triangles, negative where the nodes run clockwise."""
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    return 0.5 * cross(b - a, c - a)
+    x, y = points.T[:, triangles.T]
+    return 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
 
 
 def longest_edges(points: Array, triangles: Index) -> Array:
     """(m,) the longest edge of each triangle."""
-    x, y = points[triangles].transpose(2, 0, 1)
-    return np.hypot(x - np.roll(x, 1, axis=1), y - np.roll(y, 1, axis=1)).max(axis=1)
+    x, y = points.T[:, triangles.T]
+    return np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
 
 
 def circles(vertices: Array) -> tuple[Array, Array]:

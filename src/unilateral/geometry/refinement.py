@@ -21,6 +21,10 @@ CONGRUENT = 1e-13
 """Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
 
 
+FEW = 1000
+"""Triangles that are looked at first: where they are not alike, all are not."""
+
+
 class Triangulation(NamedTuple):
     """Of n nodes: the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
 
@@ -104,6 +108,8 @@ def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
 
     Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
     """
+    if len(triangles) > FEW and not turned(points, triangles[:FEW])[1]:
+        return triangles, False
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
     for turn in range(3):

@@ -116,6 +116,10 @@ def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
         *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
         (("algorithm", "cases"), study["algorithm"], study["algorithm"]["cases"]),
         *(
+            (("adaptive", "scenes", i, "cases"), scene, scene["cases"])
+            for i, scene in enumerate(study["adaptive"]["scenes"])
+        ),
+        *(
             (("figures", name, "parameters"), entry["parameters"], [entry["parameters"]["case"]])
             for name, entry in study["figures"].items()
             if {"polygon", "case"} <= set(entry["parameters"])

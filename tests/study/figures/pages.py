@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 FIGURES = {  # of each module a figure in git, and numbers that are drawn as they are
+    "adaptive": ("adaptive", ["error", "bound", "beta", "beta_of_edges"]),
     "benchmarks": ("benchmarks", ["y"]),
     "consistency": ("consistency", ["lambda_mean", "over_H2"]),
     "dual_norm": ("dual_square", ["mean", "gap", "shortcut"]),

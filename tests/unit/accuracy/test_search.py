@@ -16,6 +16,7 @@ from unilateral.accuracy.budget import wanted_H
 from unilateral.accuracy.level import SHARE, Goal, standing, unknowable
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
+from unilateral.adapted import Adapted
 from unilateral.bounds import source
 from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
@@ -40,7 +41,7 @@ def problem(name):
 def on_level(of, cells_per_side):
     """The problem with that many cells on the longest side, H = 2h."""
     H = of.polygon.lengths.max() / cells_per_side
-    return discretise(of, *two_edges_per_cell(of.polygon, H, natural_kind(of.polygon), Stop()))
+    return discretise(of, *meshes.following(partitions.uniform(of.polygon, H), 2))
 
 
 def finer(discrete, u_h, lambda_H, times):
@@ -199,6 +200,31 @@ def test_every_cell_has_two_edges(polygon):
             assert mesh.s == pytest.approx(partitions.refine(cells).points, abs=1e-12)
             assert cells.H <= 1 / 3 + 1e-12
             assert (kind == "unstructured" and stop.algorithm == "multigrid") <= (mesh.halvings > 0)
+
+
+def regular(n, f="-1", g="x/10"):
+    angle = 2 * np.pi * np.arange(n) / n
+    points = np.column_stack([np.cos(angle), np.sin(angle)]).tolist()
+    return problem_file.made({"polygon": points, "f": f, "g": g}, f"{n}-gon")
+
+
+def test_many_short_sides_do_not_fill_the_polygon_with_small_triangles():
+    """500 sides need 1000 edges; with triangles of that size there are 0.5 pi / 0.0063^2 = 4e4 unknowns."""
+    done = search(regular(500), Goal(0.02)).done
+    assert done[-1].certified
+    assert len(done) > 1
+    assert all(isinstance(level.solved.discrete, Adapted) for level in done[1:])
+    assert done[-1].unknowns < 1e4
+
+
+def test_halvings_do_not_multiply_short_sides():
+    """Of 100 sides each is a cell already; of 4 long ones a cell is made by halving."""
+    many, stop = regular(100).polygon, Stop()
+    mesh, cells = two_edges_per_cell(many, many.lengths.max(), "unstructured", stop)
+    assert (mesh.halvings, cells.n_cells) == (0, 100)
+    mesh, cells = two_edges_per_cell(square(), 1 / 80, "unstructured", stop)
+    assert mesh.halvings > 0
+    assert cells.n_cells == 320
 
 
 def test_a_budget_ends_the_search_with_the_best_so_far():
@@ -363,14 +389,14 @@ def test_a_peak_at_a_declared_kink_is_seen(problem_of):
 
 
 def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
-    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 unknowns on equilateral triangles."""
+    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 on equilateral triangles, for lambda."""
     said = r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"
     monkeypatch.setattr(of_levels, "two_edges_per_cell", None)
     angles = 2 * np.pi * np.arange(600) / 600
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
     wheel = replace(problem_of(f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
     with pytest.raises(InputError, match=said):
-        next(levels(wheel, Goal(0.05, max_unknowns=20_000)))
+        next(levels(wheel, Goal(0.05, "hm12", max_unknowns=20_000)))
 
 
 @pytest.mark.parametrize("width", [20_000, 282_000])

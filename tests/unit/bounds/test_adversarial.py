@@ -59,13 +59,16 @@ class Adversary(NamedTuple):
 
 
 def true_error(of, mesh, u_h):
-    """||u - u_h||_1, by a rule of degree 8 on pieces that are small against the features near them."""
+    """||u - u_h||_1."""
+    return float(true_errors(of, mesh, [u_h])[0])
+
+
+def true_errors(of, mesh, functions, size=SIZE):
+    """||u - v_h||_1 for each of them, by a rule of degree 8 on pieces that are small against the features."""
     value = compile_numpy([of.u, of.u.diff(X), of.u.diff(Y)], (X, Y))
     distances = [(compile_numpy([feature.level], (X, Y)), feature.width) for feature in of.features]
-    points, weights = get_quadrature_tri(8)
-    rule = np.column_stack([1 - points.sum(axis=0), *points])
     corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
-    total = 0.0
+    total = np.zeros(len(functions))
     for _ in range(14):
         vertices = corners @ mesh.points[mesh.triangles[parent]]
         centre = vertices.mean(axis=1)
@@ -73,40 +76,46 @@ def true_error(of, mesh, u_h):
         coarse = np.zeros(len(parent), dtype=bool)
         for level, width in distances:
             away = np.abs(level(*centre.T)[0])
-            coarse |= (radius > SIZE * np.maximum(width, 0.5 * (away - radius))) & (away < radius + 8 * width)
-        fine = ~coarse
-        total += _squares(mesh, u_h, corners[fine], parent[fine], value, rule, weights)
+            coarse |= (radius > size * np.maximum(width, 0.5 * (away - radius))) & (away < radius + 8 * width)
+        total += _squares(mesh, functions, corners[~coarse], parent[~coarse], value)
         corners, parent = quarter(corners[coarse]), np.repeat(parent[coarse], 4)
-    return float(np.sqrt(total + _squares(mesh, u_h, corners, parent, value, rule, weights)))
+    return np.sqrt(total + _squares(mesh, functions, corners, parent, value))
 
 
-def _squares(mesh, u_h, corners, parent, value, rule, weights):
+def _squares(mesh, functions, corners, parent, value):
+    points, weights = get_quadrature_tri(8)
     nodes = mesh.points[mesh.triangles[parent]]
-    places = rule @ corners
+    places = np.column_stack([1 - points.sum(axis=0), *points]) @ corners
     x, y = np.moveaxis(places @ nodes, 2, 0)
     u, u_x, u_y = value(x, y)
-    nodal = u_h[mesh.triangles[parent]]
     edges = nodes[:, 1:] - nodes[:, :1]
-    slope = np.linalg.solve(edges, (nodal[:, 1:] - nodal[:, :1])[..., None])[..., 0]
     areas = 0.5 * np.abs(np.linalg.det(edges)) * np.abs(np.linalg.det(corners))
-    rest = (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
-    rest += (u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2
-    return float(areas @ (rest @ (2 * weights)))
+    found = []
+    for v_h in functions:
+        nodal = v_h[mesh.triangles[parent]]
+        slope = np.linalg.solve(edges, (nodal[:, 1:] - nodal[:, :1])[..., None])[..., 0]
+        rest = (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
+        rest += (u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2
+        found.append(areas @ (rest @ (2 * weights)))
+    return np.array(found)
 
 
 def least_error_of_lambda(of, level):
-    """||lambda - lambda_H||_{-1/2,h}, a lower bound; lambda = du/dn, by 2000 points on every edge."""
-    discrete = level.solved.discrete
-    mesh, slopes = discrete.mesh, compile_numpy([of.u.diff(X), of.u.diff(Y)], (X, Y))
-    x = (np.arange(2000) + 0.5) / 2000
+    """||lambda - lambda_H||_{-1/2,h}, a lower bound."""
+    discrete, mesh = level.solved.discrete, level.solved.discrete.mesh
+    load = flux_moments(of.u, mesh) - coupling(mesh, discrete.partition).T @ level.solved.lambda_H
+    return float(np.sqrt(max(load @ condense(mesh).solve_boundary(load), 0.0)))
+
+
+def flux_moments(u, mesh):
+    """(nb,) the moments of lambda = du/dn with the boundary hats, by 2000 points on every edge."""
+    slopes, x = compile_numpy([u.diff(X), u.diff(Y)], (X, Y)), (np.arange(2000) + 0.5) / 2000
     start, end = mesh.points[mesh.boundary], mesh.points[np.roll(mesh.boundary, -1)]
     at = start[:, None] + x[:, None] * (end - start)[:, None]
     normals = mesh.polygon.normals[mesh.side]
     flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
-    lengths, shapes = np.diff(mesh.s), (1 - x, x)
-    first, second = (lengths * (flux * shape).mean(axis=1) for shape in shapes)
-    load = first + np.roll(second, 1) - coupling(mesh, discrete.partition).T @ level.solved.lambda_H
-    return float(np.sqrt(max(load @ condense(mesh).solve_boundary(load), 0.0)))
+    first, second = (np.diff(mesh.s) * (flux * shape).mean(axis=1) for shape in (1 - x, x))
+    return first + np.roll(second, 1)
 
 
 def exact(number):

@@ -30,7 +30,7 @@ from unilateral.study.judge import claims
 KEYS = [  # of --json, in the documented order
     *("problem", "h", "diameter", "H", "unknowns", "multipliers", "iterations", "converged"),
     *("algebraic_bound", "h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"),
-    *("seconds", "peak_mb"),
+    *("forces", "seconds", "peak_mb"),
 ]
 NOT_UNIQUE = "unilateral: lambda_H may not be unique, for beta = 0; take h < H, such as H = 2h\n"
 SIZES = ("--h", "1/8", "--H", "1/4")
@@ -334,6 +334,22 @@ def test_given_sizes_of_a_problem(run, solve_json):
     _, out, _ = run("solve", PROBLEM, *SIZES)
     assert f"guaranteed                  ||u - u_h||_1 <= {found['total_bound']:.4e}" in out
     assert "lambda_H||_0" not in out
+
+
+def test_the_forces_are_printed(run, solve_json, monkeypatch):
+    """The integral of natural's lambda is 16, by quadrature of its polynomial; free sides have none."""
+    _, found, _ = solve_json("natural", *FINER, "--sharp")
+    assert list(found["forces"]) == ["boundary", "side_0", "side_1", "side_2", "side_3"]
+    whole = found["forces"]["boundary"]
+    assert 15.9 < whole["lower"] <= 16 <= whole["upper"] < 16.1
+    _, out, _ = run("solve", "natural", *FINER, "--sharp")
+    numbers = "{value:.4e}, between {lower:.4e} and {upper:.4e}".format(**found["forces"]["side_2"])
+    assert f"  force, side 2               {numbers}\n" in out
+    _, found, _ = solve_json("thirds", *FINER, "--free-sides", "1,3")
+    assert list(found["forces"]) == ["boundary", "side_0", "side_2"]
+    monkeypatch.setattr("unilateral.cli.solve.SIDES", 3)
+    _, found, _ = solve_json("natural", *FINER)
+    assert found["forces"] is None
 
 
 @pytest.fixture

@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
-from unilateral.geometry.partition import Partition, common_refinement, from_points, refine, shifted, uniform
+from unilateral.geometry.partition import (
+    Partition,
+    balanced,
+    common_refinement,
+    from_points,
+    refine,
+    shifted,
+    uniform,
+)
 from unilateral.geometry.polygon import Polygon, named, square
 
 
@@ -120,6 +128,23 @@ def test_points_cannot_be_moved_afterwards():
 def test_shifts_are_fractions(fraction):
     with pytest.raises(InputError, match=r"not in \[0, 1\)"):
         shifted(square(), 0.5, fraction)
+
+
+def test_balanced_cells_by_hand():
+    """Beside a side of 1/8 the cells of the unit sides are 1/4, 1/4, 1/2 long, from both of its ends."""
+    polygon = Polygon([(0, 0), (1, 0), (1, 1 / 8), (0, 1 / 8)], "strip")
+    cells = balanced(uniform(polygon, 1))
+    expected = [1 / 4, 1 / 4, 1 / 4, 1 / 4, 1 / 8]
+    assert cells.lengths == pytest.approx(2 * expected, rel=1e-12)
+    one_short = Polygon([(0, 0), (1, 0), (1, 1), (1 / 8, 1), (0, 1 - 1e-3)], "cut")
+    lengths = balanced(uniform(one_short, 1)).lengths
+    assert np.all(lengths <= (2 + 1e-9) * np.minimum(np.roll(lengths, 1), np.roll(lengths, -1)))
+    assert np.any(lengths > 0.4)
+
+
+def test_cells_that_are_all_alike_are_balanced():
+    cells = uniform(named("lshape"), 1 / 3)
+    assert balanced(cells) is cells
 
 
 def test_the_common_refinement_by_hand():

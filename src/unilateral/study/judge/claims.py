@@ -22,7 +22,7 @@ import xarray as xr
 
 from unilateral.declarations import own
 from unilateral.errors import InputError
-from unilateral.study.judge.checks import algorithm, cost, estimates, extremes, rates, stability
+from unilateral.study.judge.checks import adaptive, algorithm, cost, estimates, extremes, rates, stability
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
 from unilateral.study.judge.records import FAILS, UNJUDGED
 from unilateral.study.tables import load
@@ -35,6 +35,7 @@ LETTERS = {
     r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×", r"\cdot": "·", r"\,": " ", "$": "",
 }  # fmt: skip
 CHECKS = {
+    "adaptive": adaptive,
     "algorithm": algorithm,
     "cost": cost,
     "estimates": estimates,

@@ -7,7 +7,14 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from unilateral.formulas.formula import real
-from unilateral.study.text import benchmark_tables, cost_tables, error_tables, extremes_tables, verdicts
+from unilateral.study.text import (
+    adaptive_tables,
+    benchmark_tables,
+    cost_tables,
+    error_tables,
+    extremes_tables,
+    verdicts,
+)
 from unilateral.study.text.sources import Sources
 
 LINE = 150
@@ -46,6 +53,8 @@ def collect(told: Sources) -> dict[str, str]:
         "correlations": error_tables.correlations(told.pairs, infsup["rule"]["smallest_angle"]),
         "floors": error_tables.floors(of["floors"]),
         "totals": error_tables.totals(told.totals),
+        "adapted": adaptive_tables.finest(of["adapted"], of["adapted_rates"]),
+        "adapted-savings": adaptive_tables.savings(of["adapted"]),
         "exceptions": error_tables.exceptions(of["sharpness"], tolerances),
         "ratios": cost_tables.ratios(of["case"], told.coarsest),
         "prices": cost_tables.price_table(of["case"], of["scene"], **base),

@@ -14,7 +14,7 @@ import xarray as xr
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.runs.cost.variants import REFRESH
-from unilateral.study.text import benchmark_tables, cost_tables, extremes_tables
+from unilateral.study.text import adaptive_tables, benchmark_tables, cost_tables, extremes_tables
 from unilateral.study.text.error_tables import ROUNDED
 from unilateral.study.text.formats import Value
 from unilateral.study.text.sources import Sources
@@ -47,6 +47,9 @@ def collect(told: Sources) -> dict[str, Value]:
                 "precision": in_precision(of["precision"]),
             },
             "totals": totals(told.totals["corners"]),
+            "adapted": adaptive_tables.beta(
+                of["adapted_beta"], told.study["infsup"]["rule"]["smallest_angle"]
+            ),
             "extremes": outcomes(of["extremes"]),
             "benchmarks": benchmark_tables.numbers(of["benchmarks"]),
         }

@@ -23,6 +23,9 @@ TABLES = (
     "precision",
     "floors",
     "sharpness",
+    "adapted",
+    "adapted_rates",
+    "adapted_beta",
     "extremes",
     "benchmarks",
 )

@@ -1,0 +1,385 @@
+"""Random problems with known solutions on random polygons, each told by its number.
+
+u' and the gap u' - g' are made on a polygon of the size of 1. The problem has u(x) = A u'((x - a) / S) with
+powers of ten and two for A and S. Vertices and numbers in formulas are dyadic, so that they are what they
+look like in floating point, and conditions such as du/dn = 0 hold exactly.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import sympy
+from conftest import case_file
+from random_polygons import columns, distances, over_a_base, star, wedge
+from test_adversarial import Feature, flux_moments, true_errors
+
+from unilateral.formulas.formula import compile_numpy, pos
+from unilateral.geometry.plane import segment_distances
+from unilateral.geometry.polygon import Polygon
+from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.problems import case as cases
+from unilateral.problems.atoms import X, Y
+from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
+
+POWERS = [2, sympy.Rational(5, 2), 3, 4]
+"""Of kinks in u, the first of which makes f jump."""
+FAR = 1e6
+"""Sides away from a side, farther than any other part of a polygon."""
+
+
+class Known(NamedTuple):
+    """A problem, its u, and what is narrow in it."""
+
+    problem: Problem
+    u: sympy.Expr
+    features: tuple[Feature, ...]
+
+    def errors(self, mesh, functions):
+        """||u - v_h||_1 of each."""
+        return true_errors(self, mesh, functions)
+
+    def flux_moments(self, mesh):
+        """(nb,) the moments of lambda with the boundary hats."""
+        return flux_moments(self.u, mesh)
+
+    def boundary(self, side, s):
+        """(k,) u, du/dn and u - g at places s of the sides; on free sides u - g is 1."""
+        polygon, problem = self.problem.polygon, self.problem
+        x, y = polygon.at(side, s).T
+        u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
+        gap = np.choose(side, compile_numpy([self.u - g for g in problem.g], (X, Y))(x, y))
+        flux = np.sum(np.column_stack([u_x, u_y]) * polygon.normals[side], axis=1)
+        return u, flux, np.where(np.isin(side, problem.free_sides), 1.0, gap)
+
+
+class Catalogued(NamedTuple):
+    """A case made of the catalogue's atoms, whose quadrature knows its singular points."""
+
+    problem: Case
+
+    def errors(self, mesh, functions):
+        return np.array([h1_distance(self.problem, mesh, v_h) for v_h in functions])
+
+    def flux_moments(self, mesh):
+        return flux_load(self.problem, mesh)
+
+    def boundary(self, side, s):
+        return self.problem.boundary(side, s)
+
+
+class Part(NamedTuple):
+    """A term of u', and what is narrow in it."""
+
+    u: sympy.Expr
+    features: tuple[Feature, ...] = ()
+
+
+def known(number):
+    """Of one of the families, large or small, far from the origin or not."""
+    rng = np.random.default_rng([16, number])
+    family = FAMILIES[number % len(FAMILIES)]
+    vertices, parts, gap, free = family(rng)
+    a, S = [dyadic(c) for c in rng.choice([0, 1, 30]) * rng.uniform(-1, 1, 2)], _size(rng)
+    A = sympy.Integer(10) ** int(rng.choice([0, 0, -8, 8]))
+    place = {X: (X - a[0] * S) / S, Y: (Y - a[1] * S) / S}
+    u = sum(part.u for part in parts)
+    f = A * (u - laplacian(u) / S**2).xreplace(place)
+    g = tuple((A * (u - each)).xreplace(place) for each in gap)
+    features = [each for part in parts for each in part.features]
+    moved = tuple(Feature((S * level).xreplace(place), float(S * width)) for level, width in features)
+    polygon = Polygon((vertices + np.array(a, dtype=float)) * float(S), f"{family.__name__}_{number}")
+    return Known(Problem(polygon.name, polygon, f, g, free), (A * u).xreplace(place), moved)
+
+
+def at_a_corner(number, folder):
+    """A singular function at a vertex or on a side: without flux, without trace, or where contact begins."""
+    rng = np.random.default_rng([18, number])
+    kind = ["free", "held", "transition", "harmonic"][number % 4]
+    vertices = star(rng) if kind == "harmonic" else wedge(rng)
+    polygon = Polygon(vertices * float(_size(rng)), f"{kind}_{number}")
+    at = 0.0 if kind != "harmonic" else round(rng.uniform(0.2, 0.5), 3)
+    side = int(rng.integers(polygon.n_sides)) if at else 0
+    R, times = f"{0.9 * _room(polygon, side, at):.5f}", round(10.0 ** rng.uniform(-1, 1), 3)
+    alpha = ["-1/4", "-1/10", "1/10", "1/3", "1/2", "5/4"][rng.integers(6)]
+    atom = {"atom": "corner", "kind": kind, "side": 0, "cutoff": R, "times": times}
+    u, gap, elsewhere = {
+        "free": ([atom, {"atom": "smooth", "formula": 1}], {}, 1),
+        "held": ([atom, {"atom": "smooth", "formula": "x**2 + y**2"}], {}, 0),
+        "transition": (
+            [atom | {"alpha": alpha}],
+            {0: f"pos(t - {R}, 2)", -1: f"(1 - {R})**2*pos(1 - t, 2)"},
+            f"(1 - {R})**2",
+        ),
+        "harmonic": (
+            [{"atom": kind, "side": 0, "at": at, "alpha": alpha, "cutoff": R, "times": times}],
+            {0: f"pos({at} - t, 2) + pos({at}/(1 - {at} - {R})*(t - {at} - {R}), 2)"},
+            f"{at}**2",
+        ),
+    }[kind]
+    sides = [{"side": i, "formula": formula} for i, formula in gap.items()]
+    file = case_file(folder, "thirds", u=u, gap={"sides": sides, "elsewhere": elsewhere})
+    return Catalogued(cases.load(file, polygon, side))
+
+
+def _room(polygon, side, at):
+    """The distance of a place on a side from others and from the side's ends, in side lengths."""
+    others = np.setdiff1d(np.arange(polygon.n_sides), [side] if at else [side, (side - 1) % polygon.n_sides])
+    starts, ends = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
+    apart = segment_distances(polygon.point(side, at)[None], starts[others], ends[others])
+    nearest = min(apart.min(initial=np.inf), np.inf if at else polygon.lengths[side - 1])
+    return min(nearest / polygon.lengths[side], 1 - at)
+
+
+def _size(rng):
+    return sympy.Integer(2) ** int(rng.choice([0, 0, 0, -6, -2, 2, 5, 10]))
+
+
+def laplacian(u):
+    return sympy.diff(u, X, 2) + sympy.diff(u, Y, 2)
+
+
+def dyadic(number):
+    """That number, up to 2^-20 of 1 or, if it is smaller, of its own size."""
+    unit = sympy.Integer(2) ** (20 - min(int(np.floor(np.log2(abs(number)))), 0) if number else 0)
+    return sympy.Integer(round(float(number * unit))) / unit
+
+
+# Terms of u'
+
+
+def bowl(c=(0, 0)):
+    return Part(((X - c[0]) ** 2 + (Y - c[1]) ** 2) / 2)
+
+
+def gentle(rng, slope):
+    """A term whose gradient is at most `slope` within a distance of 1 from 0."""
+    a, b = (dyadic(c) for c in rng.uniform(-0.6, 0.6, 2))
+    kind = rng.choice(["wave", "peak", "circle", "line", "front", "rational", "cosh", "cubic"])
+    if kind == "wave":
+        k = rng.uniform(-1, 1, 2) * 10.0 ** rng.uniform(0, 1.7)
+        wave = sympy.sin(dyadic(k[0]) * X + dyadic(k[1]) * Y + a)
+        width = 1 / float(np.hypot(*k))
+        return Part(dyadic(0.9 * slope * width) * wave, (Feature(sympy.S.Zero * X, width),))
+    if kind in ("peak", "rational"):
+        w, square = dyadic(10.0 ** rng.uniform(-2.5, -0.3)), (X - a) ** 2 + (Y - b) ** 2
+        shape = sympy.exp(-square / w**2) if kind == "peak" else 1 / (1 + square / w**2)
+        return Part(dyadic(slope * float(w)) * shape, (Feature(sympy.sqrt(square), float(w)),))
+    if kind == "circle":
+        r = dyadic(rng.uniform(0.05, 0.5))
+        square, k = (X - a) ** 2 + (Y - b) ** 2, POWERS[rng.integers(3)]
+        ring = Feature(sympy.sqrt(square) - r, float(r) / 20)
+        return Part(dyadic(slope * float(r) / 6) * pos(1 - square / r**2, k), (ring,))
+    angle = rng.uniform(0, 2 * np.pi)
+    level = dyadic(np.cos(angle)) * X + dyadic(np.sin(angle)) * Y + a
+    if kind == "line":
+        return Part(dyadic(slope / 9) * pos(level, POWERS[rng.integers(3)]), (Feature(level, 8e-3),))
+    k = dyadic(rng.uniform(1, 8))
+    if kind == "front":
+        return Part(
+            dyadic(0.9 * slope / float(k) / 4) * sympy.tanh(4 * k * level),
+            (Feature(level, 1 / float(4 * k)),),
+        )
+    if kind == "cosh":
+        return Part(dyadic(slope / float(k) / np.exp(float(k))) * sympy.cosh(k * X))
+    return Part(dyadic(slope / 3) * X * Y * (X + a))
+
+
+def bump(rng, polygon):
+    """A term in a disc inside, as high as it likes; f may jump at the circle, or at a line in the disc."""
+    centre = _inside(rng, polygon)
+    starts = polygon.vertices
+    room = float(segment_distances(centre[None], starts, np.roll(starts, -1, axis=0)).min())
+    r = dyadic(0.9 * room * 10.0 ** -rng.choice([0, 0, 0.3, 0.6, 1.2]))
+    a, b = (dyadic(c) for c in centre)
+    square, k = (X - a) ** 2 + (Y - b) ** 2, [*POWERS, 4, 6, 8][rng.integers(7)]
+    height = dyadic(
+        float(rng.choice([-1, 1])) * float(r) * 10.0 ** (rng.uniform(-1, 1) + rng.choice([0, 0, 0, 0, -8, 8]))
+    )
+    u = height * pos(1 - square / r**2, k)
+    disc = Feature(pos(sympy.sqrt(square) - r, 1), float(r) / 4)
+    features = (disc, Feature(sympy.sqrt(square) - r, float(r) / 20)) if k < 3 else (disc,)
+    if rng.random() < 0.3:
+        level = (X - a) + dyadic(rng.uniform(-2, 2)) * (Y - b)
+        u, features = u * pos(level, 2) / r**2, (*features, disc._replace(width=float(r) / 20))
+    return Part(u, features)
+
+
+def _inside(rng, polygon):
+    low, high = polygon.vertices.min(axis=0), polygon.vertices.max(axis=0)
+    while True:
+        points = rng.uniform(low, high, (50, 2))
+        found = points[polygon.contains(points)]
+        if len(found):
+            return found[0]
+
+
+def flat(rng, vertices):
+    """A smooth term that is 0 with its gradient on every side; 0 for polygons of many sides."""
+    if len(vertices) > 6:
+        return Part(sympy.S.Zero)
+    edges = np.roll(vertices, -1, axis=0) - vertices
+    product, at = sympy.S.One, vertices.mean(axis=0)
+    for (x, y), (ex, ey) in zip(vertices, edges, strict=True):
+        scale = max(float(np.hypot(ex, ey) * np.abs(vertices - at).max()), 1e-3)
+        product *= ((exact(ex) * (Y - exact(y)) - exact(ey) * (X - exact(x))) / dyadic(scale)) ** 2
+    k = [dyadic(c) for c in rng.uniform(-6, 6, 2)]
+    return Part(dyadic(10.0 ** rng.uniform(-1, 2)) * product * sympy.sin(k[0] * X + k[1] * Y))
+
+
+def exact(number):
+    return sympy.Rational(float(number))
+
+
+class Zone(NamedTuple):
+    """Contact between t = start and t = end on a side, and the term of u' that has its flux there."""
+
+    start: sympy.Rational
+    end: sympy.Rational
+    part: Part
+
+
+def zone(rng, vertices, side, start, end):
+    """-d l(t) chi(d), d the distance from the side, where no other side is near; None if there is no room."""
+    frame = _frame(vertices, side)
+    depth = 0.5
+    while depth > 1e-3 and not _clear(vertices, side, float(start), float(end), -depth, depth):
+        depth /= 2
+    if depth <= 1e-3:
+        return None
+    depth, q = dyadic(depth), POWERS[rng.integers(4)]
+    t, d = frame
+    length = float(np.hypot(*(np.roll(vertices, -1, axis=0) - vertices)[side]))
+    profile = pos(t - start, q) * pos(end - t, q) * dyadic(float(2 / (end - start)) ** float(2 * q))
+    strength = dyadic(length * 10.0 ** rng.uniform(-1, 1))
+    u = -strength * d * profile * pos(1 - d / depth, 4)
+    if not _clear(vertices, side, float(start), float(end), -FAR, float(depth)):
+        u *= pos(1 + d / depth, 4)
+    outside = (pos(t - end, 1) + pos(start - t, 1)) ** 2 + (pos(d - depth, 1) + pos(-d - depth, 1)) ** 2
+    width = length * min(float(end - start), float(depth)) / (4 if q < 3 else 3)
+    return Zone(start, end, Part(u, (Feature(dyadic(length) * sympy.sqrt(outside), width),)))
+
+
+def _frame(vertices, side):
+    """t along a side, from 0 to 1, and the distance from its line, in side lengths, as formulas."""
+    (x, y), (ex, ey) = ([exact(c) for c in z] for z in (vertices[side], vertices[(side + 1) % len(vertices)]))
+    ex, ey = ex - x, ey - y
+    square = ex**2 + ey**2
+    return (ex * (X - x) + ey * (Y - y)) / square, (ex * (Y - y) - ey * (X - x)) / square
+
+
+def _clear(vertices, side, start, end, lowest, highest):
+    """Whether no other side meets start < t < end, lowest < d < highest."""
+    edge = vertices[(side + 1) % len(vertices)] - vertices[side]
+    moved = (vertices - vertices[side]) / (edge @ edge)
+    local = np.column_stack([moved @ edge, moved @ np.array([-edge[1], edge[0]])])
+    others = np.delete(np.arange(len(vertices)), side)
+    a, b = local[others], local[(others + 1) % len(vertices)]
+    first, last = np.zeros(len(a)), np.ones(len(a))
+    for i, low, high in ((0, start, end), (1, lowest, highest)):
+        with np.errstate(all="ignore"):
+            ends = (np.array([low, high])[:, None] - a[:, i]) / (b - a)[:, i]
+        level, within = a[:, i] == b[:, i], (low < a[:, i]) & (a[:, i] < high)
+        first = np.where(level, np.where(within, first, 1), np.maximum(first, ends.min(axis=0)))
+        last = np.where(level, np.where(within, last, 0), np.minimum(last, ends.max(axis=0)))
+    return not np.any(last > first + 1e-12)
+
+
+# Families
+
+
+def everywhere(rng):
+    """Contact on all sides of a star-shaped polygon: a bowl, whose flux outweighs that of other terms."""
+    vertices = star(rng)
+    n = int(rng.integers(0, 4))
+    slope = 0.9 * float(distances(vertices).min()) / max(n, 1)
+    parts = [bowl(), *(gentle(rng, slope) for _ in range(n))]
+    parts += [bump(rng, Polygon(vertices)) for _ in range(rng.choice([0, 0, 1, 2]))]
+    return vertices, parts, [sympy.S.Zero] * len(vertices), ()
+
+
+def in_zones(rng):
+    """Contact on parts of sides of any polygon, up to vertices or not; elsewhere a gap or a free side."""
+    vertices = star(rng) if rng.random() < 0.5 else columns(rng)
+    n, polygon = len(vertices), Polygon(vertices)
+    loaded = rng.choice(n, rng.choice([0, 1, 1, 1, 2]), replace=False)
+    zones = [_zones(rng, vertices, side, polygon.angles) if side in loaded else [] for side in range(n)]
+    heights = [dyadic(10.0 ** rng.uniform(-2, 0.5)) for _ in range(n)]
+    for side in range(n):
+        for each in zones[side]:
+            if each.start == 0:
+                heights[side] = sympy.S.Zero
+            if each.end == 1:
+                heights[(side + 1) % n] = sympy.S.Zero
+    gap = [_gap(rng, _frame(vertices, i)[0], zones[i], heights[i], heights[(i + 1) % n]) for i in range(n)]
+    free = [i for i in range(n) if not zones[i] and rng.random() < 0.3]
+    parts = [Part(dyadic(rng.uniform(-2, 2))), flat(rng, vertices)]
+    parts += [bump(rng, polygon) for _ in range(rng.choice([0, 1, 1, 2]))]
+    level = parts[0].u
+    parts += [each.part for of_side in zones for each in of_side]
+    # u' = level on the boundary: so g' has no other terms, which vanish there
+    trace = sum(part.u for part in parts) - level
+    return vertices, parts, [each + trace for each in gap], tuple(free if len(free) < n else free[1:])
+
+
+def _zones(rng, vertices, side, angles):
+    """One zone or two on a side; at a vertex only where its angle leaves room."""
+    n = int(rng.choice([1, 1, 2]))
+    ends = np.sort(rng.uniform(0.02, 0.98, 2 * n))
+    ends = [dyadic(t) for t in ends]
+    if rng.random() < 0.4 and angles[side] > np.pi / 2 - 1e-9:
+        ends[0] = sympy.S.Zero
+    if rng.random() < 0.4 and angles[(side + 1) % len(vertices)] > np.pi / 2 - 1e-9:
+        ends[-1] = sympy.S.One
+    pairs = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 0.02]
+    found = [zone(rng, vertices, side, a, b) for a, b in pairs]
+    return [each for each in found if each]
+
+
+def _gap(rng, t, zones, first, last):
+    """0 in the zones and at least that elsewhere, with those values at the ends of the side."""
+    p = [1, sympy.Rational(3, 2), 2, 3][rng.integers(4)]
+    if not zones:
+        k = int(rng.integers(1, 40))
+        s = k * (t - dyadic(rng.uniform(0, 1)))
+        waves, steps = (
+            [sympy.sin(sympy.pi * s) ** 2, sympy.exp(-(s**2))],
+            [1 / (1 + s**2), sympy.tanh(s) ** 2],
+        )
+        more = [sympy.S.Zero, *waves, *steps, sympy.cosh(s / k) - 1, pos(s, sympy.Rational(3, 2))][
+            rng.integers(7)
+        ]
+        return first * (1 - t) + last * t + t * (1 - t) * dyadic(10.0 ** rng.uniform(-1, 1)) * more
+    found = sum(
+        dyadic(10.0 ** rng.uniform(0, 2)) * pos(t - a.end, p) * pos(b.start - t, p)
+        for a, b in pairwise(zones)
+    )
+    start, end = zones[0].start, zones[-1].end
+    if start > 0:
+        found += first * pos(1 - t / start, p)
+    if end < 1:
+        found += last * pos(1 - (1 - t) / (1 - end), p)
+    return found
+
+
+def beside_a_base(rng):
+    """Contact on all sides but the base, on which u and du/dn are 0: u' = y^2 exp(k |x - c|^2 / 2) + ..
+
+    Its flux is not negative on the other sides, whose angles with the base are at most 90 degrees.
+    """
+    vertices = over_a_base(rng)
+    k, c = dyadic(rng.uniform(0.2, 4)), (dyadic(rng.uniform(0.3, 0.7)), dyadic(0.5 * vertices[:, 1].max()))
+    (x, y) = (float(each) for each in c)
+    if distances(vertices - np.array([x, y]))[1:].min() < 0:
+        return beside_a_base(rng)
+    parts = [
+        Part(Y**2 * sympy.exp(k * bowl(c).u)),
+        *(bump(rng, Polygon(vertices)) for _ in range(rng.integers(3))),
+    ]
+    gap = [sympy.S.Zero] * len(vertices)
+    gap[0] = X * (1 - X) * dyadic(10.0 ** rng.uniform(-2, 1))
+    return vertices, parts, gap, (0,) if rng.random() < 0.3 else ()
+
+
+FAMILIES = (everywhere, in_zones, beside_a_base, in_zones)

@@ -1,0 +1,24 @@
+# Uniform meshes beside adapted ones -> errors and bounds, level by level, their rates, and beta.
+
+ADAPTIVE = config["adaptive"]
+
+
+rule adaptive:
+    input:
+        code("measure_adaptive"),
+        [case_files(scene["cases"]) for scene in ADAPTIVE["scenes"]],
+        examples=[f"examples/{name}.yaml" for name in ADAPTIVE["examples"]],
+    output:
+        errors="results/adaptive/errors.nc",
+        infsup="results/adaptive/infsup.nc",
+        timings="results/adaptive/timings.nc",
+        rates="results/adaptive/rates.nc",
+    log:
+        "results/logs/adaptive.log",
+    params:
+        study=ADAPTIVE,
+        stop=config["stop"],
+    message:
+        "adaptive: all problems on uniform and on adapted meshes"
+    script:
+        "../scripts/measure_adaptive.py"
