@@ -124,7 +124,8 @@ def planned(name: str, search: Search, as_json: bool) -> str:
         found = asdict(plan) if plan else {field.name: None for field in fields(Plan)}
         return json.dumps({"problem": name, **found})
     if plan is None:
-        return "  plan: unknown, for nothing is known yet of the size of the solution or of the error"
+        why = search.ended or "for nothing is known yet of the size of the solution or of the error"
+        return f"  plan: unknown, {as_options(why)}"
     fits = f"; not within {', '.join(plan.missed)}" if plan.missed else ", within the limits"
     if plan.adapted:
         why = "adapted meshes, for few triangles have most of the bound"
