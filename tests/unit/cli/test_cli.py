@@ -457,16 +457,15 @@ def test_a_dry_run_as_json_and_where_nothing_is_known(run):
     code, out, _ = run(
         "solve", "no_contact", "--dry-run", "--accuracy", "0.5", "--norm", "hm12", *options[2:4]
     )
-    assert (code, out.splitlines()[-1][:49]) == (0, "  plan: unknown, for nothing is known yet of the ")
+    assert code == 0
+    assert "  plan: unknown, for nothing is known yet of the size of the solution" in out
 
 
 @pytest.mark.filterwarnings("default")
 def test_a_dry_run_that_cannot_go_on_says_why(run):
     code, out, _ = run("solve", "natural", "--dry-run", "--accuracy", "0.01", "--max-steps", "1")
-    assert (code, out.splitlines()[-1][:57]) == (
-        0,
-        "  plan: unknown, the iteration did not converge (--max-s",
-    )
+    assert code == 0
+    assert "  plan: unknown, the iteration did not converge (--max-steps, " in out
 
 
 def test_an_interrupt_while_true_errors_are_computed_keeps_the_certificate(run, monkeypatch):
