@@ -169,6 +169,18 @@ def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     assert not of.exceeded_by(local_bound(*of[:5]))
 
 
+def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
+    """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
+    of, own, seen = pair("natural", 16), local.missing, []
+    monkeypatch.setattr(local, "missing", lambda *given: seen.append(given[:3]) or own(*given))
+    local_bound(*of[:5])
+    g, v, touching = seen[0]
+    unknowns = np.unique(g.unknowns[touching])
+    assert np.all(v[unknowns] == g.at_unknowns[unknowns])
+    nodes = unknowns[unknowns < len(touching)]
+    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.at_unknowns[nodes]) > 1e-4
+
+
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is five times as large."""
     of, own = pair("full_contact", 8), local.edge_flux
