@@ -12,7 +12,6 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.local import LocalBound, local_bound
 from unilateral.bounds.sharp import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
@@ -116,7 +115,7 @@ class Solution:
     @cached_property
     def _sharp_bound(self) -> SharpBound | None:
         given = self._given
-        return sharp_bound(hypercircle(self.discrete.mesh), *given) if given else None
+        return sharp_bound(*given) if given else None
 
     @cached_property
     def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...]] | None:
