@@ -160,7 +160,10 @@ class Solution:
         return bound.u if norm == "h1" else bound.lambda_
 
     def algebraic(self, norm: str) -> float:
-        """The part of the iteration in that error: its bound, over beta for lambda."""
+        """The part of the iteration in that error: its bound, over beta for lambda.
+
+        It says when to stop. `total` has the error of the iteration in it, and does not rest on this.
+        """
         beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.beta
         return self.result.bound / beta if beta > 0 else math.inf
 

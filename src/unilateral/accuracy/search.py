@@ -21,7 +21,7 @@ from functools import cached_property
 from unilateral.accuracy.budget import affordable, affordable_H, bulk, refinement_pays, wanted
 from unilateral.accuracy.level import SHARE, Goal, Level, standing, target
 from unilateral.adapted import adapted as on_adapted
-from unilateral.choice import cheapest, condensed, levels_for
+from unilateral.choice import cheapest, levels_for
 from unilateral.discrete_solution import AIM, AnyDiscrete
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
@@ -104,7 +104,7 @@ def levels(problem: Data, goal: Goal, stop: Stop | None = None, kind: str = "") 
     made.
     """
     stop, done, begin = stop or Stop(), list[Level](), time.perf_counter()
-    free = not kind and goal.norm == "h1" and not goal.sharp and stop.algorithm == "auto" and stop.rho is None
+    free = not kind and stop.algorithm == "auto" and stop.rho is None
     for level in _uniform(problem, goal, stop, kind or natural_kind(problem.polygon), done, begin):
         yield level
         if free and refinement_pays(level):
@@ -126,11 +126,7 @@ def _uniform(
         if mesh.n_nodes > goal.max_unknowns:
             break
         forget_peak()
-        discrete: AnyDiscrete
-        if goal.norm == "h1":
-            discrete = cheapest(problem, mesh, partition, stop)
-        else:
-            discrete = condensed(problem, mesh, partition)
+        discrete = cheapest(problem, mesh, partition, stop)
         done.append(_solved(discrete, goal, stop, done[-1] if done else None, start))
         yield done[-1]
         H = affordable_H(done, time.perf_counter() - begin)

@@ -11,10 +11,12 @@ import pytest
 import sympy
 from conftest import DATA, load
 
+from unilateral import choice
 from unilateral.accuracy import search
 from unilateral.accuracy.budget import limits, wanted_H
 from unilateral.accuracy.level import Goal, standing, unknowable
 from unilateral.accuracy.search import SHARE, levels, two_edges_per_cell
+from unilateral.adapted import Adapted
 from unilateral.bounds import source
 from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
@@ -22,6 +24,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.nested import Nested
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import problem_file
@@ -433,3 +436,25 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     monkeypatch.setattr(search, "Level", recorded)
     assert len(list(levels(load("natural"), Goal(0.2)))) == len(known) > 1
     assert all(known)
+
+
+def test_lambda_is_certified_on_adapted_meshes():
+    """At the re-entrant corner u is singular and lambda is not: on uniform meshes its bound is that of u."""
+    goal = Goal(0.1, "hm12", 4_000, sharp=True)
+    of = load("reentrant", "lshape")
+    found = [list(levels(of, goal, kind=kind))[-1] for kind in ("", "structured")]
+    assert [level.certified for level in found] == [True, False]
+    assert found[0].unknowns < found[1].unknowns
+    assert isinstance(found[0].solved.discrete, Adapted)
+
+
+def test_lambda_is_certified_by_multigrid(monkeypatch):
+    """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
+    monkeypatch.setattr(choice, "PAYS", 100)
+    of = load("natural")
+    last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
+    assert isinstance(last.solved.discrete, Nested)
+    assert last.certified
+    error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])
+    assert error.lower[0] <= last.total <= last.target
+    assert 0 < last.algebraic <= SHARE * last.target
