@@ -37,7 +37,7 @@ class Discrete:
     """(P_h*) on the spaces: `load` (n,) is (f, phi_i), `offset` (m,) is F(0), `g_means` (cells,) those of g.
 
     Errors are known where the solution is `exact`, and bounded where the `data` f and g are formulas;
-    `source` is f enclosed, where the load was made of that.
+    `source` is f enclosed, where it has been, as the load may be made of that.
     """
 
     spaces: MixedSpaces

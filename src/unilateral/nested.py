@@ -41,7 +41,8 @@ class Nested:
 
     Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; as no
     lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. f and g are
-    enclosed where the `data` are formulas; `source` is f enclosed, where the load was made of that.
+    enclosed where the `data` are formulas; `source` is f enclosed, where it has been, as the load may be made
+    of that.
     """
 
     mesh: Mesh

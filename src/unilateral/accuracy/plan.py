@@ -28,7 +28,7 @@ class Plan:
     adapted: bool
     unknowns: int
     seconds: float
-    mb: float
+    peak_mb: float
     missed: tuple[str, ...]
 
 

@@ -82,11 +82,12 @@ def search(
                 tell(level)
             if probe and enough(prospect):
                 break
-        watch.goal = None
+        watch.rest()
     except BaseException as caught:
         stopped = watch.raised or caught  # of which some libraries make another error
         if not isinstance(stopped, STOPS):
             raise
+        watch.rest()
     if prospect is None:
         raise _without_result(problem, stopped)
     return _ended(prospect, stopped, probe)

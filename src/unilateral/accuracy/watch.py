@@ -79,10 +79,15 @@ class Watch:
             self.raised = KeyboardInterrupt() if self.asked else OutOfBudget(reached)
             raise self.raised
 
-    def resume(self, goal: Goal) -> None:
-        """Goes on after a search: raises at once what would have ended it."""
-        self.goal = goal
+    def rest(self) -> None:
+        """The search is over: nothing is raised any more."""
+        self.goal, self.phase = None, ""
+
+    def resume(self, goal: Goal, phase: str) -> None:
+        """Another phase after a search: raises at once what would have ended that."""
+        self.goal, self.expected, self.seconds = goal, 0.0, {}
         self.look()
+        self._next(phase)
 
     def interrupt(self) -> None:
         """Raises KeyboardInterrupt if a search works, else before the next one does."""

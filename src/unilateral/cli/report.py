@@ -113,7 +113,7 @@ def ending(search: Search) -> str:
 
 
 def amounts(plan: Plan) -> str:
-    unknowns, seconds, mb = (f"{float(f'{x:.2g}'):g}" for x in (plan.unknowns, plan.seconds, plan.mb))
+    unknowns, seconds, mb = (f"{float(f'{x:.2g}'):g}" for x in (plan.unknowns, plan.seconds, plan.peak_mb))
     return f"about {unknowns} unknowns, {seconds} s and {mb} MB"
 
 
@@ -124,7 +124,8 @@ def planned(name: str, search: Search, as_json: bool) -> str:
         found = asdict(plan) if plan else {field.name: None for field in fields(Plan)}
         return json.dumps({"problem": name, **found})
     if plan is None:
-        return "  plan: unknown, for nothing is known yet of the size of the solution or of the error"
+        why = search.ended or "for nothing is known yet of the size of the solution or of the error"
+        return f"  plan: unknown, {as_options(why)}"
     fits = f"; not within {', '.join(plan.missed)}" if plan.missed else ", within the limits"
     if plan.adapted:
         why = "adapted meshes, for few triangles have most of the bound"
@@ -132,7 +133,7 @@ def planned(name: str, search: Search, as_json: bool) -> str:
         why = "uniform meshes, for the norm, bound, mesh or algorithm that is asked for needs them"
     else:
         why = "uniform meshes, for all triangles have much the same part of the bound"
-    rule = "H = 2h, for an edge that meets a cell may be at most half of it: with less lambda_H is not stable"
+    rule = "H = 2h, for an edge that meets a cell may be at most half of it, or lambda_H may be unstable"
     return f"  plan: {amounts(plan)}{as_options(fits)}\n  {why}\n  {rule}"
 
 

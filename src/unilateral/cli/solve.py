@@ -40,14 +40,14 @@ def run(options: argparse.Namespace) -> int:
     problem, watch = _problem(options), Watch(begin=options.begin)
     drawn = sys.stderr.isatty() and not options.json
     if options.accuracy is None:
-        return _reported(_solved(options, problem, watch, drawn), options, watch)
+        return _reported(_solved(options, problem, watch, drawn), options, watch, drawn)
     with watching(watch, drawn):
         found = _solved(options, problem, watch, drawn)
         clear(drawn)
         if options.dry_run and found.search:
             say(planned(problem.name, found.search, options.json))
             return INTERRUPTED if watch.asked else 0
-        return _reported(found, options, watch)
+        return _reported(found, options, watch, drawn)
 
 
 def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
@@ -75,7 +75,7 @@ def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, 
     )
 
 
-def _reported(found: Solution, options: argparse.Namespace, watch: Watch) -> int:
+def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, _sharp(options)
     needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
@@ -91,8 +91,10 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch) -> int
             say(ending(search))
     if not unique:
         tell(f"lambda_H {NOT_UNIQUE}")
-    errors = _allowed(lambda: found.true_errors(found.partition.n_cells <= FEW), found, watch)
-    forces = _allowed(lambda: _forces(found, sharp), found, watch) if bounds else None
+    dual = found.partition.n_cells <= FEW
+    errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
+    forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
+    clear(drawn)
     printed = _printed(found, bounds, errors) | {"forces": forces}
     printed["seconds"] = watch.elapsed
     printed["peak_mb"] = peak_mb()
@@ -108,17 +110,17 @@ def _sharp(options: argparse.Namespace) -> bool:
     return options.sharp or options.norm == "hm12"
 
 
-def _allowed(compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
+def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
     """What is computed after a search, None where an interrupt or a limit stops it."""
     if found.search is None:
         return compute()
     try:
-        watch.resume(found.search.best.goal)
+        watch.resume(found.search.best.goal, phase)
         return compute()
     except (KeyboardInterrupt, OutOfBudget):
         return None
     finally:
-        watch.goal = None
+        watch.rest()
 
 
 def _problem(options: argparse.Namespace) -> Case | Problem:

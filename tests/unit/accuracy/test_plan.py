@@ -58,7 +58,7 @@ def test_limits_that_do_not_allow_a_plan_are_named():
     done = list(levels(load("natural"), Goal(0.05)))
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         free = planned(done, Goal(0.001))
-        limits = [share * value for value in (free.unknowns, free.seconds, free.mb)]
+        limits = [share * value for value in (free.unknowns, free.seconds, free.peak_mb)]
         found = planned(done, Goal(0.001, "h1", *limits)).missed
         assert [limit.split("=")[0] for limit in found] == missed
 

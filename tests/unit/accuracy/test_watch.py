@@ -48,6 +48,7 @@ def test_an_interrupt_in_any_phase_keeps_the_levels_before(phase):
     watch = Told(6 + phase, Watch.interrupt)
     found = search(load("natural"), Goal(1e-3), watch=watch)
     assert (found.ended, len(found.done), found.plan) == ("interrupted", 1, None)
+    assert (watch.goal, watch.phase) == (None, "")
     with pytest.raises(KeyboardInterrupt):
         search(load("natural"), Goal(1e-3), watch=Told(phase, Watch.interrupt))
 
@@ -124,7 +125,7 @@ def test_what_ends_a_search_is_raised_once(monkeypatch):
     watch.look()
     watch.interrupt()
     with pytest.raises(KeyboardInterrupt):
-        watch.resume(Goal(0.1))
+        watch.resume(Goal(0.1), "true errors")
 
 
 def test_the_seconds_of_a_level_grow_while_it_lasts(monkeypatch):

@@ -450,10 +450,23 @@ def test_a_dry_run_as_json_and_where_nothing_is_known(run):
     options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
     code, out, _ = run("solve", "natural", *options, "0.01")
     found = json.loads(out)
-    assert (code, list(found)) == (0, ["problem", "adapted", "unknowns", "seconds", "mb", "missed"])
+    assert (code, list(found)) == (0, ["problem", "adapted", "unknowns", "seconds", "peak_mb", "missed"])
     assert (found["adapted"], found["missed"]) == (False, ["max_unknowns=100"])
     code, out, _ = run("solve", "no_contact", *options, "0.5", "--norm", "hm12")
     assert (code, json.loads(out)["unknowns"]) == (0, None)
+    code, out, _ = run(
+        "solve", "no_contact", "--dry-run", "--accuracy", "0.5", "--norm", "hm12", *options[2:4]
+    )
+    assert (code, out.splitlines()[-1][:49]) == (0, "  plan: unknown, for nothing is known yet of the ")
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_dry_run_that_cannot_go_on_says_why(run):
+    code, out, _ = run("solve", "natural", "--dry-run", "--accuracy", "0.01", "--max-steps", "1")
+    assert (code, out.splitlines()[-1][:57]) == (
+        0,
+        "  plan: unknown, the iteration did not converge (--max-s",
+    )
 
 
 def test_an_interrupt_while_true_errors_are_computed_keeps_the_certificate(run, monkeypatch):
