@@ -243,3 +243,23 @@ def test_rounding_is_added():
 def sigma(mesh):
     """q.n for q = (1, 0)."""
     return np.repeat(mesh.polygon.normals[mesh.side, 0], 2).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("depth", [30, 1000])
+def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
+    """g falls by `depth` on a side of length 0.0014. u_h = 0.99 is raised at its ends only, as for depth 1.
+
+    g is so steep there that places, rounded, move it by more than its own rounding.
+    """
+
+    def lifting(depth):
+        problem = problem_of(
+            polygon="[[0, 0], [1, 0], [1, 1], [1/1000, 1], [0, 999/1000]]",
+            f="1",
+            g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
+        )
+        mesh, cells = meshes.unstructured(problem.polygon, 0.5), partitions.uniform(problem.polygon, 1.0)
+        given = enclosed(mesh, problem), problem.enclosed_obstacle, cells
+        return local.local_bound(*given, np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)).lifting
+
+    assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
