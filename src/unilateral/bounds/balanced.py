@@ -17,7 +17,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.solvers.descent import solved
 
 SHARE = 0.01
-"""Of the squares of h ||grad w - q||, like ||u - w||_0, on the triangles: what w - f - div q may have."""
+"""Of the squares of min(h, 1) ||grad w - q||, like ||u - w||_0: what w - f - div q may have."""
 
 
 def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Array, float]:
@@ -29,7 +29,8 @@ def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Ar
     for last in (False, True):
         q = equilibrated(source.mesh, w, source.moments, sigma)
         of_gradient, residual, rounding = defects(source, w, q)
-        least = max(SHARE * float(source.mesh.longest_edges**2 @ of_gradient), rounding**2)
+        sizes = np.minimum(source.mesh.longest_edges, 1.0)
+        least = max(SHARE * float(sizes**2 @ of_gradient), rounding**2)
         if last or source.mesh.areas @ residual**2 <= least:
             break
         w = _solved(source, w, sigma, least)

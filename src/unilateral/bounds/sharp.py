@@ -4,15 +4,17 @@ The bounds are for f_h, the linear part of f on each triangle, in place of f; se
 begin with w of V_h, which is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting
 d of u_h as in `local`, where the proofs are.
 
-The flux gets a divergence that is linear on each triangle. With p = w - f_h, its values p_k at the nodes x_k,
-and the hats psi_k there, q gets
+The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
+x_k, and the hats psi_k there, q gets theta r,
 
     r = sum_k p_k psi_k (x - x_k) / 3,     div r = p - mean p,     r.n = 0 on the edges,
+    theta = ||div r||_T^2 / (||div r||_T^2 + ||r||_T^2),
 
-since div (psi_k (x - x_k)) = 3 psi_k - 1. So div q = w - f_h, but for what `balanced` leaves. With curl phi,
-phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes of RT1 with that q.n
-and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w towards the solution
-of (1.1) with dv/dn = 0 elsewhere; at last it is made feasible. Both take
+since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
+0 there, but for what `balanced` leaves; on triangles larger than 1 it would cost more than it gains. With
+curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes of RT1 with
+that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w towards the
+solution of (1.1) with dv/dn = 0 elsewhere; at last it is made feasible. Both take
 
     eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <q.n, v - g>
 
@@ -39,7 +41,7 @@ from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.feasible import Missing
 from unilateral.bounds.lifting import Lifting, lifting
 from unilateral.bounds.misfit import ROUNDING, misfit, root
-from unilateral.bounds.quadratic import Quadratic, quadratic, squares
+from unilateral.bounds.quadratic import Quadratic, linear_squares, quadratic, squares
 from unilateral.bounds.source import Source
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
@@ -121,8 +123,8 @@ def sharp_bound(
 class _Away:
     """What a flux q is away from w (n,) of V_h, for which it was made: functions of P2 are told by v - w.
 
-    grad w - q by its coefficients (m, 3, 2) of hats and bubbles, and w - f_h - div q (m,); `rounding` is what
-    that may add to the root of a `square`.
+    grad w - q by its coefficients (m, 3, 2) of hats and bubbles, and w - f_h - div q by its values (m, 3);
+    `rounding` is what that may add to the root of a `square`.
     """
 
     spaces: Quadratic
@@ -141,7 +143,7 @@ class _Away:
         """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d."""
         areas, (hats, bubbles) = self.spaces.mesh.areas, self.spaces.coefficients(d)
         of_gradient = squares(areas, self.hats + self.spaces.gradient(d), self.bubbles)
-        return float((of_gradient + squares(areas, hats + self.residual[:, None], bubbles)).sum())
+        return float((of_gradient + squares(areas, hats + self.residual, bubbles)).sum())
 
     def norm(self, d: Array) -> float:
         """Its root, not below that without rounding."""
@@ -160,14 +162,21 @@ def _turned(field: Array) -> Array:
 
 
 def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
-    """For q.n = sigma (nb, 2), and the r of p = w - f_h."""
+    """For q.n = sigma (nb, 2), with theta r."""
     mesh = spaces.mesh
     w, q, residual, rounding = balanced(source, u_h, sigma)
     p, x = w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
     along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
-    of_r = ROUNDING * math.sqrt(float(mesh.areas @ (mesh.longest_edges * np.abs(p).max(axis=1)) ** 2))
-    of_bubbles = by[..., None] * along / 12
-    return _Away(spaces, w, misfit(mesh, w, q, slice(None)), of_bubbles, residual, rounding + of_r)
+    of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
+    theta = _share(linear_squares(mesh.areas, rest), squares(mesh.areas, np.zeros_like(of_r), of_r))[:, None]
+    rounding += ROUNDING * math.sqrt(float(mesh.areas @ (mesh.longest_edges * np.abs(p).max(axis=1)) ** 2))
+    left = residual[:, None] + (1 - theta) * rest
+    return _Away(spaces, w, misfit(mesh, w, q, slice(None)), theta[..., None] * of_r, left, rounding)
+
+
+def _share(a: Array, b: Array) -> Array:
+    """a / (a + b), or 1."""
+    return np.divide(a, a + b, out=np.ones_like(a), where=a > 0)
 
 
 def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
