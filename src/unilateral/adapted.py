@@ -37,8 +37,9 @@ ROUGH = 1e-3
 class Adapted:
     """(P_h*) with the `system` for the multipliers on the `cells` (m,); its iteration begins at `guess` (n,).
 
-    `g_means` (all cells,) are those of g. Each cell has a node inside, so multipliers are `unique`; a lower
-    bound of `beta` is not known. The load is that of the `source`, by which f is enclosed.
+    `g_means` (all cells,) are those of g. Each cell has a node inside, so multipliers are `unique`; as no
+    lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. The load is
+    that of the `source`, by which f is enclosed.
     """
 
     of: AdaptedMesh
@@ -49,7 +50,7 @@ class Adapted:
     data: Data
     source: Source
     unique: bool = True
-    beta: float = 0.0
+    beta: float = 1.0
 
     @property
     def mesh(self) -> Mesh:

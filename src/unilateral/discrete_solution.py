@@ -12,7 +12,6 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.local import LocalBound, local_bound
 from unilateral.bounds.sharp import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
@@ -118,7 +117,7 @@ class Solution:
     @cached_property
     def _sharp_bound(self) -> SharpBound | None:
         given = self._given
-        return sharp_bound(hypercircle(self.discrete.mesh), *given) if given else None
+        return sharp_bound(*given) if given else None
 
     @cached_property
     def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...]] | None:
@@ -163,7 +162,10 @@ class Solution:
         return bound.u if norm == "h1" else bound.lambda_
 
     def algebraic(self, norm: str) -> float:
-        """The part of the iteration in that error: its bound, over beta for lambda."""
+        """The part of the iteration in that error: its bound, over beta for lambda.
+
+        It says when to stop. `total` has the error of the iteration in it, and does not rest on this.
+        """
         beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.beta
         return self.result.bound / beta if beta > 0 else math.inf
 

@@ -39,9 +39,10 @@ MOST_COARSE = 50_000
 class Nested:
     """(P_h*) on nested spaces: `load` (n,) is (f, phi_i), `g_means` (cells,) are those of g.
 
-    Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; a
-    lower bound of `beta` is not known. f and g are enclosed where the `data` are formulas; `source` is f
-    enclosed, where it has been, as the load may be made of that.
+    Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; as no
+    lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. f and g are
+    enclosed where the `data` are formulas; `source` is f enclosed, where it has been, as the load may be made
+    of that.
     """
 
     mesh: Mesh
@@ -53,7 +54,7 @@ class Nested:
     data: Data | None
     source: Source | None
     unique: bool = True
-    beta: float = 0.0
+    beta: float = 1.0
 
     def solved(self, stop: Stop) -> Solution:
         """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.

@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 from conftest import load
 
-from unilateral.bounds import hypercircle
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
@@ -45,21 +44,6 @@ def test_the_bound_of_another_function_is_none(found):
 def test_an_exact_multiplier_has_no_index(found):
     assert np.isnan(float(found["total_index_lambda"].sel(case="no_contact")[0]))
     assert float(found["total_index_u"].sel(case="no_contact")[0]) >= 1
-
-
-def test_the_fluxes_of_all_cases_are_found_from_one_factorisation(solved, monkeypatch):
-    """Each potential has a contact set, and so a matrix, of its own; control: another mesh."""
-    made, own = [], hypercircle.Factor
-
-    def counted(matrix, order):
-        made.append(len(order))
-        return own(matrix, order)
-
-    monkeypatch.setattr(hypercircle, "Factor", counted)
-    totals(*solved)
-    assert len(made) == 1 + len(solved[2])
-    totals(*solved)
-    assert len(made) == 2 * (1 + len(solved[2]))
 
 
 def test_the_table_names_both_ends(found):

@@ -12,7 +12,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import uniform
 from unilateral.problems import problem_file
-from unilateral.solvers import primal_dual
+from unilateral.solvers import descent
 from unilateral.solvers.iterate import Stop
 
 EXACTLY = Stop(tolerance=1e-9)
@@ -42,7 +42,7 @@ def on(problem, times=3):
 
 @pytest.fixture(params=["direct", "conjugate gradients"])
 def way(request, monkeypatch):
-    monkeypatch.setattr(primal_dual, "DIRECT", 0 if "gradients" in request.param else 10**6)
+    monkeypatch.setattr(descent, "DIRECT", 0 if "gradients" in request.param else 10**6)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -117,7 +117,7 @@ def test_lambda_s_norm_is_one_from_below_and_not_idle(way):
 
 def test_it_stops_where_it_is_told_and_goes_on(monkeypatch):
     """By conjugate gradients; steps are counted. Without a tolerance at a hundredth of the total bound."""
-    monkeypatch.setattr(primal_dual, "DIRECT", 0)
+    monkeypatch.setattr(descent, "DIRECT", 0)
     found = on(PROBLEMS["one's own"]())
     crude = found.iterated(None, Stop())
     assert 0 < crude.result.bound <= crude.tolerance
@@ -130,7 +130,7 @@ def test_it_stops_where_it_is_told_and_goes_on(monkeypatch):
 
 def test_it_goes_on_where_the_total_bound_was_mostly_algebraic(monkeypatch):
     """On edges down to 1e-4 the algebraic bound of a crude start is large, and the total one is with it."""
-    monkeypatch.setattr(primal_dual, "DIRECT", 0)
+    monkeypatch.setattr(descent, "DIRECT", 0)
     found = on(PROBLEMS["one's own"](), 14)
     assert np.diff(found.mesh.s).min() < 1e-4
     crude = found.iterated(None, Stop())

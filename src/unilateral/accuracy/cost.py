@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from unilateral.accuracy.level import Goal, Level, refinement_pays
+from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.adapted import Adapted
 from unilateral.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.solvers.iterate import Stop
@@ -33,10 +33,9 @@ WITH_SHARP = Cost(0.02, 1.3e-4, SHARP)
 """As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
 
 
-def may_adapt(goal: Goal, stop: Stop, kind: str) -> bool:
+def may_adapt(stop: Stop, kind: str) -> bool:
     """Whether nothing is asked for that adapted meshes cannot give."""
-    asked_for = kind or goal.sharp or stop.algorithm != "auto" or stop.rho is not None
-    return goal.norm == "h1" and not asked_for
+    return not kind and stop.algorithm == "auto" and stop.rho is None
 
 
 @dataclass(frozen=True)
@@ -56,14 +55,13 @@ class Prospect:
         """Whether the next mesh is."""
         last = self.done[-1]
         of_adapted = isinstance(last.solved.discrete, Adapted)
-        return may_adapt(last.goal, self.stop, self.kind) and (of_adapted or refinement_pays(last))
+        return may_adapt(self.stop, self.kind) and (of_adapted or refinement_pays(last))
 
     @property
     def cost(self) -> Cost:
         goal = self.done[-1].goal
-        if self.adapted:
-            return ADAPTED
-        cost = UNIFORM if goal.norm == "h1" and wants_multigrid(self.stop, math.inf) else CONDENSED
+        by_multigrid = UNIFORM if wants_multigrid(self.stop, math.inf) else CONDENSED
+        cost = ADAPTED if self.adapted else by_multigrid
         return Cost(*(a + b for a, b in zip(cost, WITH_SHARP, strict=True))) if goal.sharp else cost
 
     @cached_property

@@ -18,7 +18,7 @@ from unilateral.accuracy.level import ENOUGH, SHARE, Goal, Level, least_unknowns
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds.source import enclosed
-from unilateral.choice import cheapest, condensed, levels_for
+from unilateral.choice import cheapest, levels_for
 from unilateral.discrete_solution import AIM, AnyDiscrete
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
@@ -62,7 +62,7 @@ def _uniform(
     polygon, made = problem.polygon, kind or natural_kind(problem.polygon)
     H: float | None = float(polygon.lengths.max())
     expected = least_unknowns(polygon, polygon.lengths.max() / 2)
-    graded = expected > ENOUGH and made == "unstructured" and may_adapt(goal, stop, kind)
+    graded = expected > ENOUGH and made == "unstructured" and may_adapt(stop, kind)
     if not graded and expected > goal.max_unknowns:
         raise _too_many(polygon, f"at least {expected:.2g}", goal)
     while H is not None:
@@ -73,11 +73,7 @@ def _uniform(
         if done:
             watch.expected = Prospect(done, stop, kind, watch.elapsed).seconds(mesh.n_nodes)
         watch.at("matrices", mesh.n_nodes)
-        discrete: AnyDiscrete
-        if goal.norm == "h1":
-            discrete = cheapest(problem, mesh, partition, stop)
-        else:
-            discrete = condensed(problem, mesh, partition)
+        discrete = cheapest(problem, mesh, partition, stop)
         watch.at(ENCLOSING)
         if discrete.source is None:
             discrete = replace(discrete, source=enclosed(mesh, problem))

@@ -19,6 +19,8 @@ from unilateral.problems.obstacle import ORDER, Obstacle
 
 PARTS = 8
 """Of an edge: intervals on which the sign of p - v is asked for."""
+PLACES = 8.0
+"""Units in the last place of the perimeter: by how much rounding moves places."""
 JUMP = 1e-13
 """Of |g|: by what it has to jump at a vertex."""
 
@@ -77,7 +79,8 @@ def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask
     p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
     slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
     rounding = np.zeros(len(lengths))
-    np.maximum.at(rounding, edge, ROUNDING * np.abs(p).max(axis=1))
+    moved = PLACES * np.spacing(mesh.polygon.perimeter) * np.abs(slope).max(axis=1)
+    np.maximum.at(rounding, edge, ROUNDING * np.abs(p).max(axis=1) + moved)
     return Constraint(
         mesh,
         unknowns,

@@ -72,7 +72,7 @@ def raised(
     there, as elsewhere, it is (p - v)_+; or the midpoint is raised above p. `stiffness` (nb,) are the
     squared norms of the midpoints' basis functions; see `missing` for the others.
     """
-    v = np.maximum(v, g.at_unknowns)
+    v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
     touching = contact[g.unknowns].all(axis=1) & ~g.jumps
     above, by = v.copy(), _bubbles(g, v)
     above[g.unknowns[:, 2]] += by

@@ -18,18 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import cg
 
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.fem.p1 import coupling, stiffness_and_mass
-from unilateral.fem.sparse import dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.solvers.primal_dual import DIRECT, SMOOTHING
+from unilateral.solvers.descent import Descent, rough_inverse
 
-ENOUGH = 1e-2
-"""Of its right-hand side: a residual with which ||w||_1 is within some 1e-3 of the least one."""
+ENOUGH = 1e-3
+"""Of ||w||_1^2: a step that takes off less is the last."""
 
 
 class Force(NamedTuple):
@@ -102,23 +100,15 @@ def _extensions(mesh: Mesh) -> Callable[[Array], float]:
     A = sp.csr_array(K + M)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     from_inside = A[inside]
-    solve = _solver(sp.csr_array(from_inside[:, inside]))
+    A_inside = sp.csr_array(from_inside[:, inside])
+    inverse = rough_inverse(A_inside)
 
     def norm(trace: Array) -> float:
         w = np.zeros(mesh.n_nodes)
         w[mesh.boundary] = trace
-        w[inside] = solve(-(from_inside @ w))
+        run = Descent(A_inside, -(from_inside @ w), w[inside], inverse)
+        while run.step() > ENOUGH * (w @ (A @ w)):
+            w[inside] = run.x
         return (1 + SUMS) * math.sqrt(float(w @ (A @ w)))
 
     return norm
-
-
-def _solver(A: sp.csr_array) -> Callable[[Array], Array]:
-    """Near the solution of a system; there may be no unknown at all."""
-    if A.shape[0] <= DIRECT:
-        return dissected(A).solve if A.shape[0] else np.copy
-    import pyamg  # whose import takes longer than small systems
-
-    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=SMOOTHING)
-    cycle = levels.aspreconditioner()
-    return lambda b: cg(A, b, rtol=ENOUGH, M=cycle)[0]

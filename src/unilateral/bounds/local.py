@@ -30,22 +30,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.constraint import constraint
-from unilateral.bounds.edge_flux import SUMS, EdgeFlux, check, edge_flux, in_contact
+from unilateral.arrays import Array
+from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.equilibrated import equilibrated
-from unilateral.bounds.feasible import Missing, missing, raised
-from unilateral.bounds.layer import Layer, layer, linear_squares
+from unilateral.bounds.layer import Layer
+from unilateral.bounds.lifting import lifting
+from unilateral.bounds.misfit import defects, misfit, root
+from unilateral.bounds.quadratic import linear_squares, slopes_at_nodes, squares
 from unilateral.bounds.source import Source
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
 from unilateral.problems.obstacle import Obstacle
-
-BLOCK = 8192
-"""Triangles at a time, whose numbers fit into a processor's cache."""
-ROUNDING = 2.0**-45
-"""Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
 
 
 @dataclass(frozen=True)
@@ -87,102 +82,48 @@ def local_bound(
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
     flux, held = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free])
-    q, of = equilibrated(mesh, u_h, source.moments, flux.ends), layer(mesh)
-    d, short = _lifted(of, obstacle, u_h, flux, held)
-    squares, residual, rounding = _defects(source, u_h, q)
-    added = of.function(short.added[mesh.boundary], np.zeros(len(mesh.boundary)))
-    of_d, of_added = _norms(of, *d), _norms(of, *added)
-    lifting = (1 + SUMS) * (_root(of_d) + short.norm + _root(of_added))
-    inside = squares + mesh.areas * residual**2
-    defect, slack = _root(inside) + rounding, 2 * short.product
-    of_u = (1 + SUMS) * math.sqrt(defect**2 + slack + lifting**2)
+    q, lift = equilibrated(mesh, u_h, source.moments, flux.ends), lifting(mesh, obstacle, u_h, flux, held)
+    *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(held)))
+    of, d = lift.of, lift.of.function(*of_boundary)
+    of_gradient, residual, rounding = defects(source, u_h, q)
+    of_d, of_added = of.norms(*d), lift.added(short)
+    more = short.norm + root(of_added)
+    distance = (1 + SUMS) * (root(of_d) + more)
+    inside = of_gradient + mesh.areas * residual**2
+    defect, slack = root(inside) + rounding, 2 * short.product
+    of_u = (1 + SUMS) * math.sqrt(defect**2 + slack + distance**2)
     moved = _of_feasible(of, u_h, q, inside, residual, *d)
-    eta = (1 + SUMS) * math.sqrt((_root(moved) + rounding + short.norm + _root(of_added)) ** 2 + slack)
+    eta = (1 + SUMS) * math.sqrt((root(moved) + rounding + more) ** 2 + slack)
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
     of_data = _of_data(source, u_h)
-    data = (1 + SUMS) * _root(of_data)
+    data = (1 + SUMS) * root(of_data)
     shares = inside + of_data
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack)
     return LocalBound(
         u=of_u + data,
-        lambda_=min(lifting + of_u, eta) + oscillation + data if np.any(held) else 0.0,
-        flux=_root(squares),
+        lambda_=min(distance + of_u, eta) + oscillation + data if np.any(held) else 0.0,
+        flux=root(of_gradient),
         residual=math.sqrt(mesh.areas @ residual**2),
-        lifting=lifting,
+        lifting=distance,
         data=data,
-        unknown=source.unknown + _root(of_added),
-        irreducible=_root(of_added) + (0.0 if source.resolved else source.unknown),
+        unknown=source.unknown + root(of_added),
+        irreducible=root(of_added) + (0.0 if source.resolved else source.unknown),
         shares=shares,
     )
 
 
-def _lifted(
-    of: Layer, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, held: Mask
-) -> tuple[tuple[Array, Array], Missing]:
-    """d but for what `missing` adds, and that; `held` (nb,) are the edges with g."""
-    nb, ends = len(held), u_h[of.mesh.boundary]
-    start, trace = np.arange(nb), np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1))])
-    unknowns = np.column_stack([start, (start + 1) % nb, nb + start])
-    g, triangle = constraint(obstacle, of.mesh, unknowns, 2 * nb, held), of.mesh.boundary_triangles
-    contact = in_contact(g, trace, flux.push)
-    v, touching = raised(g, trace, contact, triangle, flux.ends, of.bubble_squares())
-    d = of.function(v[:nb] - ends, v[nb:] - 0.5 * (v[:nb] + np.roll(v[:nb], -1)))
-    return d, missing(g, v, touching, triangle, flux.ends)
-
-
-def _norms(of: Layer, hats: Array, bubbles: Array) -> Array:
-    """(k,) the squares of the H1 norms of a function of the layer."""
-    return linear_squares(of.areas, of.gradients(hats, bubbles)) + of.squares(hats, bubbles)
-
-
-def _root(squares: Array) -> float:
-    return math.sqrt(float(squares.sum()))
-
-
 def _of_feasible(
-    of: Layer, u_h: Array, q: Array, squares: Array, residual: Array, hats: Array, bubbles: Array
+    of: Layer, u_h: Array, q: Array, inside: Array, residual: Array, hats: Array, bubbles: Array
 ) -> Array:
-    """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from their `squares` for u_h."""
+    """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`."""
     here = of.triangles
-    gradient = _misfit(of.mesh, u_h, q, here).transpose(2, 1, 0) + of.gradients(hats, bubbles)
-    found = squares.copy()
-    found[here] = linear_squares(of.areas, gradient) + of.squares(hats + residual[here, None], bubbles)
+    gradient = misfit(of.mesh, u_h, q, here) + slopes_at_nodes(of.slopes, hats, bubbles)
+    found = inside.copy()
+    found[here] = linear_squares(of.areas, gradient) + squares(of.areas, hats + residual[here, None], bubbles)
     return found
-
-
-def _misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:
-    """(2, 3, k) grad u_h - q at the nodes of those triangles.
-
-    At a node flow in through the edge to the next node and out through that from the node before determine q.
-    """
-    node = np.ascontiguousarray(mesh.triangles[of].T)
-    x, y = mesh.points[node].transpose(2, 0, 1)
-    e, f = (z[[2, 0, 1]] - z[[1, 2, 0]] for z in (x, y))
-    u, into, out = u_h[node], q[0][:, of], -q[1][:, of][[2, 0, 1]]
-    found = [
-        sign * np.sum(u * along, axis=0) + across[[1, 2, 0]] * into + across[[2, 0, 1]] * out
-        for sign, along, across in ((-1, f, e), (1, e, f))
-    ]
-    return np.stack(found) / (2 * mesh.areas[of])
-
-
-def _defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
-    """(m,) ||grad u_h - q||^2 and u_h - f~ - div q on each triangle, and what rounding adds to the norm."""
-    mesh, sizes = source.mesh, 0.0
-    squares, residual = np.empty((2, len(mesh.triangles)))
-    for begin in range(0, len(squares), BLOCK):
-        of = slice(begin, begin + BLOCK)
-        area, u, moments = mesh.areas[of], u_h[mesh.triangles[of]], source.moments[of]
-        squares[of] = linear_squares(area, _misfit(mesh, u_h, q, of).transpose(2, 1, 0))
-        flow = q[:, :, of].sum(axis=(0, 1))
-        residual[of] = u.mean(axis=1) + (0.5 * flow - moments.sum(axis=1)) / area
-        steep = mesh.longest_edges[of] / area
-        size = np.abs(u).max(axis=1) * (1 + steep) + np.abs(q[:, :, of]).sum(axis=(0, 1)) * (steep + 1 / area)
-        sizes += float(area @ (size + np.abs(moments).sum(axis=1) / area) ** 2)
-    return squares, residual, ROUNDING * math.sqrt(sizes)
 
 
 def _of_data(source: Source, u_h: Array) -> Array:

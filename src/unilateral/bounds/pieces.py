@@ -157,10 +157,6 @@ def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
     return data.source_model(x, y, steps)
 
 
-def _size(mesh: Mesh) -> float:
-    return float(np.abs(mesh.points).max())
-
-
 def _known(f: Model) -> Array:
     """(k,) a bound of |f - p|, in which the rounding of p is."""
     return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))

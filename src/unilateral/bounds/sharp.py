@@ -1,66 +1,72 @@
-"""The guaranteed total error of a discrete solution, by the hypercircle.
+"""The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
 
-For v in H^1 with v >= g and q in H(div) with q.n >= 0 on the boundary, q.n = 0 on its free sides,
+The bounds are for f_h, the linear part of f on each triangle, in place of f; see `source` for the rest. They
+begin with w of V_h, which is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting
+d of u_h as in `local`, where the proofs are.
 
-    ||u - v||_1^2 + ||q - grad u||^2 + ||f + div q - u||^2 + 2 <lambda, v - g> + 2 <q.n, u - g>
-        = ||grad v - q||^2 + ||v - f - div q||^2 + 2 <q.n, v - g>  =: eta^2;
+The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
+x_k, and the hats psi_k there, q gets theta r,
 
-nothing on the left is negative, so eta bounds ||u - v||_1 and, by the second and the third term,
-||lambda - q.n||_{-1/2}. Here v is of P2: the solution of (1.1) with v = g where (u_h, lambda_H) is in
-contact and dv/dn = 0 elsewhere, made feasible: v + w is what `feasible` gives for v, and ||w||_1 is added to
-the root of the squares. q is the best flux of RT1 whose q.n is the linear part of lambda_H on every edge, its
-slope limited so that q.n >= 0. For a lambda_H that jumps inside edges a bound of ||lambda_H - q.n||_{-1/2} is
-added.
+    r = sum_k p_k psi_k (x - x_k) / 3,     div r = p - mean p,     r.n = 0 on the edges,
+    theta = ||div r||_T^2 / (||div r||_T^2 + ||r||_T^2),
 
-This eta is of higher order than ||u - u_h||_1. With d = v - u_h and any extension d_0 of d's trace,
+since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
+0 there, but for what `balanced` leaves; on triangles larger than 1 it would cost more than it gains. With
+curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes of RT1 with
+that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w towards the
+solution of (1.1) with dv/dn = 0 elsewhere; at last it is made feasible. Both take
 
-    ||u - u_h||_1^2 = ||d||_1^2 + 2 (u - v, d)_1 + ||u - v||_1^2,
-    (u - v, d)_1 = (f, d) + <q.n, d> - (v, d)_1 + <lambda - q.n, d>,   <lambda - q.n, d> <= eta ||d_0||_1,
+    eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <q.n, v - g>
 
-so that the index tends to 1. Nothing is asked of u_h, neither orthogonality nor convergence.
+down without meeting: (grad v, curl phi) = 0, and the best v does not depend on q. They go by conjugate
+gradients, of which every iterate will do. With R, D, X and Y as in `local`, for this q,
 
-All this is for f_h, a linear function on each triangle (`source`), in place of f, with the solution u~,
-lambda~. The Riesz representatives r of f - f_h and m of lambda - lambda~ satisfy u - u~ = m + r and
-(m, m + r)_1 = <lambda - lambda~, u - u~> <= 0, so that neither ||u - u~||_1 nor ||lambda - lambda~||_{-1/2}
-exceeds ||r||_1, the norm of f - f_h in the dual of H^1; its bound is added to both.
+    Y <= eta,     X^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2.
 
-f and g enter by enclosures, never by samples. What rounding may have done to integrals is added.
+Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is asked of u_h
+and lambda_H. What rounding may have done to the sums over triangles is added.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.constraint import constraint
-from unilateral.bounds.edge_flux import SUMS, check, edge_flux, in_contact
-from unilateral.bounds.feasible import missing, raised
-from unilateral.bounds.hypercircle import Hypercircle
+from unilateral.bounds.balanced import balanced
+from unilateral.bounds.edge_flux import SUMS, check, edge_flux
+from unilateral.bounds.feasible import Missing
+from unilateral.bounds.lifting import Lifting, lifting
+from unilateral.bounds.misfit import ROUNDING, misfit, root
+from unilateral.bounds.quadratic import Quadratic, linear_squares, quadratic, squares
 from unilateral.bounds.source import Source
-from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
 from unilateral.problems.obstacle import Obstacle
+
+ENOUGH = 0.01
+"""Of eta^2: steps end when one of v and q together takes less than that, and the next one less still."""
+MOST_STEPS = 50
+"""Some 7 are enough: their number does not depend on the mesh."""
 
 
 @dataclass(frozen=True)
 class SharpBound:
     """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
 
-    `eta` is the hypercircle's; `distance` ||v - u_h||_1; `extension` ||w||_1; `data` what f - f_h can do at
-    most; `oscillation` bounds ||lambda_H - q.n||_{-1/2}. `unknown` is the part that would be 0 if f and g
-    were the polynomials by which they are enclosed; of that `irreducible` hardly falls on finer meshes.
+    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` is what f - f_h can do at most;
+    `oscillation` bounds ||lambda_H - q.n||_{-1/2}. `unknown` is the part that would be 0 if f and g were the
+    polynomials by which they are enclosed; of that `irreducible` hardly falls on finer meshes.
     """
 
     u: float
     lambda_: float
     eta: float
-    distance: float
-    extension: float
+    steps: int
+    lifting: float
     data: float
     oscillation: float
     unknown: float
@@ -68,7 +74,6 @@ class SharpBound:
 
 
 def sharp_bound(
-    spaces: Hypercircle,
     source: Source,
     obstacle: Obstacle,
     cells: Partition,
@@ -78,41 +83,123 @@ def sharp_bound(
 ) -> SharpBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
 
-    They are as sharp as (u_h, lambda_H) is near the discrete solution. `spaces` are those of the source's
-    mesh, which may serve any number of bounds. Raises InputError if the arrays do not fit the mesh and the
-    cells, or lambda_H is negative somewhere or not 0 on a free side.
+    They are as sharp as (u_h, lambda_H) is near the discrete solution. Raises InputError if the arrays do not
+    fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
-    mesh = spaces.mesh
-    if source.mesh is not mesh:
-        raise InputError(
-            "the source is enclosed on another mesh than that of the spaces; give both the same mesh"
-        )
+    mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
-    f, flux = spaces.linear(source.f_h), edge_flux(mesh, cells, lambda_H)
-    held = ~np.isin(mesh.side, [*free])
-    u, g = spaces.of_p1(u_h), constraint(obstacle, mesh, spaces.on_edges, spaces.p2.N, held)
-    contact = in_contact(g, u, flux.push)
-    stiffness, at_edges = spaces.A.diagonal()[spaces.on_edges[:, 2]], (spaces.triangle, flux.ends)
-    v, touching = raised(g, spaces.potential(f, contact, g.at_unknowns), contact, *at_edges, stiffness)
-    q, short = spaces.best_flux(f, flux.ends), missing(g, v, touching, *at_edges)
-    of_doubt = spaces.norm(spaces.of_p1(short.added))
-    extension, defect = short.norm + of_doubt, math.sqrt(spaces.defect(f, v, q))
-    defect += spaces.rounding(f, v, defect)
-    eta = (1 + SUMS) * math.sqrt((defect + extension) ** 2 + 2 * short.product)
-    d, of_v = v - u, eta + extension
-    distance, of_trace = (1 + SUMS) * spaces.norm(d), (1 + SUMS) * spaces.norm(spaces.extension(d, held))
-    residual = spaces.product(d, f.load + spaces.boundary_load(flux.ends), v)
-    product = min(residual + eta * of_trace, of_v * distance)
-    oscillation = oscillation_bound(mesh, spaces.triangle, flux.rest[:, None], flux.constant).item()
+    flux, held = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free])
+    spaces, lift = quadratic(mesh), lifting(mesh, obstacle, u_h, flux, held)
+    away = _away(spaces, source, u_h, flux.ends)
+    of_u = spaces.of_hats(u_h - away.w)
+    of_lifted, short = _lifted(lift, away, of_u)
+    of_v, phi, steps = _descended(lift, away, source.f_h, 2 * short.product)
+    away, (of_v, short_of_v) = away.turned(phi), _lifted(lift, away, of_v)
+    added, added_to_v = (root(lift.added(each)) for each in (short, short_of_v))
+    doubt = max(added, added_to_v)
+    distance = (1 + SUMS) * (spaces.norm(of_lifted - of_u) + short.norm + added)
+    eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
+    eta *= 1 + SUMS
+    squares = (1 + SUMS) ** 2 * (away.norm(of_u) ** 2 + 2 * short.product + distance**2)
+    oscillation = (1 + SUMS) * oscillation_bound(
+        mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
+    ).item()
     data = (1 + SUMS) * source.distance
+    of_lambda = min(distance + math.sqrt(squares), eta) + oscillation + data
     return SharpBound(
-        u=(1 + SUMS) * math.sqrt(max(distance**2 + 2 * product + of_v**2, 0.0)) + data,
-        lambda_=eta + (1 + SUMS) * oscillation + data if np.any(held) else 0.0,
+        u=math.sqrt(squares - max(distance - eta, 0.0) ** 2) + data,
+        lambda_=of_lambda if np.any(held) else 0.0,
         eta=eta,
-        distance=distance,
-        extension=extension,
+        steps=steps,
+        lifting=distance,
         data=data,
         oscillation=oscillation,
-        unknown=source.unknown + of_doubt,
-        irreducible=of_doubt + (0.0 if source.resolved else source.unknown),
+        unknown=source.unknown + doubt,
+        irreducible=doubt + (0.0 if source.resolved else source.unknown),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Away:
+    """What a flux q is away from w (n,) of V_h, for which it was made: functions of P2 are told by v - w.
+
+    grad w - q by its coefficients (m, 3, 2) of hats and bubbles, and w - f_h - div q by its values (m, 3);
+    `rounding` is what that may add to the root of a `square`.
+    """
+
+    spaces: Quadratic
+    w: Array
+    hats: Array
+    bubbles: Array
+    residual: Array
+    rounding: float
+
+    def turned(self, phi: Array) -> _Away:
+        """For q + curl phi, curl phi = (d_y phi, -d_x phi)."""
+        hats = self.hats + _turned(self.spaces.gradient(phi))
+        return replace(self, hats=hats, rounding=self.rounding + self._rounding(phi))
+
+    def square(self, d: Array) -> float:
+        """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d."""
+        areas, (hats, bubbles) = self.spaces.mesh.areas, self.spaces.coefficients(d)
+        of_gradient = squares(areas, self.hats + self.spaces.gradient(d), self.bubbles)
+        return float((of_gradient + squares(areas, hats + self.residual, bubbles)).sum())
+
+    def norm(self, d: Array) -> float:
+        """Its root, not below that without rounding."""
+        return math.sqrt(self.square(d)) + self.rounding + self._rounding(d)
+
+    def _rounding(self, d: Array) -> float:
+        """That of d and its gradient: a height of a triangle is twice its area over an edge."""
+        mesh, largest = self.spaces.mesh, np.abs(d[self.spaces.unknowns]).sum(axis=1)
+        sizes = largest * (1 + mesh.longest_edges / mesh.areas)
+        return ROUNDING * math.sqrt(float(mesh.areas @ sizes**2))
+
+
+def _turned(field: Array) -> Array:
+    """(m, 3, 2) by a right angle to the left."""
+    return np.stack([-field[..., 1], field[..., 0]], axis=2)
+
+
+def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
+    """For q.n = sigma (nb, 2), with theta r."""
+    mesh = spaces.mesh
+    w, q, residual, rounding = balanced(source, u_h, sigma)
+    p, x = w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
+    along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
+    of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
+    theta = _share(linear_squares(mesh.areas, rest), squares(mesh.areas, np.zeros_like(of_r), of_r))[:, None]
+    rounding += ROUNDING * math.sqrt(float(mesh.areas @ (mesh.longest_edges * np.abs(p).max(axis=1)) ** 2))
+    left = residual[:, None] + (1 - theta) * rest
+    return _Away(spaces, w, misfit(mesh, w, q, slice(None)), theta[..., None] * of_r, left, rounding)
+
+
+def _share(a: Array, b: Array) -> Array:
+    """a / (a + b), or 1."""
+    return np.divide(a, a + b, out=np.ones_like(a), where=a > 0)
+
+
+def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
+    """d (size,) with what makes w + d feasible, but for what is missing then."""
+    of = away.spaces.of_boundary
+    nodal, bubbles = np.split(d[of], 2)
+    *more, short = lift.lifted(away.w[away.spaces.mesh.boundary] + nodal, bubbles)
+    found = d.copy()
+    found[of] += np.concatenate(more)
+    return found, short
+
+
+def _descended(lift: Lifting, away: _Away, f_h: Array, slack: float) -> tuple[Array, Array, int]:
+    """d = v - w and phi (size,), and the steps; `slack` is nearly 2 <q.n, v - g>."""
+    spaces, w = away.spaces, away.spaces.of_hats(away.w)
+    d, everywhere = np.zeros(spaces.size), np.ones(len(spaces.of_boundary), dtype=bool)
+    d[spaces.of_boundary] = np.concatenate(lift.met(away.w[spaces.mesh.boundary]))
+    square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(everywhere)
+    field = spaces.load_of_gradients(_turned(away.hats), _turned(away.bubbles))
+    of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
+    of_v = spaces.descent(spaces.matrix(mass=1), spaces.load(f_h), w + d, free)
+    gain, steps = math.inf, 0
+    while gain > ENOUGH * square and steps < MOST_STEPS:
+        gain = of_v.step() + of_phi.step()
+        square, steps = square - gain, steps + 1
+    return d + free @ of_v.x, inner @ of_phi.x, steps

@@ -23,7 +23,6 @@ more steps make up for it. All this holds up to rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -31,17 +30,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.fem.sparse import dissected
+from unilateral.solvers.descent import solved
 
-DIRECT = 10_000
-"""Unknowns up to which a system is factorised."""
 ROUNDING = 1e-13
 """Of the largest |u|: a mean of g - u of that size is no violation."""
 AIM = 0.9
 """Of the tolerance: what the steps' own residuals are to be, which differ from R by rounding."""
-MOST_SETS, MOST_STEPS = 40, 200
-SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
-"""Of prolongations: the default one begins with random numbers."""
+MOST_SETS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +87,7 @@ class Settled:
 def settled(system: System, u: Array, active: Mask, tolerance: float) -> Settled:
     """From u (n,) and active cells (m,), until a set stays the same with a bound of at most the tolerance.
 
-    If rounding, MOST_SETS or MOST_STEPS end it before, the bound is larger.
+    If rounding, MOST_SETS or too many steps end it before, the bound is larger.
     """
     systems = steps = 0
     while True:
@@ -107,7 +102,7 @@ def settled(system: System, u: Array, active: Mask, tolerance: float) -> Settled
 
 def riesz(system: System, R: Array, tolerance: float) -> Array:
     """v (n,) with A v = R (n,), up to the tolerance."""
-    return _solved(system.A, R, np.zeros(len(R)), system.mass, tolerance)[0]
+    return solved(system.A, R, np.zeros(len(R)), system.mass, tolerance**2 / 4)[0]
 
 
 def _on(system: System, active: Mask, u: Array, tolerance: float) -> tuple[Array, Array, int]:
@@ -120,35 +115,8 @@ def _on(system: System, active: Mask, u: Array, tolerance: float) -> tuple[Array
     B = system.B[cells]
     T, shift = (chosen - rows @ B[:, free]).tocsr(), rows @ system.d[cells]
     rhs = T.T @ (system.load - system.A @ shift)
-    y, steps = _solved((T.T @ system.A @ T).tocsr(), rhs, u[free], system.mass[free], tolerance)
+    y, steps = solved((T.T @ system.A @ T).tocsr(), rhs, u[free], system.mass[free], tolerance**2 / 4)
     u = T @ y + shift
     lambda_H = np.zeros(m)
     lambda_H[cells] = (system.A[nodes] @ u - system.load[nodes]) / weights
     return u, lambda_H, steps
-
-
-def _solved(A: sp.csr_array, b: Array, x: Array, mass: Array, tolerance: float) -> tuple[Array, int]:
-    """x with A x = b, from x (n,), and the steps until the residual's dual norm is at most the tolerance."""
-    if len(b) <= DIRECT:
-        return dissected(A).solve(b), 1
-    import pyamg  # whose import takes longer than small systems
-
-    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=SMOOTHING)
-    return _descended(A, b, x, levels.aspreconditioner().matvec, tolerance**2 / 4, mass)
-
-
-def _descended(
-    A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array], least: float, mass: Array
-) -> tuple[Array, int]:
-    """Conjugate gradients from x until r . r / mass is at most that."""
-    r = b - A @ x
-    z = precondition(r)
-    p, rz, steps = z, float(r @ z), 0
-    while r @ (r / mass) > least and steps < MOST_STEPS and rz > 0:
-        A_p = A @ p
-        alpha = rz / float(p @ A_p)
-        x, r = x + alpha * p, r - alpha * A_p
-        z = precondition(r)
-        old, rz = rz, float(r @ z)
-        p, steps = z + rz / old * p, steps + 1
-    return x, steps

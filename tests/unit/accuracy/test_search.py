@@ -11,6 +11,7 @@ import pytest
 import sympy
 from conftest import DATA, load
 
+from unilateral import choice
 from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy.budget import wanted_H
 from unilateral.accuracy.level import SHARE, Goal, standing, unknowable
@@ -24,6 +25,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.nested import Nested
 from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import problem_file
@@ -389,14 +391,14 @@ def test_a_peak_at_a_declared_kink_is_seen(problem_of):
 
 
 def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
-    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 on equilateral triangles, for lambda."""
+    """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 on equilateral triangles."""
     said = r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"
     monkeypatch.setattr(of_levels, "two_edges_per_cell", None)
     angles = 2 * np.pi * np.arange(600) / 600
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
     wheel = replace(problem_of(f=-3, g="x/10"), polygon=polygon, g=(problem("triangle").g[0],) * 600)
     with pytest.raises(InputError, match=said):
-        next(levels(wheel, Goal(0.05, "hm12", max_unknowns=20_000)))
+        next(levels(wheel, Goal(0.05, max_unknowns=20_000), kind="unstructured"))
 
 
 @pytest.mark.parametrize("width", [20_000, 282_000])
@@ -472,3 +474,25 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     monkeypatch.setattr(of_levels, "Level", recorded)
     assert len(list(levels(load("natural"), Goal(0.2)))) == len(known) > 1
     assert all(known)
+
+
+def test_lambda_is_certified_on_adapted_meshes():
+    """At the re-entrant corner u is singular and lambda is not: on uniform meshes its bound is that of u."""
+    goal = Goal(0.1, "hm12", 4_000, sharp=True)
+    of = load("reentrant", "lshape")
+    found = [list(levels(of, goal, kind=kind))[-1] for kind in ("", "structured")]
+    assert [level.certified for level in found] == [True, False]
+    assert found[0].unknowns < found[1].unknowns
+    assert isinstance(found[0].solved.discrete, Adapted)
+
+
+def test_lambda_is_certified_by_multigrid(monkeypatch):
+    """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
+    monkeypatch.setattr(choice, "PAYS", 100)
+    of = load("natural")
+    last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
+    assert isinstance(last.solved.discrete, Nested)
+    assert last.certified
+    error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])
+    assert error.lower[0] <= last.total <= last.target
+    assert 0 < last.algebraic <= SHARE * last.target

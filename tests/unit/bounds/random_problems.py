@@ -133,7 +133,7 @@ def _room(polygon, side, at):
 
 
 def _size(rng):
-    return sympy.Integer(2) ** int(rng.choice([0, 0, 0, -6, -2, 2, 5, 10]))
+    return sympy.Integer(2) ** int(rng.choice([0, 0, 0, -4, -2, 2, 5, 10]))
 
 
 def laplacian(u):

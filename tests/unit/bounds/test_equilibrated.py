@@ -5,7 +5,7 @@ import pytest
 
 from unilateral.bounds import equilibrated as module
 from unilateral.bounds.equilibrated import equilibrated
-from unilateral.bounds.layer import linear_squares
+from unilateral.bounds.quadratic import linear_squares
 from unilateral.fem.p1 import gradients, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named

@@ -15,6 +15,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import cell_means
+from unilateral.solvers import descent
 
 SMOOTH = [(name, polygon) for name, polygon in CASES if name not in ("rough", "singular", "violates_jj")]
 """Whose lambda is integrated by quadrature up to rounding."""
@@ -81,9 +82,9 @@ def test_w_falls_with_the_distances():
 
 @pytest.mark.parametrize("iterated", [False, True])
 def test_its_norm_is_nearly_the_least(iterated, monkeypatch):
-    """Against a dense solve for the interior; the conjugate gradients stop within ENOUGH's 1e-3."""
+    """Against a dense solve for the interior; steps end where one takes off 1e-3 of the square."""
     if iterated:
-        monkeypatch.setattr(of_forces, "DIRECT", 0)
+        monkeypatch.setattr(descent, "DIRECT", 0)
     mesh = structured(square(), 1 / 16)
     trace = (mesh.side == 0).astype(float)
     A = sum(stiffness_and_mass(mesh)).toarray()

@@ -17,8 +17,8 @@ from test_sharp import (
     pair,
 )
 
-from unilateral.bounds import feasible, local
-from unilateral.bounds.layer import layer, linear_squares
+from unilateral.bounds import feasible, lifting, local, misfit
+from unilateral.bounds.layer import layer
 from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry import mesh as meshes
@@ -164,9 +164,21 @@ def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     of = pair("full_contact", 8, crude="zero")
     assert of.exceeded_by(local_bound(*of[:5]))
     nothing = feasible.Missing(*np.zeros((2, len(of.mesh.boundary))), np.zeros(of.mesh.n_nodes))
-    monkeypatch.setattr(local, "raised", lambda g, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool)))
-    monkeypatch.setattr(local, "missing", lambda *_: nothing)
+    monkeypatch.setattr(lifting, "raised", lambda g, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool)))
+    monkeypatch.setattr(lifting, "missing", lambda *_: nothing)
     assert not of.exceeded_by(local_bound(*of[:5]))
+
+
+def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
+    """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
+    of, own, seen = pair("natural", 16), lifting.missing, []
+    monkeypatch.setattr(lifting, "missing", lambda *given: seen.append(given[:3]) or own(*given))
+    local_bound(*of[:5])
+    g, v, touching = seen[0]
+    unknowns = np.unique(g.unknowns[touching])
+    assert np.all(v[unknowns] == g.at_unknowns[unknowns])
+    nodes = unknowns[unknowns < len(touching)]
+    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.at_unknowns[nodes]) > 1e-4
 
 
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(monkeypatch):
@@ -206,20 +218,12 @@ def test_functions_of_the_layer_are_those_of_P2(name):
     v[p2.facet_dofs[0, facets]] += bubble
 
     @skfem.Functional
-    def energy(w):
-        return dot(grad(w.of), grad(w.of))
+    def square(w):
+        return dot(grad(w.of), grad(w.of)) + w.of**2
 
-    @skfem.Functional
-    def mass(w):
-        return w.of**2
-
-    d = of.function(nodal, bubble)
-    found = linear_squares(of.areas, of.gradients(*d)).sum(), of.squares(*d).sum()
-    assert found == pytest.approx(
-        [part.assemble(p2, of=p2.interpolate(v)) for part in (energy, mass)], rel=1e-12
-    )
-    alone = [of.function(np.zeros(nb), each) for each in np.eye(nb)[:3]]
-    norms = [(linear_squares(of.areas, of.gradients(*d)) + of.squares(*d)).sum() for d in alone]
+    found = of.norms(*of.function(nodal, bubble)).sum()
+    assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
+    norms = [of.norms(*of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
     assert of.bubble_squares()[:3] == pytest.approx(norms, rel=1e-12)
 
 
@@ -228,7 +232,7 @@ def test_rounding_is_added():
     problem = Manufactured(square(), "1000000 + x", "1")
     mesh = structured(square(), 1 / 16)
     u_h = 1e6 + mesh.points[:, 0]
-    squares, residual, rounding = local._defects(
+    squares, residual, rounding = misfit.defects(
         enclosed(mesh, problem),
         u_h,
         local.equilibrated(mesh, u_h, enclosed(mesh, problem).moments, sigma(mesh)),
@@ -239,3 +243,23 @@ def test_rounding_is_added():
 def sigma(mesh):
     """q.n for q = (1, 0)."""
     return np.repeat(mesh.polygon.normals[mesh.side, 0], 2).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("depth", [30, 1000])
+def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
+    """g falls by `depth` on a side of length 0.0014. u_h = 0.99 is raised at its ends only, as for depth 1.
+
+    g is so steep there that places, rounded, move it by more than its own rounding.
+    """
+
+    def lifting(depth):
+        problem = problem_of(
+            polygon="[[0, 0], [1, 0], [1, 1], [1/1000, 1], [0, 999/1000]]",
+            f="1",
+            g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
+        )
+        mesh, cells = meshes.unstructured(problem.polygon, 0.5), partitions.uniform(problem.polygon, 1.0)
+        given = enclosed(mesh, problem), problem.enclosed_obstacle, cells
+        return local.local_bound(*given, np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)).lifting
+
+    assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)

@@ -856,9 +856,10 @@ def test_warnings_are_as_before_afterwards(run):
 
 
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
-    """289 unknowns take 0.3 MB, and by the sharp bound 6; control: with more there is one."""
-    monkeypatch.setattr("unilateral.cli.solve.available_mb", lambda: 1.0)
-    code, out, err = run("solve", "no_contact", *FINER, "--sharp")
-    assert (code, err) == (0, "unilateral: no guaranteed bound, for it takes about 6 MB, and 1 MB are free\n")
+    """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
+    monkeypatch.setattr("unilateral.cli.solve.available_mb", lambda: 2.0)
+    sizes = "--h", "1/32", "--H", "1/16"
+    code, out, err = run("solve", "no_contact", *sizes, "--sharp")
+    assert (code, err) == (0, "unilateral: no guaranteed bound, for it takes about 5 MB, and 2 MB are free\n")
     assert "guaranteed  " not in out
-    assert "guaranteed  " in run("solve", "no_contact", *FINER)[1]
+    assert "guaranteed  " in run("solve", "no_contact", *sizes)[1]

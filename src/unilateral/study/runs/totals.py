@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.bounds.hypercircle import hypercircle
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.sharp import sharp_bound
 from unilateral.bounds.source import enclosed
@@ -37,7 +36,7 @@ def totals(
     """
     condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
-    partition, B, spaces = partitions[k], coupling(mesh, partitions[k]), hypercircle(mesh)
+    partition, B = partitions[k], coupling(mesh, partitions[k])
     found = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
@@ -46,7 +45,7 @@ def totals(
         total[mesh.boundary] += B.T @ lambda_H
         f, g = enclosed(mesh, case), case.enclosed_obstacle
         given = f, g, partition, condensed.solve(total), lambda_H
-        sharp, cheap = sharp_bound(spaces, *given), local_bound(*given)
+        sharp, cheap = sharp_bound(*given), local_bound(*given)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u

@@ -50,7 +50,8 @@ def _rate(of: xr.Dataset) -> str:
         return str(verdict)
     pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
     suffix = "" if verdict == "holds" else f", **{verdict}**"
-    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({pairs} pairs){suffix}"
+    counted = "1 pair" if pairs == 1 else f"{pairs} pairs"
+    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({counted}){suffix}"
 
 
 FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {

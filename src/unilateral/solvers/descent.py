@@ -1,0 +1,63 @@
+"""Preconditioned conjugate gradients, one step at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+
+from unilateral.arrays import Array
+from unilateral.fem.sparse import dissected
+
+DIRECT = 10_000
+"""Unknowns up to which a matrix is factorised."""
+SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
+"""Of prolongations: the default one begins with random numbers."""
+MOST_STEPS = 200
+
+
+class Descent:
+    """x (n,) on its way to A^{-1} b for a positive definite A (n, n), and its residual r (n,).
+
+    `precondition` takes r to z, symmetric and positive definite; `rz` is r . z.
+    """
+
+    def __init__(self, A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array]) -> None:
+        self.A, self.x, self.precondition = A, x, precondition
+        self.r = b - A @ x
+        self.p = precondition(self.r)
+        self.rz = float(self.r @ self.p)
+
+    def step(self) -> float:
+        """What a step takes off x . A x - 2 b . x, which is least for A x = b."""
+        if not self.rz > 0:
+            return 0.0
+        A_p, old = self.A @ self.p, self.rz
+        alpha = old / float(self.p @ A_p)
+        self.x, self.r = self.x + alpha * self.p, self.r - alpha * A_p
+        z = self.precondition(self.r)
+        self.rz = float(self.r @ z)
+        self.p = z + self.rz / old * self.p
+        return alpha * old
+
+
+def rough_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
+    """A^{-1} (n, n) itself where that is cheap, else a symmetric cycle of algebraic multigrid."""
+    if A.shape[0] <= DIRECT:
+        return dissected(A).solve if A.shape[0] else np.copy
+    import pyamg  # whose import takes longer than small systems
+
+    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=SMOOTHING)
+    return levels.aspreconditioner().matvec  # type: ignore[no-any-return]
+
+
+def solved(A: sp.csr_array, b: Array, x: Array, mass: Array, least: float) -> tuple[Array, int]:
+    """x with A x = b, from x (n,), and the steps until sum r_i^2 / mass_i is at most `least`."""
+    if len(b) <= DIRECT:
+        return dissected(A).solve(b), 1
+    run, steps = Descent(A, b, x, rough_inverse(A)), 0
+    while run.r @ (run.r / mass) > least and steps < MOST_STEPS and run.rz > 0:
+        run.step()
+        steps += 1
+    return run.x, steps
