@@ -29,7 +29,7 @@ class Cost(NamedTuple):
 ADAPTED = Cost(0.02, 2.5e-5, 2800)
 UNIFORM = Cost(0.03, 8e-6, 1600)
 CONDENSED = Cost(0.03, 5e-5, SPARSE)
-WITH_SHARP = Cost(0.02, 1.3e-4, SHARP)
+WITH_SHARP = Cost(0.02, 2.2e-5, SHARP)
 """As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
 
 
