@@ -16,6 +16,7 @@ from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds import local, source
+from unilateral.bounds.forces import forces
 from unilateral.choice import condensed
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm
@@ -113,6 +114,37 @@ def _few_pieces(monkeypatch):
 )
 def test_no_bound_is_below_a_true_error(tmp_path, kind, number):
     assert not violations(made(kind, number, tmp_path), np.random.default_rng([17, number]))
+
+
+def forces_outside(of, rng, share=1.0):
+    """Over the boundary and each side: exact forces that do not lie between the numbers that are guaranteed.
+
+    The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
+    them. The `share` is of the bound of lambda.
+    """
+    wrong, free = [], of.problem.free_sides
+    for solved in solutions(of.problem, rng):
+        mesh = solved.discrete.mesh
+        parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
+        moments, bound = of.flux_moments(mesh), share * solved.bound().lambda_
+        off = 1e-6 * np.abs(moments).sum()  # as of the quadrature above
+        found = forces(mesh, solved.discrete.partition, solved.lambda_H, bound, parts, free)
+        for part, force in zip(parts, found, strict=True):
+            on = np.isin(mesh.side, part)
+            least, most = moments[on & np.roll(on, 1)].sum(), moments[on | np.roll(on, 1)].sum()
+            if force.upper < least - off or force.lower > most + off:
+                wrong.append((part, force, least, most))
+    return wrong
+
+
+@pytest.mark.parametrize("number", FORMULAS)
+def test_no_force_lies_outside(number):
+    assert not forces_outside(known(number), np.random.default_rng([19, number]))
+
+
+def test_a_force_outside_is_noticed():
+    """Control: without what the error adds, exact forces lie outside."""
+    assert forces_outside(known(4), np.random.default_rng([19, 4]), share=0.0)
 
 
 @pytest.mark.parametrize("number", SEARCHES)
