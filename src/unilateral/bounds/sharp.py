@@ -199,7 +199,7 @@ def _descended(lift: Lifting, away: _Away, f_h: Array, slack: float) -> tuple[Ar
     of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
     of_v = spaces.descent(spaces.matrix(mass=1), spaces.load(f_h), w + d, free)
     gain, steps = math.inf, 0
-    while gain > ENOUGH * square and steps < MOST_STEPS:
+    while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
         gain = of_v.step() + of_phi.step()
         square, steps = square - gain, steps + 1
     return d + free @ of_v.x, inner @ of_phi.x, steps

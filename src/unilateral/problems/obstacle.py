@@ -20,7 +20,7 @@ from unilateral.geometry.polygon import Polygon
 ObstacleModel = Callable[[Index, Model], Model]
 """g on intervals of the sides (k,), from the arc length in side lengths."""
 ORDER = 7
-SHARP = 1e-10
+SHARP = 1e-12
 """Of what g varies by above the least value that u can have: how far it may be from the polynomial."""
 FLOOR = 1e-13
 """Of |g| on a piece: its rounding, which no shorter piece takes away."""

@@ -252,15 +252,18 @@ def test_terms_that_cancel_are_no_reason_to_refuse(declared):
     [
         ("pos(1/4-(x-1/2)**2-y**2,1)", 100),
         ("x*pos(x-y-1/2,1)", 100),
-        ("exp(-3000*((x-3/10)**2+y**2))", 100),
+        ("exp(-3000*((x-3/10)**2+y**2))", 178),
         ('["-1+4*exp(-((x-31415/100000)*10**6)**2)", -1, -1, -1]', 150),
     ],
 )
 def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(declared, g, pieces):
-    """In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations."""
+    """To 1e-10 and better. The smooth one takes 100^(1/8) times the pieces that 1e-8 would take, of degree 7.
+
+    In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations.
+    """
     found = problem_file.load(declared(f=-1, g=g)).enclosed_obstacle
     assert len(found.side) <= pieces
-    assert found.doubt.max() <= (1e-7 if "10**6" in g else 1e-9)
+    assert found.doubt.max() <= (1e-7 if "10**6" in g else 1e-10)
 
 
 @pytest.mark.parametrize(
