@@ -9,11 +9,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from unilateral import discrete_solution
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
+from unilateral.contact import Contact
 from unilateral.errors import InputError
+from unilateral.evaluation import at_points
 from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import write
@@ -76,6 +81,35 @@ class Solution:
     def gap(self) -> Array:
         """(m,) the means of u_h - g on the cells; NaN on free sides."""
         return self.solved.gap
+
+    @cached_property
+    def contact(self) -> Contact:
+        """The cells with lambda_H > 0: their `intervals`, `lengths` on sides, `length`; `full` if all are."""
+        return Contact(self.partition, self.multiplier)
+
+    def u_at(self, points: ArrayLike) -> Array:
+        """(k,) u_h at the points (k, 2), NaN at those outside the polygon.
+
+        Raises InputError for another shape.
+        """
+        places = np.asarray(points, dtype=float)
+        if places.ndim != 2 or places.shape[1] != 2:
+            raise InputError(f"points: their shape {places.shape} must be (k, 2), a row for each point")
+        return at_points(self.mesh, self.u, places)
+
+    def lambda_at(self, side: int, t: ArrayLike) -> Array:
+        """lambda_H at the arc lengths t from the start of a side, in the shape of t; NaN beyond the side.
+
+        Where two cells meet it is that of the later one. Raises InputError for a side that is not there.
+        """
+        cells, polygon, s = self.partition, self.mesh.polygon, np.asarray(t, dtype=np.float64)
+        if not 0 <= side < polygon.n_sides:
+            raise InputError(f"side {side}: the sides of '{polygon.name}' are 0 to {polygon.n_sides - 1}")
+        of = np.flatnonzero(cells.side == side)
+        starts = cells.points[of] - polygon.starts[side]
+        on = (s >= 0) & (s <= polygon.lengths[side])
+        at = np.searchsorted(starts, np.where(on, s, 0.0), side="right") - 1
+        return np.where(on, self.multiplier[of[at]], math.nan)
 
     @property
     def iterations(self) -> float:

@@ -1,0 +1,64 @@
+"""Where a solution is in contact: the cells with lambda_H > 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.geometry.partition import Partition
+
+
+class Interval(NamedTuple):
+    """Of a side, between two arc lengths from the side's own start, at the places `first` and `last`."""
+
+    side: int
+    start: float
+    end: float
+    first: tuple[float, float]
+    last: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The contact set of lambda_H (m,), as far as the cells of the partition show it."""
+
+    partition: Partition
+    lambda_H: Array
+
+    @cached_property
+    def intervals(self) -> list[Interval]:
+        """The longest runs of cells with lambda_H > 0 on one side, in the order of the boundary."""
+        cells, (places, ends) = self.partition, self.partition.ends
+        of = np.where(self.lambda_H > 0, cells.side, -1)
+        begins = np.flatnonzero((of >= 0) & (np.append(-1, of[:-1]) != of))
+        lasts = np.flatnonzero((of >= 0) & (np.append(of[1:], -1) != of))
+        zero, sides = cells.polygon.starts[cells.side], cells.side.tolist()
+        start, end = cells.points[:-1] - zero, cells.points[1:] - zero
+        return [
+            Interval(sides[i], float(start[i]), float(end[k]), _pair(places[i]), _pair(ends[k]))
+            for i, k in zip(begins, lasts, strict=True)
+        ]
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(n,) of the contact on each side."""
+        cells = self.partition
+        held = np.where(self.lambda_H > 0, cells.lengths, 0.0)
+        return np.bincount(cells.side, held, cells.polygon.n_sides).astype(np.float64)
+
+    @property
+    def length(self) -> float:
+        return float(self.lengths.sum())
+
+    @property
+    def full(self) -> bool:
+        """Whether the whole boundary is in contact."""
+        return bool((self.lambda_H > 0).all())
+
+
+def _pair(place: Array) -> tuple[float, float]:
+    return float(place[0]), float(place[1])
