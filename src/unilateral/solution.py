@@ -7,19 +7,21 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral import discrete_solution
 from unilateral.accuracy.search import Search
+from unilateral.adapted import Adapted
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
+from unilateral.certificate import Bounds, record, steps, text
 from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
-from unilateral.files import replacing
+from unilateral.files import check_target, replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
@@ -32,22 +34,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Bounds(NamedTuple):
-    """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
-
-    `unknown` is the part of both that comes from how well f and g could be enclosed.
-    """
-
-    u: float
-    multiplier: float
-    unknown: float
-
-
 class Forces(NamedTuple):
     """Over the whole boundary, and over each of its sides."""
 
     whole: Force
     sides: list[Force]
+
+
+ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
+"""Of the files that `Solution.save` writes."""
+LONG_NAMES = {
+    "u": "u_h at the nodes",
+    "x": "x of the nodes",
+    "y": "y of the nodes",
+    "triangles": "nodes of the triangles, from 0",
+    "side": "side of the polygon, from 0",
+    "start": "arc length of the start of the cell",
+    "end": "arc length of the end of the cell",
+    "x_start": "x of the start of the cell",
+    "y_start": "y of the start of the cell",
+    "x_end": "x of the end of the cell",
+    "y_end": "y of the end of the cell",
+    "multiplier": "lambda_H on the cell",
+    "gap": "mean of u_h - g on the cell",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +124,7 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        levels = [level.solved for level in self.search.done] if self.search else [self.solved]
-        return sum(level.result.iterations for level in levels)
+        return steps(self.solved, self.search)
 
     @property
     def converged(self) -> bool:
@@ -184,41 +193,67 @@ class Solution:
             }
         )
 
+    def certificate(self) -> dict[str, Any]:
+        """What is known of the solution: the fields of docs/command-line.md.
+
+        The bounds are the sharp ones if an accuracy was asked for by them. Of a case the true errors are
+        there, too, but for that in H^{-1/2}.
+        """
+        sharp = self.search is not None and self.search.best.goal.sharp
+        return record(self.solved, self.search, self._bounds(sharp), self.true_errors(dual=False), sharp)
+
     def dataset(self) -> xr.Dataset:
-        """u_h on its mesh, and the columns of `cells`."""
+        """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
         import xarray as xr
 
-        return xr.Dataset(
+        columns = {name: ("cell", column.to_numpy()) for name, column in self.cells().items()}
+        found = xr.Dataset(
             {
-                "u": ("node", self.u, {"long_name": "u_h"}),
-                "x": ("node", self.mesh.points[:, 0]),
-                "y": ("node", self.mesh.points[:, 1]),
-                "triangles": (("triangle", "corner"), self.mesh.triangles),
-                **{name: ("cell", column.to_numpy()) for name, column in self.cells().items()},
+                "u": ("node", self.u),
+                "triangles": (("triangle", "corner"), self.mesh.triangles.astype(np.int32)),
+                **columns,
+                "side": ("cell", self.partition.side.astype(np.int32)),
             },
-            attrs={"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound},
+            {"x": ("node", self.mesh.points[:, 0]), "y": ("node", self.mesh.points[:, 1])},
+            attrs={
+                "Conventions": "CF-1.8",
+                "title": "Solution of a unilateral boundary problem",
+                "h": self.mesh.h,
+                "H": self.partition.H,
+                "algebraic_bound": self.solved.result.bound,
+            },
         )
+        for name, variable in found.variables.items():
+            variable.attrs = {"long_name": LONG_NAMES[str(name)], "units": "1"}
+            if name not in ("multiplier", "gap"):
+                variable.encoding["_FillValue"] = None
+        return found
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a file: .vtu with u_h on its mesh, .csv with the cells of the boundary, .nc with both.
+        """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
 
-        In .vtu the boundary edges carry the mean of lambda_H on each. Raises InputError for another ending.
+        .json has the `certificate`; .svg, .png and .pdf the picture. In .vtu the boundary edges carry the
+        mean of lambda_H on each. Raises InputError for another ending.
         """
-        ending = Path(path).suffix
-        if ending == ".vtu":
+        check_target(path, ENDINGS)
+        if Path(path).suffix == ".vtu":
             on_edges = self.partition.means(self.multiplier, self.mesh.s)
             write(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
-        elif ending == ".csv":
-            with replacing(path) as temporary:
+            return
+        with replacing(path) as temporary:
+            if temporary.suffix == ".csv":
                 self.cells().to_csv(temporary, index=False)
-        elif ending == ".nc":
-            with replacing(path) as temporary:
+            elif temporary.suffix == ".nc":
                 self.dataset().to_netcdf(temporary)
-        else:
-            raise InputError(f"{path}: the ending must be .vtu, .nc or .csv")
+            elif temporary.suffix == ".json":
+                temporary.write_text(text(self.certificate()) + "\n")
+            else:
+                from unilateral.plot import draw
+
+                draw(self.plot(), temporary)
 
     def plot(self) -> Figure:
-        """u_h on its mesh, and along the boundary lambda_H and the gap u_h - g."""
+        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
         from unilateral.plot import figure
 
-        return figure(self.mesh, self.u, self.partition, self.multiplier, self.gap)
+        return figure(self.mesh, self.u, self.contact, self.gap, isinstance(self.solved.discrete, Adapted))

@@ -1,6 +1,7 @@
 """The public face: its doctests, README's programs, problems of functions, own meshes, files and refusals."""
 
 import doctest
+import json
 import re
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from conftest import DATA, ROOT
 
 import unilateral as ul
 from unilateral import api
+from unilateral.adapted import Adapted
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
@@ -161,16 +163,59 @@ def test_files_hold_the_solution(tmp_path):
     with xr.open_dataset(tmp_path / "s.nc") as table:
         np.testing.assert_array_equal(table["u"], s.u)
         np.testing.assert_array_equal(table["triangles"], s.mesh.triangles)
-    with pytest.raises(ul.InputError, match=r"the ending must be \.vtu, \.nc or \.csv"):
+    with pytest.raises(ul.InputError, match=r"the ending must be \.vtu, \.csv, .* or \.pdf"):
         s.save(tmp_path / "s.txt")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["s.csv", "s.nc", "s.vtu"]
+
+
+def test_netcdf_follows_the_conventions(tmp_path):
+    """CF 1.8: Conventions and title, units, no _FillValue on coordinates; indices are of 32 bits."""
+    ul.solve(ul.case("natural"), **SIZES).save(tmp_path / "s.nc")
+    with xr.open_dataset(tmp_path / "s.nc") as table:
+        assert table.attrs["Conventions"] == "CF-1.8"
+        assert table.attrs["title"]
+        assert all(of.attrs["units"] == "1" and of.attrs["long_name"] for of in table.variables.values())
+        assert {*table.coords} == {"x", "y"}
+        assert not any("_FillValue" in of.encoding for of in table.coords.values())
+        assert {table[name].dtype for name in ("triangles", "side")} == {np.dtype("int32")}
+
+
+def test_the_certificate_is_a_file(tmp_path):
+    """As the solution says it; NaN, which JSON has not, is null; the problem has no known errors."""
+    problem = ul.Problem(SQUARE, f=-1, g="-x*y/2")
+    s, alone = ul.solve(problem, accuracy=0.3), ul.solve(problem, **SIZES)
+    s.save(tmp_path / "s.json")
+    found = json.loads((tmp_path / "s.json").read_text())
+    assert found["goal"] == {"accuracy": 0.3, "norm": "h1", "absolute": False}
+    assert found["certified"]
+    assert found["h1_relative_bound"] <= 0.3
+    assert [found["h1_bound"], found["hm12_bound"], found["enclosure"]] == [*s.bounds]
+    assert found["h1_error"] is None
+    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
+    assert found["contact"]["length"] == s.contact.length
+    assert found["versions"]["unilateral"] == ul.__version__
+    given = alone.certificate()
+    assert (given["goal"], given["certified"], given["levels"]) == (None, False, [])
+
+
+@pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
+def test_pictures_have_the_same_bytes_every_time(tmp_path, ending):
+    """And begin as their format does; the mesh is beside u_h where it is adapted."""
+    s = ul.solve(ul.case("reentrant"), accuracy=0.2)
+    for name in ("a", "b"):
+        s.save(tmp_path / f"{name}.{ending}")
+    one, other = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
+    assert one == other
+    assert one.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[ending])
+    of_mesh = [axes for axes in s.plot().axes if "triangles" in axes.get_title()]
+    assert len(of_mesh) == isinstance(s.solved.discrete, Adapted)
 
 
 def test_the_picture_shows_contact_and_gap():
     """The cells with lambda_H > 0 are drawn, and both steps along the boundary."""
     s = ul.solve(ul.case("natural"), **SIZES)
     top, bottom = s.plot().axes[:2]
-    assert len(top.lines) == np.count_nonzero(s.multiplier > 0)
+    assert len(top.collections[-1].get_segments()) == len(s.contact.intervals) == 4
     np.testing.assert_array_equal(bottom.patches[0].get_data().values, s.multiplier)
 
 

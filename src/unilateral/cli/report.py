@@ -12,8 +12,8 @@ import numpy as np
 from unilateral.accuracy.level import Level, refinement_pays, unknowable
 from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import Search
+from unilateral.certificate import Bounds
 from unilateral.cli.streams import as_options
-from unilateral.solution import Bounds
 from unilateral.solvers.uzawa import DualResult
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}

@@ -15,6 +15,7 @@ from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.certificate import Bounds
 from unilateral.choice import bound_mb
 from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, planned, table
 from unilateral.cli.streams import say, tell
@@ -25,7 +26,7 @@ from unilateral.norms.dual import Errors
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
-from unilateral.solution import Bounds, Solution
+from unilateral.solution import Solution
 from unilateral.solvers.iterate import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130

@@ -1,0 +1,112 @@
+"""What is known of a solution, as a record for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+from unilateral.accuracy.level import Level
+from unilateral.accuracy.search import Search
+from unilateral.adapted import Adapted
+from unilateral.contact import Contact
+from unilateral.discrete_solution import Solution
+from unilateral.norms.dual import Errors
+
+
+class Bounds(NamedTuple):
+    """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
+
+    `unknown` is the part of both that comes from how well f and g could be enclosed.
+    """
+
+    u: float
+    multiplier: float
+    unknown: float
+
+
+def record(
+    solved: Solution, search: Search | None, bounds: Bounds | None, errors: Errors | None, sharp: bool
+) -> dict[str, Any]:
+    """The fields of `solve --json`, but for forces and cost; NaN for what is unknown.
+
+    `bounds` are the `sharp` ones or the cheap ones.
+    """
+    discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
+    mesh, cells = discrete.mesh, discrete.partition
+    bound_u, bound_lambda, unknown = bounds or (math.nan,) * 3
+    size_u, size_lambda = (solved.size(norm, sharp) if bounds else math.nan for norm in ("h1", "hm12"))
+    return {
+        "problem": discrete.data.name if discrete.data else None,
+        "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
+        "certified": search is not None and search.certified,
+        "h": mesh.h,
+        "diameter": mesh.diameter,
+        "H": cells.H,
+        "adapted": isinstance(discrete, Adapted),
+        "triangles": len(mesh.triangles),
+        "unknowns": mesh.n_nodes,
+        "multipliers": len(discrete.cells),
+        "algorithm": result.algorithm,
+        "iterations": steps(solved, search),
+        "converged": bool(result.converged),
+        "algebraic_bound": result.bound,
+        "unique": bool(search) or discrete.unique,
+        "h1_error": errors.h1 if errors else math.nan,
+        "hm12_error_lower": errors.hm12_lower if errors else math.nan,
+        "hm12_error_upper": errors.hm12_upper if errors else math.nan,
+        "l2_error": errors.l2 if errors else math.nan,
+        "bounds": ("sharp" if sharp else "cheap") if bounds else None,
+        "h1_bound": bound_u,
+        "hm12_bound": bound_lambda,
+        "h1_relative_bound": bound_u / size_u if size_u > 0 else math.nan,
+        "hm12_relative_bound": bound_lambda / size_lambda if size_lambda > 0 else math.nan,
+        "enclosure": unknown,
+        "total_bound": bound_lambda if goal and goal.norm == "hm12" else bound_u,
+        "levels": [_level(level) for level in search.done] if search else [],
+        "contact": _contact(Contact(cells, solved.lambda_H)),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
+    }
+
+
+def steps(solved: Solution, search: Search | None) -> float:
+    """Of the algorithm, on all levels; NaN if it counts none."""
+    levels = [level.solved for level in search.done] if search else [solved]
+    return sum(level.result.iterations for level in levels)
+
+
+def text(found: dict[str, Any]) -> str:
+    """One JSON object, with null for what is no finite number."""
+    return json.dumps(_finite(found))
+
+
+def _level(level: Level) -> dict[str, float]:
+    return {
+        "h": level.solved.discrete.mesh.h,
+        "H": level.partition.H,
+        "unknowns": level.unknowns,
+        "multipliers": len(level.solved.discrete.cells),
+        "iterations": level.solved.result.iterations,
+        "total_bound": level.total,
+    }
+
+
+def _contact(contact: Contact) -> dict[str, Any]:
+    return {
+        "full": contact.full,
+        "length": contact.length,
+        "lengths": contact.lengths.tolist(),
+        "intervals": [each._asdict() for each in contact.intervals],
+    }
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
