@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import platform
 from dataclasses import asdict
 from importlib.metadata import version
@@ -14,6 +15,7 @@ from unilateral.accuracy.search import Search
 from unilateral.adapted import Adapted
 from unilateral.contact import Contact
 from unilateral.discrete_solution import Solution
+from unilateral.files import replacing
 from unilateral.norms.dual import Errors
 
 
@@ -82,6 +84,12 @@ def steps(solved: Solution, search: Search | None) -> float:
 def text(found: dict[str, Any]) -> str:
     """One JSON object, with null for what is no finite number."""
     return json.dumps(_finite(found))
+
+
+def write_text(found: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """The same as a file."""
+    with replacing(path) as temporary:
+        temporary.write_text(text(found) + "\n", encoding="utf-8")
 
 
 def _level(level: Level) -> dict[str, float]:

@@ -17,7 +17,7 @@ from unilateral.accuracy.search import Search
 from unilateral.adapted import Adapted
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
-from unilateral.certificate import Bounds, record, steps, text
+from unilateral.certificate import Bounds, record, steps, write_text
 from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
@@ -240,13 +240,14 @@ class Solution:
             on_edges = self.partition.means(self.multiplier, self.mesh.s)
             write(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
             return
+        if Path(path).suffix == ".json":
+            write_text(self.certificate(), path)
+            return
         with replacing(path) as temporary:
             if temporary.suffix == ".csv":
                 self.cells().to_csv(temporary, index=False)
             elif temporary.suffix == ".nc":
                 self.dataset().to_netcdf(temporary)
-            elif temporary.suffix == ".json":
-                temporary.write_text(text(self.certificate()) + "\n")
             else:
                 from unilateral.plot import draw
 

@@ -91,6 +91,14 @@ def _add_solve(solve: argparse.ArgumentParser) -> None:
     )
     solve.add_argument("--json", action="store_true", help="print one JSON object")
     solve.add_argument(
+        "-o",
+        "--output",
+        action="append",
+        metavar="FILE",
+        help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png or .pdf; may be repeated",
+    )
+    solve.add_argument("--out", metavar="FOLDER", help="the same in a folder, with all that is useful")
+    solve.add_argument(
         "--sharp",
         action="store_true",
         help="slower bounds, mostly nearer to the errors, above all of lambda",

@@ -14,10 +14,11 @@ from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import Search
 from unilateral.certificate import Bounds
 from unilateral.cli.streams import as_options
-from unilateral.solvers.uzawa import DualResult
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
+SIDES, INTERVALS = 12, 4
+"""Up to which forces are computed and contact is printed, and intervals of a side."""
 NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
 COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
@@ -27,17 +28,14 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(
-    found: dict[str, Any], result: DualResult, bounds: Bounds | None, as_json: bool, unique: bool = True
-) -> str:
-    """One JSON object with null for what is unknown, or rows for a reader."""
-    if as_json:
-        return json.dumps({key: None if _unknown(value) else value for key, value in found.items()})
+def table(found: dict[str, Any], bounds: Bounds | None) -> str:
+    """Rows for a reader."""
     steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
-    outcome = "converged" if result.converged else "NOT converged"
+    outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
+    algebraic = f"algebraic error <= {found['algebraic_bound']:.4e}, guaranteed{steps}"
     rows = {
         "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
-        f"{result.algorithm} {outcome}": f"algebraic error <= {result.bound:.4e}, guaranteed{steps}",
+        f"{found['algorithm']} {outcome}": algebraic,
     }
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique)
@@ -45,6 +43,7 @@ def table(
         rows["guaranteed"] = f"{ERROR['h1']} <= {bounds.u:.4e}, {ERROR['hm12']} <= {bounds.multiplier:.4e}"
         adds = f"f and g enclosed, which adds {bounds.unknown:.1e}"
         rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
+    rows |= _contact(found["contact"])
     for name, force in (found["forces"] or {}).items():
         between = f"between {force['lower']:.4e} and {force['upper']:.4e}"
         rows[f"force, {name.replace('_', ' ')}"] = f"{force['value']:.4e}, {between}"
@@ -52,6 +51,20 @@ def table(
         rows["lambda_H"] = NOT_UNIQUE
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
+
+
+def _contact(found: dict[str, Any]) -> dict[str, str]:
+    """The rows of the contact set: one, and one for each side in contact unless there are too many."""
+    if found["full"]:
+        return {"contact": f"the whole boundary, length {found['length']:.6g}"}
+    rows = {"contact": f"length {found['length']:.6g}" if found["intervals"] else "none"}
+    sides = sorted({each["side"] for each in found["intervals"]})
+    for side in sides if len(found["lengths"]) <= SIDES else ():
+        of = [each for each in found["intervals"] if each["side"] == side]
+        shown = ", ".join(f"{each['start']:.6g} to {each['end']:.6g}" for each in of[:INTERVALS])
+        more = f" and {len(of) - INTERVALS} more" if len(of) > INTERVALS else ""
+        rows[f"contact, side {side}"] = f"{shown}{more}; length {found['lengths'][side]:.6g}"
+    return rows
 
 
 def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:

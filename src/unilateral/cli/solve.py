@@ -15,29 +15,30 @@ from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
-from unilateral.certificate import Bounds
+from unilateral.certificate import record, text, write_text
 from unilateral.choice import bound_mb
-from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, planned, table
+from unilateral.cli.report import NOT_UNIQUE, SIDES, ending, head, level_head, level_line, planned, table
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import clear, watching
 from unilateral.errors import InputError
+from unilateral.files import check_target
 from unilateral.memory import available_mb, peak_mb
-from unilateral.norms.dual import Errors
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
-from unilateral.solution import Solution
+from unilateral.solution import ENDINGS, Solution
 from unilateral.solvers.iterate import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
 FEW = 512
 """Cells up to which the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
-SIDES = 12
-"""Up to which the forces are computed and printed."""
+KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
+"""The files of --out."""
 
 
 def run(options: argparse.Namespace) -> int:
     """Solve and report; the exit code."""
+    _targets(options)
     problem, watch = _problem(options), Watch(begin=options.begin)
     drawn = sys.stderr.isatty() and not options.json
     if options.accuracy is None:
@@ -85,26 +86,57 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn:
         bounds = None
     else:
         bounds = found.sharp_bounds if sharp else found.bounds
-    unique = bool(search) or found.solved.discrete.unique
     if search:
         _tell_faults(search)
         if not options.json:
             say(ending(search))
-    if not unique:
-        tell(f"lambda_H {NOT_UNIQUE}")
     dual = found.partition.n_cells <= FEW
     errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
     forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
     clear(drawn)
-    printed = _printed(found, bounds, errors) | {"forces": forces}
-    printed["seconds"] = watch.elapsed
-    printed["peak_mb"] = peak_mb()
+    printed = record(found.solved, search, bounds, errors, sharp) | {"forces": forces}
+    printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
+    if not printed["unique"]:
+        tell(f"lambda_H {NOT_UNIQUE}")
     if not options.json and not search:
         say(head(printed))
-    say(table(printed, found.solved.result, bounds, options.json, unique))
+    say(text(printed) if options.json else table(printed, bounds))
+    _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED
-    return 0 if printed["converged"] else NOT_CONVERGED
+    return 0 if (found.certified if search else found.converged) else NOT_CONVERGED
+
+
+def _targets(options: argparse.Namespace) -> list[Path]:
+    """The files that are asked for. The folder of --out is made.
+
+    Raises InputError for a file that cannot be written there.
+    """
+    files = [Path(name) for name in options.output or ()]
+    if (files or options.out) and options.dry_run:
+        raise InputError("a --dry-run has no solution that could be kept; leave -o and --out out")
+    for file in files:
+        check_target(file, ENDINGS)
+    if options.out is None:
+        return files
+    folder = Path(options.out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"argument --out: {folder} cannot be made: {error.strerror}") from error
+    inside = [folder / name for name in KEPT]
+    for file in inside:
+        check_target(file, ENDINGS)
+    return inside + files
+
+
+def _keep(found: Solution, options: argparse.Namespace, printed: dict[str, Any]) -> None:
+    """Writes the files; .json has what is printed by --json."""
+    for file in _targets(options):
+        if file.suffix == ".json":
+            write_text(printed, file)
+        else:
+            found.save(file)
 
 
 def _sharp(options: argparse.Namespace) -> bool:
@@ -166,27 +198,6 @@ def _tell_faults(search: Search) -> None:
     if len(search.believed) < len(search.done):
         withdrawn = len(search.done) - len(search.believed)
         tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
-
-
-def _printed(found: Solution, bounds: Bounds | None, errors: Errors | None) -> dict[str, Any]:
-    """What --json prints, but for the cost."""
-    discrete, search = found.solved.discrete, found.search
-    return {
-        "problem": discrete.data.name if discrete.data else None,
-        "h": found.mesh.h,
-        "diameter": found.mesh.diameter,
-        "H": found.partition.H,
-        "unknowns": found.mesh.n_nodes,
-        "multipliers": len(discrete.cells),
-        "iterations": found.iterations,
-        "converged": found.certified if search else found.converged,
-        "algebraic_bound": found.solved.result.bound,
-        "h1_error": errors.h1 if errors else math.nan,
-        "hm12_error_lower": errors.hm12_lower if errors else math.nan,
-        "hm12_error_upper": errors.hm12_upper if errors else math.nan,
-        "l2_error": errors.l2 if errors else math.nan,
-        "total_bound": (search.best.total if search else bounds.u) if bounds else math.nan,
-    }
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:

@@ -28,9 +28,11 @@ from unilateral.solution import Solution
 from unilateral.study.judge import claims
 
 KEYS = [  # of --json, in the documented order
-    *("problem", "h", "diameter", "H", "unknowns", "multipliers", "iterations", "converged"),
-    *("algebraic_bound", "h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "total_bound"),
-    *("forces", "seconds", "peak_mb"),
+    *("problem", "goal", "certified", "h", "diameter", "H", "adapted", "triangles", "unknowns"),
+    *("multipliers", "algorithm", "iterations", "converged", "algebraic_bound", "unique", "h1_error"),
+    *("hm12_error_lower", "hm12_error_upper", "l2_error", "bounds", "h1_bound", "hm12_bound"),
+    *("h1_relative_bound", "hm12_relative_bound", "enclosure", "total_bound", "levels", "contact"),
+    *("versions", "forces", "seconds", "peak_mb"),
 ]
 NOT_UNIQUE = "unilateral: lambda_H may not be unique, for beta = 0; take h < H, such as H = 2h\n"
 SIZES = ("--h", "1/8", "--H", "1/4")
@@ -147,7 +149,7 @@ def test_where_beta_is_0_the_multiplier_is_not_judged(run, solve_json):
     code, found, err = solve_json("natural", "--h", "1/8", "--H", "1/8")
     assert (code, err) == (0, NOT_UNIQUE)
     unknown = [key for key in KEYS if found[key] is None]
-    assert unknown == ["iterations", "hm12_error_lower", "hm12_error_upper", "l2_error"]
+    assert unknown == ["goal", "iterations", "hm12_error_lower", "hm12_error_upper", "l2_error"]
     assert found["h1_error"] == pytest.approx(of_data.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
     assert out.count("not judged, for beta = 0") == 2
@@ -230,7 +232,7 @@ def test_rho_and_tolerance_are_obeyed(solve_json):
 
 def test_an_accuracy_of_a_case(run, solve_json):
     code, found, err = solve_json("natural", "--accuracy", "1e-1")
-    assert (code, err, found["converged"]) == (0, "", True)
+    assert (code, err, found["certified"]) == (0, "", True)
     assert found["h1_error"] <= found["total_bound"] <= 0.5
     assert found["h"] == found["H"] / 2
     _, out, _ = run("solve", "natural", "--accuracy", "1e-1")
@@ -250,7 +252,7 @@ def test_an_absolute_accuracy(run, solve_json):
     """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
     arguments = ("natural", "--accuracy", "1.5", "--absolute")
     code, found, err = solve_json(*arguments)
-    assert (code, err, found["converged"]) == (0, "", True)
+    assert (code, err, found["certified"]) == (0, "", True)
     assert found["h1_error"] <= found["total_bound"] <= 1.5
     assert run("solve", *arguments)[1].startswith("natural: ||u - u_h||_1 <= 1.5\n")
 
@@ -273,10 +275,10 @@ def test_a_peak_that_hides_from_rules_is_not_certified_too_early(solve_json, pro
     """The best approximation of u on 9 nodes is 6.3e-4 away (an independent computation); lambda is 0."""
     file = problem_file_of(f=HIDDEN, g=0)
     code, found, _ = solve_json(file, "--accuracy", "1e-4", "--mesh", "structured")
-    assert (code, found["converged"]) == (0, True)
+    assert (code, found["certified"]) == (0, True)
     assert found["unknowns"] > 1000
     code, adapted, _ = solve_json(file, "--accuracy", "1e-4")
-    assert (code, adapted["converged"]) == (0, True)
+    assert (code, adapted["certified"]) == (0, True)
     assert 9 < adapted["unknowns"] < found["unknowns"]
     _, coarse, _ = solve_json(file, "--h", "1/2", "--H", "1")
     assert coarse["total_bound"] >= 6.3e-4
@@ -336,6 +338,60 @@ def test_given_sizes_of_a_problem(run, solve_json):
     assert "lambda_H||_0" not in out
 
 
+KEPT = {"solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg"}
+
+
+def test_a_solution_is_kept(solve_json, tmp_path):
+    """All files of a folder, which is made, and others by their endings; the certificate is what is told."""
+    folder, extra = tmp_path / "new/out", [tmp_path / name for name in ("a.csv", "b.png")]
+    named = [part for file in extra for part in ("-o", str(file))]
+    code, found, err = solve_json("natural", *SIZES, "--out", str(folder), *named)
+    assert (code, err) == (0, "")
+    assert {file.name for file in folder.iterdir()} == KEPT
+    assert {file.name for file in tmp_path.iterdir()} == {"new", "a.csv", "b.png"}
+    assert json.loads((folder / "certificate.json").read_text()) == found
+    assert (folder / "boundary.csv").read_bytes() == extra[0].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png or .pdf"),
+        (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
+        (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
+        (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
+        (("--dry-run", "--out", "new"), "a --dry-run has no solution that could be kept"),
+    ],
+)
+def test_what_cannot_be_kept_is_told_before_the_solve(run, tmp_path, monkeypatch, options, message):
+    """Nothing is solved, or it would fail."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("unilateral.cli.solve.api.solve", None)
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.vtu").mkdir()
+    sizes = ("--accuracy", "0.1") if "--dry-run" in options else SIZES
+    code, out, err = run("solve", "natural", *sizes, *options)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"unilateral: {message}")
+    assert err.count("\n") == 1
+    assert {file.name for file in tmp_path.iterdir()} == {"file", "folder.vtu"}
+
+
+def test_the_contact_is_printed(run, monkeypatch):
+    """natural: on half of side 0, up to a cell, and on all others; full_contact: everywhere."""
+    rows = dict(re.findall(r"^  (contact\S*(?: side .)?) +(.*)$", run("solve", "natural", *FINER)[1], re.M))
+    start, end = map(float, re.match(r"(\S+) to (\S+);", rows["contact, side 0"]).groups())
+    assert (start, end) == (pytest.approx(0.5, abs=1 / 8), 1)
+    assert rows["contact"] == f"length {4 - start:g}"
+    assert all(rows[f"contact, side {side}"] == "0 to 1; length 1" for side in (1, 2, 3))
+    out = run("solve", "full_contact", *SIZES)[1]
+    assert "  contact                     the whole boundary, length 4\n" in out
+    assert "contact, side" not in out
+    assert "  contact                     none\n" in run("solve", "no_contact", *SIZES)[1]
+    monkeypatch.setattr("unilateral.cli.report.SIDES", 3)
+    assert "contact, side" not in run("solve", "natural", *SIZES)[1]
+
+
 def test_the_forces_are_printed(run, solve_json, monkeypatch):
     """The integral of natural's lambda is 16, by quadrature of its polynomial; free sides have none."""
     _, found, _ = solve_json("natural", *FINER, "--sharp")
@@ -371,7 +427,7 @@ def test_a_budget_that_ends_is_code_3(run, solve_json, option, value):
     (needed,) = re.findall(r"; about (\S+) unknowns, \S+ s and \S+ MB would be enough\n", out)
     code, found, _ = solve_json(*arguments[:3], "--max-unknowns", "100")
     assert float(needed) > 1e4 > found["unknowns"]
-    assert (code, found["converged"]) == (3, False)
+    assert (code, found["certified"]) == (3, False)
     assert found["total_bound"] >= found["h1_error"]
 
 
@@ -405,7 +461,7 @@ def test_the_documented_problem_is_the_file_and_the_documented_commands_work(sol
     for program, *arguments in lines:
         assert program == "unilateral"
         code, found, err = solve_json(*arguments[1:])
-        assert (code, err, found["converged"]) == (0, "", True)
+        assert (code, err, found["certified"]) == (0, "", True)
         assert found["h1_error"] is None or found["h1_error"] <= found["total_bound"]
 
 
@@ -541,7 +597,7 @@ def test_a_refused_mesh_leaves_the_best_solution(run, solve_json, problem_file_o
     assert refusal in err
     assert re.search(r"NOT certified, the next level is refused: \|\|u - u_h\|\|_1 <= [0-9.]+e", out)
     code, found, _ = solve_json(file, "--accuracy", "1e-1")
-    assert (code, found["converged"]) == (3, False)
+    assert (code, found["certified"]) == (3, False)
     assert found["unknowns"] > 8
     assert run("solve", file, "--accuracy", "1e-1", "--max-unknowns", "3")[:2] == (2, "")
 
