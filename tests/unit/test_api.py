@@ -198,17 +198,30 @@ def test_the_certificate_is_a_file(tmp_path):
     assert (given["goal"], given["certified"], given["levels"]) == (None, False, [])
 
 
-@pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
-def test_pictures_have_the_same_bytes_every_time(tmp_path, ending):
-    """And begin as their format does; the mesh is beside u_h where it is adapted."""
+@pytest.fixture(scope="module")
+def adapted():
+    """At a re-entrant corner meshes are adapted."""
     s = ul.solve(ul.case("reentrant"), accuracy=0.2)
+    assert isinstance(s.solved.discrete, Adapted)
+    return s
+
+
+@pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
+def test_pictures_have_the_same_bytes_every_time(tmp_path, adapted, ending):
+    """And begin as their format does."""
     for name in ("a", "b"):
-        s.save(tmp_path / f"{name}.{ending}")
+        adapted.save(tmp_path / f"{name}.{ending}")
     one, other = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
     assert one == other
     assert one.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[ending])
-    of_mesh = [axes for axes in s.plot().axes if "triangles" in axes.get_title()]
-    assert len(of_mesh) == isinstance(s.solved.discrete, Adapted)
+
+
+def test_a_mesh_is_drawn_where_it_is_adapted(adapted):
+    """Its triangles are counted in a title; a uniform mesh is not drawn."""
+    titles = [axes.get_title() for axes in adapted.plot().axes]
+    assert f"the mesh: {len(adapted.mesh.triangles)} triangles" in titles
+    uniform = ul.solve(ul.case("natural"), **SIZES)
+    assert not any("mesh" in axes.get_title() for axes in uniform.plot().axes)
 
 
 def test_the_picture_shows_contact_and_gap():
