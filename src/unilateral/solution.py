@@ -15,11 +15,15 @@ from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
 from unilateral.errors import InputError
 from unilateral.files import replacing
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.problems.case import Case
+from unilateral.problems.units import Units
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
 class Bounds(NamedTuple):
     """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
+    With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, the other norm its dual.
     `unknown` is the part of both that comes from how well f and g could be enclosed.
     """
 
@@ -47,35 +52,41 @@ class Forces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for."""
+    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for.
+
+    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's `units`, on
+    the user's `polygon`.
+    """
 
     solved: discrete_solution.Solution
+    polygon: Polygon
+    units: Units
     search: Search | None = None
 
-    @property
+    @cached_property
     def mesh(self) -> Mesh:
         """`points` (n, 2) and `triangles` (k, 3)."""
-        return self.solved.discrete.mesh
+        return meshes.similar(self.solved.discrete.mesh, self.polygon)
 
-    @property
+    @cached_property
     def partition(self) -> Partition:
         """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
-        return self.solved.discrete.partition
+        return partitions.similar(self.solved.discrete.partition, self.polygon)
 
     @property
     def u(self) -> Array:
         """(n,) u_h at the nodes of the mesh."""
-        return self.solved.u_h
+        return self.units.value * self.solved.u_h
 
     @property
     def multiplier(self) -> Array:
-        """(m,) lambda_H, which approximates du/dn, on the cells of the partition; 0 on free sides."""
-        return self.solved.lambda_H
+        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides."""
+        return self.units.flux * self.solved.lambda_H
 
     @property
     def gap(self) -> Array:
         """(m,) the means of u_h - g on the cells; NaN on free sides."""
-        return self.solved.gap
+        return self.units.value * self.solved.gap
 
     @property
     def iterations(self) -> float:
@@ -130,8 +141,10 @@ class Solution:
         error = bounds.multiplier if bounds else math.inf
         parts = [[*sides], *([side] for side in sides)]
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
-        found = forces(self.mesh, self.partition, self.multiplier, error, parts, free)
-        return Forces(found[0], found[1:])
+        of = self.solved
+        found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
+        whole, *each = (Force(*(self.units.force * number for number in force)) for force in found)
+        return Forces(whole, each)
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""

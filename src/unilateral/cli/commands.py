@@ -72,6 +72,13 @@ def _parser() -> _Parser:
     claims.set_defaults(run=_claims)
     claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
     claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
+    init = commands.add_parser("init", help="write a commented problem file to begin with", **common)
+    init.set_defaults(run=_init)
+    init.add_argument("problem", metavar="FILE", help="a new file, such as my_problem.yaml")
+    check = commands.add_parser("check", help="show what is understood of a problem file", **common)
+    check.set_defaults(run=_check)
+    check.add_argument("problem", metavar="FILE", help="a YAML file that declares a problem")
+    check.add_argument("--out", metavar="PICTURE", help="draw it, too: a .svg, .png or .pdf file")
     solve = commands.add_parser("solve", help="solve one problem, with its errors", **common)
     solve.set_defaults(run=_solve)
     solve.add = _add_solve
@@ -212,6 +219,17 @@ def _claims(options: argparse.Namespace) -> int:
         found = claims.judge(results, [claims.find(options.claim)])
         print(claims.explanation(found[0]))
     return 0 if all(each.holds for each in found) else CLAIM_FAILS
+
+
+def _init(options: argparse.Namespace) -> int:
+    load("unilateral.cli.own").init(options.problem)
+    say(f"{options.problem} is written; edit it, then: unilateral check {options.problem}")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    say(load("unilateral.cli.own").check(options.problem, options.out))
+    return 0
 
 
 def _solve(options: argparse.Namespace) -> int:

@@ -16,7 +16,16 @@ from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.choice import bound_mb
-from unilateral.cli.report import NOT_UNIQUE, ending, head, level_head, level_line, planned, table
+from unilateral.cli.report import (
+    NORMS_WITH_COEFFICIENTS,
+    NOT_UNIQUE,
+    ending,
+    head,
+    level_head,
+    level_line,
+    planned,
+    table,
+)
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import clear, watching
 from unilateral.errors import InputError
@@ -25,6 +34,7 @@ from unilateral.norms.dual import Errors
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
+from unilateral.problems.scaled import units_of
 from unilateral.solution import Bounds, Solution
 from unilateral.solvers.iterate import Stop
 
@@ -70,7 +80,7 @@ def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, 
         sharp=_sharp(options),
         absolute=bool(options.absolute),
         dry_run=bool(options.dry_run),
-        tell=None if options.json else _told(problem.name, drawn),
+        tell=None if options.json else _told(problem, drawn),
         watch=watch,
     )
 
@@ -100,6 +110,8 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn:
     printed["peak_mb"] = peak_mb()
     if not options.json and not search:
         say(head(printed))
+    if not (options.json or found.units.trivial):
+        say(f"  {NORMS_WITH_COEFFICIENTS}")
     say(table(printed, found.solved.result, bounds, options.json, unique))
     if watch.asked:
         return INTERRUPTED
@@ -146,14 +158,14 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return api.mesh(given, problem.polygon)
 
 
-def _told(name: str, drawn: bool) -> Callable[[Level], None]:
+def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
     """Prints each level when it is done, the first one below what is wanted, where a bar was drawn."""
-    first = True
+    first, length = True, units_of(problem).length
 
     def one(level: Level) -> None:
         nonlocal first
         clear(drawn)
-        say(level_head(name, level) if first else level_line(level))
+        say(level_head(problem.name, level, length) if first else level_line(level, length))
         first = False
 
     return one

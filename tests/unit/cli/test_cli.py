@@ -840,7 +840,7 @@ def test_a_failure_in_code_without_a_file_is_told(run, monkeypatch):
     assert err.endswith("ArithmeticError: no number (<lambdifygenerated-1>, line 2)\n")
 
 
-@pytest.mark.parametrize("command", [(), ("cases",), ("claims",), ("solve",)], ids=str)
+@pytest.mark.parametrize("command", [(), ("cases",), ("claims",), ("init",), ("check",), ("solve",)], ids=str)
 def test_help_lists_the_exit_codes(run, command):
     """Those of the docstring."""
     code, out, err = run(*command, "--help")
