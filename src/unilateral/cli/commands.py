@@ -78,7 +78,22 @@ def _parser() -> _Parser:
     export = commands.add_parser("export", help="write a case as files for another solver", **common)
     export.set_defaults(run=lambda options: load("unilateral.cli.exchange").export(options))
     export.add = _add_export
+    score = commands.add_parser("score", help="judge another solver's solutions of such files", **common)
+    score.set_defaults(run=lambda options: load("unilateral.cli.exchange").score(options))
+    score.add = _add_score
     return parser
+
+
+def _add_score(score: argparse.ArgumentParser) -> None:
+    score.add_argument("folder", metavar="DIR", help="what `unilateral export` wrote")
+    score.add_argument("solutions", metavar="SOLUTION", nargs="+", help="a file for each level")
+    score.add_argument(
+        "--multiplier",
+        metavar="FILE",
+        nargs="+",
+        help="CSV files of start, end, multiplier, one per solution",
+    )
+    score.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def _add_export(export: argparse.ArgumentParser) -> None:
