@@ -82,7 +82,34 @@ def _parser() -> _Parser:
     solve = commands.add_parser("solve", help="solve one problem, with its errors", **common)
     solve.set_defaults(run=_solve)
     solve.add = _add_solve
+    export = commands.add_parser("export", help="write a case as files for another solver", **common)
+    export.set_defaults(run=lambda options: load("unilateral.cli.exchange").export(options))
+    export.add = _add_export
+    score = commands.add_parser("score", help="judge another solver's solutions of such files", **common)
+    score.set_defaults(run=lambda options: load("unilateral.cli.exchange").score(options))
+    score.add = _add_score
     return parser
+
+
+def _add_score(score: argparse.ArgumentParser) -> None:
+    score.add_argument("folder", metavar="DIR", help="what `unilateral export` wrote")
+    score.add_argument("solutions", metavar="SOLUTION", nargs="+", help="a file for each level")
+    score.add_argument(
+        "--multiplier",
+        metavar="FILE",
+        nargs="+",
+        help="CSV files of start, end, multiplier, one per solution",
+    )
+    score.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_export(export: argparse.ArgumentParser) -> None:
+    export.add_argument("case", metavar="CASE", help="a case's name, or a YAML file that declares a case")
+    export.add_argument("--h", type=_positive, help="mesh size on the boundary, on the finest level")
+    export.add_argument("--H", type=_positive, required=True, help="size of the cells, on the finest level")
+    export.add_argument("--levels", type=_count, default=1, help="each halves h and H (default 1)")
+    export.add_argument("--mesh", metavar="FILE", help="of your own, the coarsest level, in place of --h")
+    export.add_argument("--out", metavar="DIR", required=True, help="a folder that is not there yet")
 
 
 def _add_solve(solve: argparse.ArgumentParser) -> None:
