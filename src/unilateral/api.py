@@ -184,6 +184,10 @@ def solve(
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
+    if mesh == "structured" and units_of(problem).length != 1:
+        raise InputError(
+            f"'{problem.name}': with k and c an accuracy takes unstructured meshes; leave 'structured' out"
+        )
     if norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < math.inf:

@@ -123,6 +123,15 @@ def test_an_accuracy_is_relative_to_the_energy_norm():
         ul.solve(ul.Problem([(1e-9 * x, 1e-9 * y) for x, y in UNIT], f=1, g=0), h=1e-10, H=2e-10)
 
 
+def test_structured_meshes_are_for_given_sizes():
+    """On the user's own whole coordinates; the scaled square has none, so no accuracy finds such a mesh."""
+    problem = ul.Problem(UNIT, f="x - 1", g=0, k=4)
+    found = ul.solve(problem, h=1 / 8, H=1 / 4, mesh="structured")
+    assert found.mesh.n_nodes == 9**2
+    with pytest.raises(ul.InputError, match="with k and c an accuracy takes unstructured meshes"):
+        ul.solve(problem, accuracy=0.1, mesh="structured")
+
+
 def test_multigrid_has_the_levels_of_the_user_s_mesh():
     """The discrete solution is one, whatever finds it."""
     problem = ul.Problem([(0, 0), (SIDE, 0), (0, SIDE)], f="3e5*x - 100", g="-x", k=2, c="300000")
