@@ -266,6 +266,13 @@ def test_what_cannot_be_scored_is_one_error(folder, tmp_path, capsys, what, mess
     assert f"{tmp_path / 'u.csv'}: {message}" in error or message in error
 
 
+def test_a_file_without_multipliers_is_named(folder, tmp_path, capsys):
+    own(*FINEST).save(tmp_path / "u.vtu")
+    cells = str(folder / "level_2/partition.csv")
+    assert main(["score", str(folder), str(tmp_path / "u.vtu"), "--multiplier", cells]) == 2
+    assert "the columns start, end and multiplier are needed" in capsys.readouterr().err
+
+
 def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys):
     own(*FINEST).save(tmp_path / "own.nc")
     with xr.open_dataset(tmp_path / "own.nc") as found:
