@@ -15,8 +15,9 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.discrete import Discrete, discretise, solve
+from unilateral.discrete_solution import Solution
 from unilateral.exchange.read import Foreign
-from unilateral.exchange.trace import Trace
+from unilateral.exchange.trace import Trace, constant
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import dual_operator
 from unilateral.norms.dual import Errors
@@ -28,7 +29,7 @@ FACTOR = 0.1
 SHARE = 0.5
 """Of this project's error on the same level: what a residual may have."""
 ROUNDING = 1e-10
-"""Of the residual at lambda = 0: as far as a small problem is solved."""
+"""Of what the numbers are made of: a problem is solved so far, and an error below it is 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +57,9 @@ def residual(discrete: Discrete, u: Array) -> Residual:
     return Residual(discrete, math.sqrt(max(float(square), 0.0)), r[boundary])
 
 
-def faults(case: Case, given: Foreign, discrete: Discrete, own: Errors) -> list[str]:
-    """What is wrong with a solution, beside this project's `own` errors on the same level."""
-    exact = case.value_and_gradient(given.level.mesh.points)[0]
-    found = list(_factor("u", np.ones(len(exact)), exact, given.u))
+def faults(case: Case, given: Foreign, discrete: Discrete, solved: Solution, own: Errors) -> list[str]:
+    """What is wrong with a solution, beside this project's, `solved`, and its `own` errors on the level."""
+    found = list(_factor("u", np.ones(len(given.u)), solved.u_h, given.u))
     of = residual(discrete, given.u)
     if not found and of.inside > SHARE * own.h1:
         found.append(
@@ -67,27 +67,31 @@ def faults(case: Case, given: Foreign, discrete: Discrete, own: Errors) -> list[
             "stopped too early, or the load is another one"
         )
     if given.multiplier is not None:
-        found += _of_multiplier(case, given.multiplier, of, own, sound=not found)
+        own_mu = constant(given.level.cells, solved.lambda_H)
+        seen = not any(_factor("lambda_H", *own_mu.beside(case)))
+        found += _of_multiplier(case, given.multiplier, of, own, seen, sound=not found)
     return found
 
 
-def _factor(name: str, weight: Array, exact: Array, found: Array) -> Iterator[str]:
-    """Wrong sign or scale: by the factor with which `found` is nearest to the exact values."""
+def _factor(name: str, weight: Array, right: Array, found: Array) -> Iterator[str]:
+    """Wrong sign or scale: by the factor with which `found` is nearest to the right values."""
     square = weight @ found**2
-    if square == 0 or weight @ exact**2 == 0:
+    if square == 0 or weight @ right**2 == 0:
         return
-    c = float(weight @ (exact * found) / square)
-    before, after = (weight @ (exact - factor * found) ** 2 for factor in (1.0, c))
+    c = float(weight @ (right * found) / square)
+    before, after = (weight @ (right - factor * found) ** 2 for factor in (1.0, c))
     if abs(c - 1) > FACTOR and after < before / 4:
         fault = "sign" if c < 0 else "scale"
         yield f"{name} has the wrong {fault}: {c:.3g} times it would fit best"
 
 
-def _of_multiplier(case: Case, mu: Trace, of: Residual, own: Errors, sound: bool) -> Iterator[str]:
-    """`sound`: nothing is wrong with u, so that the equation can be held against mu."""
-    scaled = list(_factor("the multiplier", *mu.beside(case)))
+def _of_multiplier(
+    case: Case, mu: Trace, of: Residual, own: Errors, seen: bool, sound: bool
+) -> Iterator[str]:
+    """`seen`: the level is fine enough for lambda_H to fit lambda; `sound`: nothing is wrong with u."""
+    scaled = list(_factor("the multiplier", *mu.beside(case))) if seen else []
     yield from scaled
-    if not scaled and mu.nodal is None and _square(mu.reversed(), case) < _square(mu, case) / 4:
+    if seen and not scaled and mu.nodal is None and _square(mu.reversed(), case) < _square(mu, case) / 4:
         yield "the multiplier's cells are numbered clockwise; arc length runs anticlockwise"
     elif not scaled and sound:
         yield from _of_equation(case, mu, of, own)
@@ -100,7 +104,7 @@ def _square(mu: Trace, case: Case) -> float:
 
 def _of_equation(case: Case, mu: Trace, of: Residual, own: Errors) -> Iterator[str]:
     """Whether mu is what u's equation has on the boundary, and both solve their discrete problem."""
-    allowed = SHARE * (own.hm12_lower if own.hm12_lower > 0 else own.h1)
+    allowed = SHARE * (own.hm12_lower if own.hm12_lower > ROUNDING * own.h1 else own.h1)
     misfit = of.norm(of.boundary - mu.load(of.discrete.mesh))
     if misfit > allowed:
         masses = boundary_mass(of.discrete.mesh).sum(axis=1)

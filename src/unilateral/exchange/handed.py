@@ -60,7 +60,7 @@ def _of_columns(columns: Mapping[str, Any]) -> Handed:
         if name in columns
     }
     cells = None
-    if "start" in found and "end" in found:
+    if {"start", "end", "multiplier"} <= set(found):
         cells = found["start"], found["end"], found.pop("multiplier")
     if "x" not in found or "y" not in found:
         return Handed(None, {}, cells)

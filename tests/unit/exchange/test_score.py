@@ -134,6 +134,16 @@ def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(scored):
         assert one.faults == []
 
 
+@pytest.mark.parametrize("name", ["no_contact", "thirds", "violates_jj"])
+def test_nothing_is_wrong_on_a_mesh_that_is_too_coarse(name, tmp_path):
+    """Errors of 100 % and more, and errors that are 0, are no faults of a converged solution."""
+    out = str(tmp_path / name)
+    assert main(["export", name, "--h", "1/4", "--H", "1/2", "--out", out]) == 0
+    case, levels = exported(out)
+    Solution(solve(discrete(name, 4, 2))).save(tmp_path / "own.nc")
+    assert score(case, foreign(levels, str(tmp_path / "own.nc"))).faults == []
+
+
 def test_u_alone_is_scored(scored):
     one = scored(own(*FINEST).u)
     assert (one.given.kind, one.faults) == ("none", [])
@@ -254,6 +264,13 @@ def test_what_cannot_be_scored_is_one_error(folder, tmp_path, capsys, what, mess
     out, error = capsys.readouterr()
     assert (out, error.count("\n")) == ("", 1)
     assert f"{tmp_path / 'u.csv'}: {message}" in error or message in error
+
+
+def test_a_file_without_multipliers_is_named(folder, tmp_path, capsys):
+    own(*FINEST).save(tmp_path / "u.vtu")
+    cells = str(folder / "level_2/partition.csv")
+    assert main(["score", str(folder), str(tmp_path / "u.vtu"), "--multiplier", cells]) == 2
+    assert "the columns start, end and multiplier are needed" in capsys.readouterr().err
 
 
 def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys):
