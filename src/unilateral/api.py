@@ -25,6 +25,7 @@ from unilateral.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition, uniform
@@ -37,10 +38,13 @@ from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify, with_free_sides
 from unilateral.problems.sampled import Function, Sampled
+from unilateral.problems.scaled import scaled, units_of
 from unilateral.solution import Solution
 from unilateral.solvers.iterate import Stop
 
 Formula = str | float
+Coefficient = str | float
+"""A number, or one that is written exactly, such as "1/3"."""
 Given = Formula | Function | None
 AnyProblem = Case | problems.Problem | Sampled
 KINDS = {"structured": structured, "unstructured": meshes.unstructured}
@@ -83,8 +87,14 @@ def Problem(
     g: Given | Sequence[Given],
     free_sides: Sequence[int] = (),
     name: str = "problem",
+    *,
+    k: Coefficient = 1,
+    c: Coefficient = 1,
 ) -> problems.Problem | Sampled:
     """A problem of one's own: (1.1)-(1.2), with du/dn = 0 in place of (1.2) on the free sides.
+
+    With k and c it is -k lap u + c u = f, u >= g, k du/dn >= 0, (u - g) k du/dn = 0, and the errors are
+    measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, and g for all
     sides or one per side (None on a free one), are formulas in x and y, as in a problem file, or functions of
@@ -101,18 +111,18 @@ def Problem(
         vertices = np.asarray(polygon.vertices if isinstance(polygon, Polygon) else polygon, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}, field polygon: its vertices have to be pairs of numbers") from error
+    common = {"polygon": vertices.tolist(), "free_sides": list(free_sides), "k": k, "c": c}
     if not (callable(f) or any(map(callable, several))):
-        fields = {"polygon": vertices.tolist(), "f": f, "g": per_side, "free_sides": list(free_sides)}
-        return problem_file.made(fields, name)
+        return problem_file.made(common | {"f": f, "g": per_side}, name)
     domain = Polygon(vertices, name)
     of_sides = several if isinstance(per_side, list) else several * domain.n_sides
     # The same checks of shapes and sides as for formulas, with 0 in place of the functions.
     dummies = [None if each is None else 0 for each in of_sides]
-    problem_file.made(
-        {"polygon": vertices.tolist(), "f": 0, "g": dummies, "free_sides": list(free_sides)}, name
-    )
+    checked = problem_file.made(common | {"f": 0, "g": dummies}, name)
     functions = tuple(_function(each, f"{name}, field g[{i}]") for i, each in enumerate(of_sides))
-    return Sampled(name, domain, _function(f, f"{name}, field f"), functions, tuple(sorted(free_sides)))
+    return Sampled(
+        name, domain, _function(f, f"{name}, field f"), functions, checked.free_sides, checked.units
+    )
 
 
 def _function(given: Given, where: str) -> Function:
@@ -166,12 +176,18 @@ def solve(
         raise InputError(f"the mesh '{mesh}' is neither a mesh nor one of {', '.join(KINDS)}")
     if accuracy is None:
         stop = stop or Stop()
-        found = cheapest(problem, *_sizes(problem, h, H, mesh, stop), stop)
-        return Solution(found.solved(stop))
+        own_mesh, cells = _sizes(problem, h, H, mesh, stop)
+        data = scaled(problem)
+        on = meshes.similar(own_mesh, data.polygon), partitions.similar(cells, data.polygon)
+        return Solution(cheapest(data, *on, stop).solved(stop), problem.polygon, units_of(problem))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
+    if mesh == "structured" and units_of(problem).length != 1:
+        raise InputError(
+            f"'{problem.name}': with k and c an accuracy takes unstructured meshes; leave 'structured' out"
+        )
     if norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < math.inf:
@@ -179,8 +195,8 @@ def solve(
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
     goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12", absolute)
-    found_levels = search(problem, goal, stop, mesh, tell, watch, dry_run)
-    return Solution(found_levels.best.solved, found_levels)
+    levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
+    return Solution(levels.best.solved, problem.polygon, units_of(problem), levels)
 
 
 def _sizes(

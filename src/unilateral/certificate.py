@@ -17,11 +17,13 @@ from unilateral.contact import Contact
 from unilateral.discrete_solution import Solution
 from unilateral.files import replacing
 from unilateral.norms.dual import Errors
+from unilateral.problems.units import Units
 
 
 class Bounds(NamedTuple):
     """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
+    With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, the other norm its dual.
     `unknown` is the part of both that comes from how well f and g could be enclosed.
     """
 
@@ -31,23 +33,32 @@ class Bounds(NamedTuple):
 
 
 def record(
-    solved: Solution, search: Search | None, bounds: Bounds | None, errors: Errors | None, sharp: bool
+    solved: Solution,
+    search: Search | None,
+    bounds: Bounds | None,
+    errors: Errors | None,
+    sharp: bool,
+    contact: Contact,
+    units: Units,
 ) -> dict[str, Any]:
     """The fields of `solve --json`, but for forces and cost; NaN for what is unknown.
 
-    `bounds` are the `sharp` ones or the cheap ones.
+    `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's `units`.
     """
     discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
     mesh, cells = discrete.mesh, discrete.partition
+    length = units.length
     bound_u, bound_lambda, unknown = bounds or (math.nan,) * 3
     size_u, size_lambda = (solved.size(norm, sharp) if bounds else math.nan for norm in ("h1", "hm12"))
     return {
         "problem": discrete.data.name if discrete.data else None,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
         "certified": search is not None and search.certified,
-        "h": mesh.h,
-        "diameter": mesh.diameter,
-        "H": cells.H,
+        "k": float(units.k),
+        "c": float(units.c),
+        "h": length * mesh.h,
+        "diameter": length * mesh.diameter,
+        "H": length * cells.H,
         "adapted": isinstance(discrete, Adapted),
         "triangles": len(mesh.triangles),
         "unknowns": mesh.n_nodes,
@@ -68,8 +79,8 @@ def record(
         "hm12_relative_bound": bound_lambda / size_lambda if size_lambda > 0 else math.nan,
         "enclosure": unknown,
         "total_bound": bound_lambda if goal and goal.norm == "hm12" else bound_u,
-        "levels": [_level(level) for level in search.done] if search else [],
-        "contact": _contact(Contact(cells, solved.lambda_H)),
+        "levels": [_level(level, length) for level in search.done] if search else [],
+        "contact": _contact(contact),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
     }
@@ -92,10 +103,10 @@ def write_text(found: dict[str, Any], path: str | os.PathLike[str]) -> None:
         temporary.write_text(text(found) + "\n", encoding="utf-8")
 
 
-def _level(level: Level) -> dict[str, float]:
+def _level(level: Level, length: float) -> dict[str, float]:
     return {
-        "h": level.solved.discrete.mesh.h,
-        "H": level.partition.H,
+        "h": length * level.solved.discrete.mesh.h,
+        "H": length * level.partition.H,
         "unknowns": level.unknowns,
         "multipliers": len(level.solved.discrete.cells),
         "iterations": level.solved.result.iterations,

@@ -22,11 +22,15 @@ from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
 from unilateral.files import check_target, replacing
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.problems.case import Case
+from unilateral.problems.units import Units
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,35 +66,41 @@ LONG_NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for."""
+    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for.
+
+    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's `units`, on
+    the user's `polygon`.
+    """
 
     solved: discrete_solution.Solution
+    polygon: Polygon
+    units: Units
     search: Search | None = None
 
-    @property
+    @cached_property
     def mesh(self) -> Mesh:
         """`points` (n, 2) and `triangles` (k, 3)."""
-        return self.solved.discrete.mesh
+        return meshes.similar(self.solved.discrete.mesh, self.polygon)
 
-    @property
+    @cached_property
     def partition(self) -> Partition:
         """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
-        return self.solved.discrete.partition
+        return partitions.similar(self.solved.discrete.partition, self.polygon)
 
     @property
     def u(self) -> Array:
         """(n,) u_h at the nodes of the mesh."""
-        return self.solved.u_h
+        return self.units.value * self.solved.u_h
 
     @property
     def multiplier(self) -> Array:
-        """(m,) lambda_H, which approximates du/dn, on the cells of the partition; 0 on free sides."""
-        return self.solved.lambda_H
+        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides."""
+        return self.units.flux * self.solved.lambda_H
 
     @property
     def gap(self) -> Array:
         """(m,) the means of u_h - g on the cells; NaN on free sides."""
-        return self.solved.gap
+        return self.units.value * self.solved.gap
 
     @cached_property
     def contact(self) -> Contact:
@@ -173,8 +183,10 @@ class Solution:
         error = bounds.multiplier if bounds else math.inf
         parts = [[*sides], *([side] for side in sides)]
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
-        found = forces(self.mesh, self.partition, self.multiplier, error, parts, free)
-        return Forces(found[0], found[1:])
+        of = self.solved
+        found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
+        whole, *each = (Force(*(self.units.force * number for number in force)) for force in found)
+        return Forces(whole, each)
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
@@ -200,7 +212,11 @@ class Solution:
         there, too, but for that in H^{-1/2}.
         """
         sharp = self.search is not None and self.search.best.goal.sharp
-        return record(self.solved, self.search, self._bounds(sharp), self.true_errors(dual=False), sharp)
+        return self.record(self._bounds(sharp), self.true_errors(dual=False), sharp)
+
+    def record(self, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
+        """The same with these bounds, the `sharp` ones or the cheap ones, and errors."""
+        return record(self.solved, self.search, bounds, errors, sharp, self.contact, self.units)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""

@@ -56,6 +56,23 @@ def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
         assert described == (tables.VARIABLES[name] if name != "case" else [None] * 3)
 
 
+def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):
+    """CF-1.11: 2.6.1 and 2.6.2 name three attributes, 2.5.1 no missing coordinates, 3.1 units of UDUNITS."""
+    whole = level(0.125).assign(unknowns=("mesh", [9])).assign_coords(mesh=[0])
+    tables.save(whole, tmp_path / "errors.nc", "scene")
+    with netCDF4.Dataset(tmp_path / "errors.nc") as file:
+        assert file.Conventions == "CF-1.11"
+        assert (file.title, file.history) == (
+            "unilateral problems, verified: scene",
+            f"made by unilateral {tables.__version__}",
+        )
+        assert file["unknowns"].dtype == file["mesh"].dtype == np.int32
+        assert not any(hasattr(file[name], "_FillValue") for name in ("h", "H", "mesh"))
+        assert np.isnan(file["h1_error"]._FillValue)  # control: other variables have one
+    known = {"1", "s", "1/s", "byte/s", "degree", "1048576 byte"}
+    assert {units for _, units, _ in tables.VARIABLES.values()} <= known
+
+
 def test_saving_leaves_the_table_as_it_is(tmp_path):
     table = level(0.125)
     tables.save(table, tmp_path / "errors.nc", "scene")

@@ -85,6 +85,10 @@ def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
     assert html.count("<math") == 3
     assert 'form="prefix">‖' in html, "the bars of a norm open and close"
     assert "one.svg" not in html, "figures are part of the page"
+    contents = html.split("<nav")[1].split("</nav>")[0]
+    anchors = re.findall(r'href="#([^"]+)"', contents)
+    assert anchors == ["sec-summary", "sec-in", "bibliography"], "a section, one in it, the references"
+    assert all(f'id="{anchor}"' in html for anchor in anchors)
 
 
 def test_the_same_page_gives_the_same_bytes(typeset):

@@ -1,4 +1,4 @@
-"""The command line: `unilateral cases`, `unilateral solve` and `unilateral claims`.
+"""The command line: `unilateral cases`, `claims`, `export`, `score` and `solve`.
 
 Exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, 4 the system or
 this program failed, 130 interrupted. Results go to standard output, messages, one line each, to standard

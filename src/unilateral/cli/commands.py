@@ -72,10 +72,44 @@ def _parser() -> _Parser:
     claims.set_defaults(run=_claims)
     claims.add_argument("claim", metavar="ID", nargs="?", help="explain this one, such as 4.12")
     claims.add_argument("--results", metavar="FOLDER", default="results", help="default results")
+    init = commands.add_parser("init", help="write a commented problem file to begin with", **common)
+    init.set_defaults(run=_init)
+    init.add_argument("problem", metavar="FILE", help="a new file, such as my_problem.yaml")
+    check = commands.add_parser("check", help="show what is understood of a problem file", **common)
+    check.set_defaults(run=_check)
+    check.add_argument("problem", metavar="FILE", help="a YAML file that declares a problem")
+    check.add_argument("--out", metavar="PICTURE", help="draw it, too: a .svg, .png or .pdf file")
     solve = commands.add_parser("solve", help="solve one problem, with its errors", **common)
     solve.set_defaults(run=_solve)
     solve.add = _add_solve
+    export = commands.add_parser("export", help="write a case as files for another solver", **common)
+    export.set_defaults(run=lambda options: load("unilateral.cli.exchange").export(options))
+    export.add = _add_export
+    score = commands.add_parser("score", help="judge another solver's solutions of such files", **common)
+    score.set_defaults(run=lambda options: load("unilateral.cli.exchange").score(options))
+    score.add = _add_score
     return parser
+
+
+def _add_score(score: argparse.ArgumentParser) -> None:
+    score.add_argument("folder", metavar="DIR", help="what `unilateral export` wrote")
+    score.add_argument("solutions", metavar="SOLUTION", nargs="+", help="a file for each level")
+    score.add_argument(
+        "--multiplier",
+        metavar="FILE",
+        nargs="+",
+        help="CSV files of start, end, multiplier, one per solution",
+    )
+    score.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _add_export(export: argparse.ArgumentParser) -> None:
+    export.add_argument("case", metavar="CASE", help="a case's name, or a YAML file that declares a case")
+    export.add_argument("--h", type=_positive, help="mesh size on the boundary, on the finest level")
+    export.add_argument("--H", type=_positive, required=True, help="size of the cells, on the finest level")
+    export.add_argument("--levels", type=_count, default=1, help="each halves h and H (default 1)")
+    export.add_argument("--mesh", metavar="FILE", help="of your own, the coarsest level, in place of --h")
+    export.add_argument("--out", metavar="DIR", required=True, help="a folder that is not there yet")
 
 
 def _add_solve(solve: argparse.ArgumentParser) -> None:
@@ -220,6 +254,17 @@ def _claims(options: argparse.Namespace) -> int:
         found = claims.judge(results, [claims.find(options.claim)])
         print(claims.explanation(found[0]))
     return 0 if all(each.holds for each in found) else CLAIM_FAILS
+
+
+def _init(options: argparse.Namespace) -> int:
+    load("unilateral.cli.own").init(options.problem)
+    say(f"{options.problem} is written; edit it, then: unilateral check {options.problem}")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    say(load("unilateral.cli.own").check(options.problem, options.out))
+    return 0
 
 
 def _solve(options: argparse.Namespace) -> int:

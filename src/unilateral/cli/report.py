@@ -19,6 +19,7 @@ ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
 SIDES, INTERVALS = 12, 4
 """Up to which forces are computed and contact is printed, and intervals of a side."""
+NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
 NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
 COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
@@ -86,16 +87,17 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
     }
 
 
-def level_head(name: str, first: Level) -> str:
+def level_head(name: str, first: Level, length: float) -> str:
     """What is wanted, the columns' names and the first level."""
     columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
     wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g}" + f" {SIZE[goal.norm]}" * (not goal.absolute)
-    return "\n".join([wanted, columns, level_line(first)])
+    return "\n".join([wanted, columns, level_line(first, length)])
 
 
-def level_line(level: Level) -> str:
+def level_line(level: Level, length: float) -> str:
+    """Sizes in the user's units, of which 1 of the level's is a `length`."""
     solved, mesh = level.solved, level.solved.discrete.mesh
-    numbers = [mesh.h, float(np.diff(mesh.s).min()), level.partition.H]
+    numbers = [length * size for size in (mesh.h, float(np.diff(mesh.s).min()), level.partition.H)]
     numbers += [level.unknowns, len(solved.discrete.cells)]
     numbers += [solved.result.iterations, level.algebraic, level.total, level.target]
     return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)

@@ -15,9 +15,19 @@ from unilateral import api
 from unilateral.accuracy.level import MAX_SECONDS, Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
-from unilateral.certificate import record, text, write_text
+from unilateral.certificate import text, write_text
 from unilateral.choice import bound_mb
-from unilateral.cli.report import NOT_UNIQUE, SIDES, ending, head, level_head, level_line, planned, table
+from unilateral.cli.report import (
+    NORMS_WITH_COEFFICIENTS,
+    NOT_UNIQUE,
+    SIDES,
+    ending,
+    head,
+    level_head,
+    level_line,
+    planned,
+    table,
+)
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import clear, watching
 from unilateral.errors import InputError
@@ -26,6 +36,7 @@ from unilateral.memory import available_mb, peak_mb
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
+from unilateral.problems.scaled import units_of
 from unilateral.solution import ENDINGS, Solution
 from unilateral.solvers.iterate import Stop
 
@@ -72,7 +83,7 @@ def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, 
         sharp=_sharp(options),
         absolute=bool(options.absolute),
         dry_run=bool(options.dry_run),
-        tell=None if options.json else _told(problem.name, drawn),
+        tell=None if options.json else _told(problem, drawn),
         watch=watch,
     )
 
@@ -94,12 +105,14 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn:
     errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
     forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
     clear(drawn)
-    printed = record(found.solved, search, bounds, errors, sharp) | {"forces": forces}
+    printed = found.record(bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
     if not printed["unique"]:
         tell(f"lambda_H {NOT_UNIQUE}")
     if not options.json and not search:
         say(head(printed))
+    if not (options.json or found.units.trivial):
+        say(f"  {NORMS_WITH_COEFFICIENTS}")
     say(text(printed) if options.json else table(printed, bounds))
     _keep(found, options, printed)
     if watch.asked:
@@ -179,14 +192,14 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return api.mesh(given, problem.polygon)
 
 
-def _told(name: str, drawn: bool) -> Callable[[Level], None]:
+def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
     """Prints each level when it is done, the first one below what is wanted, where a bar was drawn."""
-    first = True
+    first, length = True, units_of(problem).length
 
     def one(level: Level) -> None:
         nonlocal first
         clear(drawn)
-        say(level_head(name, level) if first else level_line(level))
+        say(level_head(problem.name, level, length) if first else level_line(level, length))
         first = False
 
     return one

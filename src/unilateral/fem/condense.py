@@ -110,6 +110,7 @@ def check_constants(mesh: Mesh, found: Array) -> None:
         polygon = mesh.polygon
         raise InputError(
             f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges down to "
-            f"{np.diff(mesh.s).min():.3g} is too small for double precision, or too thin; scale it to a "
-            "diameter of about 1, or take longer edges"
+            f"{np.diff(mesh.s).min():.3g} is too small for double precision, or too thin; lengths "
+            "are multiples of (k/c)^(1/2) for the fields k and c; choose these so that the diameter is about "
+            "1, or take longer edges"
         )

@@ -19,7 +19,7 @@ from sympy.simplify.cse_main import tree_cse
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
-from unilateral.formulas import grammar
+from unilateral.formulas import grammar, hints
 from unilateral.formulas.positive import pos, positive_power
 
 Compiled = Callable[..., list[Array]]
@@ -37,8 +37,8 @@ def parse(text: object, variables: Sequence[str], where: str) -> sympy.Expr:
         part: grammar.Part = grammar.Reader(source, variables, where).visit(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        hint = "; write 10 for 010" if "leading zeros" in str(error) else ""
-        raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{hint}") from None
+        mended = hints.hint(source, error)
+        raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{mended}") from None
     return part.value
 
 

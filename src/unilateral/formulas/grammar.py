@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import sympy
 
 from unilateral.errors import InputError, shown
+from unilateral.formulas.hints import not_called
 from unilateral.formulas.positive import pos, rounded
 
 MAX_LENGTH = 2000
@@ -143,7 +144,8 @@ class Reader(ast.NodeVisitor):
     def combined(self, node: ast.BinOp, left: Part, right: Part) -> Part:
         """What the operator makes of both."""
         if type(node.op) not in OPERATORS:
-            raise self.refuse(node, "uses an operator that is not one of + - * / **")
+            power = "; write x**2 for x^2" if isinstance(node.op, ast.BitXor) else ""
+            raise self.refuse(node, f"uses an operator that is not one of + - * / **{power}")
         degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
         if isinstance(node.op, ast.Pow):
             exponent = right.value
@@ -157,7 +159,8 @@ class Reader(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> Part:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
-            raise self.refuse(node, f"is not a known function; known are {', '.join(FUNCTIONS)}")
+            factor = isinstance(node.func, ast.Constant) or self.text(node.func) in self.names
+            raise self.refuse(node, not_called(self.text(node.func), factor, FUNCTIONS))
         function, arity = FUNCTIONS[node.func.id]
         if len(node.args) != arity:
             raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}")

@@ -126,6 +126,16 @@ def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where
     return mesh
 
 
+def similar(mesh: Mesh, polygon: Polygon) -> Mesh:
+    """The same triangles on a polygon of the same shape that is larger or smaller, seen from the origin."""
+    if polygon is mesh.polygon:
+        return mesh
+    factor = float(np.abs(polygon.vertices).max() / np.abs(mesh.polygon.vertices).max())
+    coarse = similar(mesh.coarse, polygon) if mesh.coarse else None
+    s = polygon.similar(mesh.polygon, mesh.s)
+    return replace(mesh, polygon=polygon, points=factor * mesh.points, s=s, coarse=coarse)
+
+
 def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "mesh") -> Mesh:
     """The mesh of triangles (m, 3) that are sound, each by itself.
 

@@ -31,27 +31,37 @@ def write(
     """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
 
     Further data of boundary edges (nb,), NaN on triangles, and of nodes (n,) can be added. The file's ending
-    says the format, one of meshio's that can hold both; .vtu keeps every bit.
+    says the format, one of meshio's that can hold both; .vtu keeps every bit. In .msh, Gmsh's, side i is the
+    physical group i + 1, the triangles are the one after the last side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
     import meshio
 
     n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    for_gmsh = Path(path).suffix == ".msh"
+    further = {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()}
     content = meshio.Mesh(
         np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
         [("triangle", mesh.triangles), ("line", lines)],
         point_data=dict(at_nodes or {}),
-        cell_data={"side": [np.full(n, -1), mesh.side]}
-        | {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()},
+        cell_data=_groups(mesh) if for_gmsh else {"side": [np.full(n, -1), mesh.side]} | further,
     )
     with replacing(path) as temporary:
         try:
             with _quiet():
-                meshio.write(temporary, content)
+                meshio.write(temporary, content, "gmsh22" if for_gmsh else None)
         except OSError:
             raise
         except Exception as error:
             raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
+
+
+def _groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
+    """The sides, and all triangles, as Gmsh's physical groups."""
+    numbers = [np.full(len(mesh.triangles), mesh.polygon.n_sides + 1), mesh.side + 1]
+    return {
+        f"gmsh:{kind}": [each.astype(np.int32) for each in numbers] for kind in ("physical", "geometrical")
+    }
 
 
 def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:

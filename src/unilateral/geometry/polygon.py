@@ -138,6 +138,13 @@ class Polygon:
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
 
+    def similar(self, other: Polygon, s: Array) -> Array:
+        """(k,) where the arc lengths s (k,) of another polygon of the same shape are on this one."""
+        side = np.minimum(other.sides_of(s), self.n_sides - 1)
+        factor = self.lengths[side] / other.lengths[side]
+        found = self.starts[side] + factor * (s - other.starts[side])
+        return np.where(s == other.perimeter, self.perimeter, found)
+
 
 def names() -> list[str]:
     """Of the polygons that have one."""

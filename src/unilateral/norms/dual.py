@@ -134,7 +134,10 @@ class DualNorm:
         return self._bounds(of_p0(self.spaces, partition or self.partition, mu_H))
 
     def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bounds:
-        """Bounds (k,) of ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells."""
+        """Bounds (k,) of ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells.
+
+        Or linear there, with the values (k, m, 2) at their ends.
+        """
         return self._bounds(of_differences(self.spaces, partition or self.partition, case, mu_H))
 
     def gram(self, cases: Sequence[Case] = ()) -> Gram:

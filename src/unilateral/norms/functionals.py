@@ -35,11 +35,23 @@ def of_p0(spaces: ReferenceSpaces, partition: Partition, mu_H: Array) -> Functio
 
 
 def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu_H: Array) -> Functionals:
-    """Of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here."""
+    """Of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here.
+
+    mu_H (k, m) is constant on the cells, or linear between its values (k, m, 2) at their ends.
+    """
     rule, cell = _rule(spaces, partition, case)
     flux = case.boundary(rule.side, rule.s, rule.near)[1]
-    found = _of_values(spaces, rule, flux[:, None] - mu_H.T[cell])
+    found = _of_values(spaces, rule, flux[:, None] - values_on(partition, rule, cell, mu_H))
     return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
+
+
+def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:
+    """(Q, k) the values of such functions at the points of a rule, which lie in the cells (Q,)."""
+    if mu.ndim == 2:
+        return mu.T[cell]
+    starts = partition.points[cell] - partition.polygon.starts[rule.side]
+    x = ((rule.s - starts) / partition.lengths[cell])[:, None]
+    return (1 - x) * mu[..., 0].T[cell] + x * mu[..., 1].T[cell]
 
 
 def of_indicators(spaces: ReferenceSpaces, partition: Partition) -> Functionals:

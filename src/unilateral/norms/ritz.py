@@ -17,7 +17,7 @@ from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
 from unilateral.fem.loads import parts
 from unilateral.fem.p1 import gradients, h1_load, load
-from unilateral.fem.quadrature import TriangleRule, boundary_rule, triangle_rules
+from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.case import Case
 
@@ -168,9 +168,13 @@ def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Ar
 def flux_load(case: Case, mesh: Mesh) -> Array:
     """<lambda, phi_j> (nb,) of the boundary hats."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular())
-    _, flux, _ = case.boundary(rule.side, rule.s, rule.near)
+    return hat_load(mesh, rule, case.boundary(rule.side, rule.s, rule.near)[1])
+
+
+def hat_load(mesh: Mesh, rule: BoundaryRule, values: Array) -> Array:
+    """<mu, phi_j> (nb,) for the values (Q,) of mu at the points of a rule whose intervals are the edges."""
     edge, nb = rule.interval, len(mesh.boundary)
     position = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
-    weighted = rule.weight * flux
+    weighted = rule.weight * values
     start = np.bincount(edge, weighted * (1 - position), nb)
     return np.asarray(start + np.roll(np.bincount(edge, weighted * position, nb), 1), dtype=float)

@@ -154,22 +154,22 @@ class Tensor(Local):
     regularity = Regularity()
 
     @cached_property
-    def _v(self) -> sympy.Expr:
+    def v(self) -> sympy.Expr:
         return -D * self.profile * pos(1 - (D / self.cutoff) ** 2, 4)
 
     @cached_property
     def _f(self) -> sympy.Expr:
-        laplacian, scale = sympy.diff(self._v, T, 2) + sympy.diff(self._v, D, 2), sympy.Float(self.length, 17)
-        return scale * self._v - laplacian / scale
+        laplacian, scale = sympy.diff(self.v, T, 2) + sympy.diff(self.v, D, 2), sympy.Float(self.length, 17)
+        return scale * self.v - laplacian / scale
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
-        values = [self._v, sympy.diff(self._v, T), sympy.diff(self._v, D)]
+        values = [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D)]
         return compile_numpy(values, (T, D)), compile_numpy([self._f], (T, D))
 
     def value_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)
-        return evaluate(self._v, {T: t, D: d}).scaled(self.length)
+        return evaluate(self.v, {T: t, D: d}).scaled(self.length)
 
     def source_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)

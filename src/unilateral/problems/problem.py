@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import sympy
@@ -12,13 +12,14 @@ from unilateral.arrays import Index
 from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.formula import pos
 from unilateral.formulas.positive import rounded
-from unilateral.formulas.taylor import Model
+from unilateral.formulas.taylor import EPS, Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.data import on_sides, places
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.ranges import range_in
+from unilateral.problems.units import Units
 
 FAR = 1e-100
 """Coefficients that differ by that factor make a line that is nowhere near, or a circle that is too large."""
@@ -26,7 +27,7 @@ FAR = 1e-100
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """(1.1)-(1.2) with du/dn = 0 in place of the conditions (1.2) on `free_sides`.
+    """(1.1)-(1.2) in the `units` of k and c, with du/dn = 0 in place of (1.2) on `free_sides`.
 
     `f` is a formula in x, y; so is `g`, one per side, not used on free sides.
     """
@@ -36,6 +37,7 @@ class Problem:
     f: sympy.Expr
     g: tuple[sympy.Expr, ...]
     free_sides: tuple[int, ...]
+    units: Units = field(default_factory=Units)
 
     @cached_property
     def jumps(self) -> dict[sympy.Expr, Kink]:
@@ -56,32 +58,40 @@ class Problem:
     def enclosed_obstacle(self) -> Obstacle:
         """g on the sides that are not free, enclosed.
 
-        Below c = inf f less precisely: as u >= c, see `idle_sides`, u is also the solution for any other
-        obstacle that is at most c where g is.
+        Below a = inf f / c less precisely: as u >= a, see `idle_sides`, u is also the solution for any other
+        obstacle that is at most a where g is.
         """
-        return enclosed(self.polygon, self.obstacle_model, self.free_sides, self.range_of_f[0])
+        return enclosed(self.polygon, self.obstacle_model, self.free_sides, self.least)
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
         """Guaranteed bounds of f in Omega, infinite where none are found."""
         return range_in(self.polygon, self.f)
 
+    @cached_property
+    def least(self) -> float:
+        """A guaranteed lower bound of u: inf f / c, see `idle_sides`."""
+        if self.units.c == 1:
+            return self.range_of_f[0]
+        quotient = self.range_of_f[0] / _rounded(self.units.c)
+        return quotient - 4 * EPS * abs(quotient)
+
     def without_idle_sides(self) -> Problem:
         """The same problem without conditions on the sides that provably carry no contact."""
         return replace(self, free_sides=tuple(sorted({*self.free_sides, *self.idle_sides()})))
 
     def idle_sides(self) -> tuple[int, ...]:
-        """The sides, not free, that provably carry no contact: sup g < ess inf f = c there.
+        """The sides, not free, that provably carry no contact: sup g < ess inf f / c = a there.
 
-        For u >= c: with w = (c - u)_+, v = u + w >= g is admissible, so (u, w)_1 >= (f, w)_0 >= c int w; but
-        (u, w)_1 = -|grad w|^2 + int u w = c int w - ||w||_1^2, so w = 0, whatever holds on the other sides.
-        Where g < c <= u complementarity then gives lambda = 0. u_h obeys no such principle and may touch g
-        there, so that to leave these sides out changes Lambda_H, and the discrete solution with it. Both
-        bounds are guaranteed, by interval arithmetic; a side that they do not decide is not idle.
+        For u >= a, with k = c = 1: with w = (a - u)_+, v = u + w >= g is admissible, so (u, w)_1 >= (f, w)_0
+        >= a int w; but (u, w)_1 = -|grad w|^2 + int u w = a int w - ||w||_1^2, so w = 0, whatever holds on
+        the other sides. Where g < a <= u complementarity then gives lambda = 0. u_h obeys no such principle
+        and may touch g there, so that to leave these sides out changes Lambda_H, and the discrete solution
+        with it. Both bounds are guaranteed, by interval arithmetic; a side that they do not decide is not
+        idle.
         """
-        least = self.range_of_f[0]
         sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
-        return tuple(side for side in sides if self.enclosed_obstacle.range(side)[1] < least)
+        return tuple(side for side in sides if self.enclosed_obstacle.range(side)[1] < self.least)
 
 
 def curve(a: sympy.Expr) -> list[Kink]:

@@ -12,12 +12,15 @@ import numpy as np
 import sympy
 
 from unilateral import declarations
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import kinks, number, parse, pos, substituted
+from unilateral.formulas.positive import rounded
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.problem import Problem, curve
+from unilateral.problems.scaled import scaled_polygon
+from unilateral.problems.units import Units
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140
@@ -25,6 +28,8 @@ SMALLEST, LARGEST = 1e-140, 1e140
 ZERO = 1e-320
 """What interval arithmetic makes of 0, at most."""
 ROUND_OFF = 1e-12
+MOST_COEFFICIENT = 1e30
+"""Of k and c, and the least is 1 over it."""
 
 
 def is_declared_in(name: str) -> bool:
@@ -65,12 +70,28 @@ def made(declaration: Any, name: str) -> Problem:
         polygon = Polygon(np.array(exact, dtype=float), Path(name).stem)
     except InputError as error:
         raise InputError(f"{name}, field polygon: {error}") from None
+    units = Units(*(_coefficient(declaration.get(field, 1), f"{name}, field {field}") for field in "kc"))
     free = _free_sides(declaration, polygon, name)
     f = _formula(declaration["f"], f"{name}, field f")
     g = _obstacles(declaration["g"], exact, free, f"{name}, field g")
-    problem = Problem(Path(name).stem, polygon, f, g, free)
+    problem = Problem(Path(name).stem, polygon, f, g, free, units)
+    try:
+        scaled_polygon(problem)
+    except InputError as error:
+        raise InputError(f"{name}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
     _check(problem, name)
     return problem
+
+
+def _coefficient(given: object, where: str) -> sympy.Expr:
+    """An exact number that is positive and of a size that leaves room for those of the data."""
+    found = number(given, where)
+    if not 1 / MOST_COEFFICIENT <= float(rounded(found)) <= MOST_COEFFICIENT:
+        raise InputError(
+            f"{where}: it is {shown(given)}; it has to be a positive number, "
+            f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}"
+        )
+    return found
 
 
 def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tuple[int, ...]:
@@ -137,16 +158,21 @@ def _fractional(formula: sympy.Expr) -> bool:
 
 
 def _check(problem: Problem, name: str) -> None:
-    """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace."""
-    of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area)
+    """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace.
+
+    Their sizes are looked at in the units that are computed in.
+    """
+    units = problem.units
+    of_f = max(map(abs, problem.range_of_f)) / units.load
+    unit = math.sqrt(problem.polygon.area) / units.length
     _check_size(of_f, unit, f"{name}, field f", "in the polygon")
     n, obstacle = problem.polygon.n_sides, problem.enclosed_obstacle
     constrained = [side for side in range(n) if side not in problem.free_sides]
     largest = 0.0
     for side in constrained:
         largest = max(largest, *map(abs, obstacle.range(side)))
-        _check_size(largest, unit, f"{name}, field g", f"on side {side}", least=0.0)
-    _check_size(largest, unit, f"{name}, field g", "on all sides")
+        _check_size(largest / units.value, unit, f"{name}, field g", f"on side {side}", least=0.0)
+    _check_size(largest / units.value, unit, f"{name}, field g", "on all sides")
     for side, before in ((side, (side - 1) % n) for side in constrained):
         end, start, doubt = obstacle.at_vertex(side)
         if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:

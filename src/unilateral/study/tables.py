@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,6 +28,7 @@ SOURCE = (
     "J. Haslinger, J. Lovíšek: Mixed variational formulation of unilateral problems. "
     "Comment. Math. Univ. Carolin. 21 (1980), No. 2, 231-246"
 )
+CONVENTIONS = "CF-1.11"
 LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
 FLOAT_DIGITS = 4
 NEGLIGIBLE = 1e-12
@@ -71,14 +73,31 @@ def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
             long_name, units, equation = VARIABLES[str(name)]
             variable.attrs = {"long_name": long_name, "units": units, "equation": equation}
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    table.attrs = {"scene": scene, "unilateral": __version__, "libraries": libraries, "source": SOURCE}
+    table.attrs = {
+        "Conventions": CONVENTIONS,
+        "title": f"unilateral problems, verified: {scene}",
+        "history": f"made by unilateral {__version__}",
+        "scene": scene,
+        "unilateral": __version__,
+        "libraries": libraries,
+        "source": SOURCE,
+    }
     with replacing(path) as temporary:
         try:
-            table.to_netcdf(temporary, engine="netcdf4")
+            table.to_netcdf(temporary, engine="netcdf4", encoding=_encoding(table))
         except RuntimeError as error:
             raise OSError(f"{error}; is the disk full?") from error
         content = temporary.read_bytes()
         temporary.write_bytes(content + _seal(content))
+
+
+def _encoding(table: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
+    """Whole numbers with 32 bits; coordinates without a number for what is missing, as CF demands."""
+    found: dict[Hashable, dict[str, Any]] = {}
+    for name, variable in table.variables.items():
+        of_whole = {"dtype": "int32"} if variable.dtype.kind in "iu" else {}
+        found[name] = of_whole | ({"_FillValue": None} if name in table.coords else {})
+    return found
 
 
 def load(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -28,7 +28,7 @@ from unilateral.solution import Solution
 from unilateral.study.judge import claims
 
 KEYS = [  # of --json, in the documented order
-    *("problem", "goal", "certified", "h", "diameter", "H", "adapted", "triangles", "unknowns"),
+    *("problem", "goal", "certified", "k", "c", "h", "diameter", "H", "adapted", "triangles", "unknowns"),
     *("multipliers", "algorithm", "iterations", "converged", "algebraic_bound", "unique", "h1_error"),
     *("hm12_error_lower", "hm12_error_upper", "l2_error", "bounds", "h1_bound", "hm12_bound"),
     *("h1_relative_bound", "hm12_relative_bound", "enclosure", "total_bound", "levels", "contact"),
@@ -896,7 +896,7 @@ def test_a_failure_in_code_without_a_file_is_told(run, monkeypatch):
     assert err.endswith("ArithmeticError: no number (<lambdifygenerated-1>, line 2)\n")
 
 
-@pytest.mark.parametrize("command", [(), ("cases",), ("claims",), ("solve",)], ids=str)
+@pytest.mark.parametrize("command", [(), ("cases",), ("claims",), ("init",), ("check",), ("solve",)], ids=str)
 def test_help_lists_the_exit_codes(run, command):
     """Those of the docstring."""
     code, out, err = run(*command, "--help")

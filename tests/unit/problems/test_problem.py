@@ -119,7 +119,7 @@ def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declare
 REFUSED = [
     (
         {"free_side": "[1]"},
-        ": there is no field 'free_side' here; the fields are title, polygon, f, g, free_s",
+        ": there is no field 'free_side' here; the fields are title, polygon, f, g, k, c,",
     ),
     ({"g": None}, ": 'g' is a required property"),
     ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
@@ -157,6 +157,13 @@ REFUSED = [
     ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
     ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
     ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),
+    ({"k": "0"}, ", field k: it is 0; it has to be a positive number, between 1e-30 and 1e"),
+    ({"c": "-1/3"}, ", field c: it is -1/3; it has to be a positive number"),
+    ({"c": "x"}, ", field c: 'x' is unknown; known are pi"),
+    (
+        {"polygon": "[[0, 0], [1e70, 0], [0, 1e70]]", "c": "1e20"},
+        r", fields k and c: scaled by \(c/k\)\^\(1/2\), polygon 'own' is too large",
+    ),
     ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
     ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
     ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, ", field polygon: .* clockwise; list its vertices anticlock"),
@@ -191,7 +198,7 @@ def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):
         problem_file.load(declared(polygon=[[0, 0]] * 1001))
     assert read == []
     problem_file.load(declared())
-    assert len(read) == 8
+    assert len(read) == 8 + 2  # and k and c
 
 
 def test_numbers_are_read_exactly(declared):

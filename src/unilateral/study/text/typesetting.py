@@ -33,7 +33,9 @@ def typeset(
     for what pandoc or typst complain of: an unknown citation or link, a picture, a formula or a letter that
     they cannot set, a formula wider than the text.
     """
-    page = _converted(paper, "html", numbers, page_template, "--mathml", "--embed-resources")
+    page = _converted(
+        paper, "html", numbers, page_template, "--mathml", "--embed-resources", "--toc", "--toc-depth=2"
+    )
     printed = _compiled(paper, _converted(paper, "typst", numbers, print_template))
     with replacing(html) as new_html, replacing(pdf) as new_pdf:
         new_html.write_text(page, encoding="utf-8")

@@ -1,0 +1,71 @@
+"""A solver of one's own, judged: P1 and nodal constraints by scikit-fem, with a primal-dual active set.
+
+    unilateral export natural --h 1/32 --H 1/16 --levels 3 --out natural
+    python examples/score_scikit_fem.py natural
+    unilateral score natural natural_level_*.csv
+
+Only the exported files are read; nothing of `unilateral` is imported.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pandas as pd
+import scipy.sparse.linalg as spl
+import xarray as xr
+from skfem import Basis, BilinearForm, ElementTriP1, MeshTri, condense, solve
+from skfem.helpers import dot, grad
+
+
+@BilinearForm
+def form(u, v, w):
+    """(u, v)_1."""
+    return dot(grad(u), grad(v)) + u * v
+
+
+def load(level: Path, triangles: np.ndarray, n: int) -> np.ndarray:
+    """(n,) values of (f, phi_i), by the exported quadrature."""
+    rule = xr.load_dataset(level / "quadrature.nc")
+    weighted = (rule.weight * rule.f).values[:, None] * rule.barycentric.values
+    return np.bincount(triangles[rule.triangle.values].ravel(), weighted.ravel(), n)
+
+
+def signorini(A, f: np.ndarray, boundary: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """u (n,) and the reactions (n,): u >= g at the boundary nodes, a primal-dual active set."""
+    active, scale = boundary, A.diagonal()
+    for _ in range(100):
+        fixed = np.zeros(len(f))
+        fixed[active] = g[active]
+        u = solve(*condense(A, f, x=fixed, D=active)) if len(active) else spl.spsolve(A.tocsc(), f)
+        reaction = np.zeros(len(f))
+        reaction[active] = (A @ u - f)[active]
+        now = boundary[(reaction - scale * (u - g))[boundary] > 0]
+        if np.array_equal(now, active):
+            return u, reaction
+        active = now
+    raise RuntimeError("the active set did not settle in 100 steps")
+
+
+def solved(level: Path) -> pd.DataFrame:
+    """x, y, u and reaction at the nodes of a level."""
+    mesh, nodes = MeshTri.load(level / "mesh.vtu"), pd.read_csv(level / "nodes.csv")
+    triangles = meshio.read(level / "mesh.vtu").cells_dict["triangle"]  # scikit-fem turns some of its own
+    A = form.assemble(Basis(mesh, ElementTriP1()))
+    boundary = np.flatnonzero(nodes.g.notna())
+    u, reaction = signorini(A, load(level, triangles, len(nodes)), boundary, nodes.g.to_numpy())
+    return pd.DataFrame({"x": mesh.p[0], "y": mesh.p[1], "u": u, "reaction": reaction})
+
+
+def main(folder: str) -> None:
+    for level in json.loads((Path(folder) / "problem.json").read_text())["levels"]:
+        table = solved(Path(folder) / level["folder"])
+        table.to_csv(f"{folder}_{level['folder']}.csv", index=False)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

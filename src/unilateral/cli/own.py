@@ -1,0 +1,147 @@
+"""The commands `unilateral init` and `unilateral check`: problems of one's own, before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import sympy
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from unilateral.arrays import Array
+from unilateral.errors import InputError, shown
+from unilateral.files import replacing
+from unilateral.formulas.formula import compile_numpy
+from unilateral.problems import problem_file
+from unilateral.problems.atoms import X, Y
+from unilateral.problems.problem import Problem
+
+PICTURES = (".svg", ".png", ".pdf")
+FREE, HELD = "tab:gray", "tab:blue"
+ROUND_OFF = 1e-12
+POINTS = 200
+"""Of a side, at which g is drawn; and along x and y those of f."""
+
+
+def init(name: str) -> None:
+    """Writes a commented problem. Raises InputError for a file that is there, or does not end in .yaml."""
+    if not name.endswith((".yaml", ".yml")):
+        raise InputError(f"{name} does not end in .yaml or .yml, as a problem file has to")
+    if Path(name).exists():
+        raise InputError(f"{name} is there already; name another file")
+    template = resources.files("unilateral.problems") / "template.yaml"
+    with replacing(name) as temporary:
+        temporary.write_text(template.read_text(encoding="utf-8").replace("FILE", name), encoding="utf-8")
+
+
+def check(name: str, picture: str | None) -> str:
+    """What is understood of a problem file, as text, and where a picture is named as that, too.
+
+    Raises InputError for a file that declares no problem, and for a picture with another ending.
+    """
+    if picture is not None and Path(picture).suffix not in PICTURES:
+        raise InputError(f"argument --out: {picture} has to end in {', '.join(PICTURES)}")
+    if not problem_file.is_declared_in(name):
+        raise InputError(f"{name} declares a case; 'unilateral cases' lists what is known of the project's")
+    problem = problem_file.load(name)
+    if picture is not None:
+        _save(drawn(problem), picture)
+    return "\n".join(described(problem))
+
+
+def described(problem: Problem) -> Iterator[str]:
+    """The lines of the text."""
+    polygon, units = problem.polygon, problem.units
+    yield f"{problem.name}: -k lap u + c u = f with k = {units.k} and c = {units.c}"
+    yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
+    yield f"  f           {_formula(problem.f, problem.range_of_f)}"
+    for side in range(polygon.n_sides):
+        start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
+        where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
+        yield f"  {f'side {side}':11} {where}: {_held(problem, side)}"
+    if problem.least > -np.inf:
+        yield f"  guaranteed  u >= {problem.least:.6g}, which is inf f / c"
+    idle = problem.idle_sides()
+    if idle:
+        yield f"  no contact  on sides {', '.join(map(str, idle))}, where g is below that"
+
+
+def _held(problem: Problem, side: int) -> str:
+    if side in problem.free_sides:
+        return "free, du/dn = 0"
+    g = _along(problem, side)
+    return f"u >= {_formula(problem.g[side], (g.min(), g.max()))}"
+
+
+def _along(problem: Problem, side: int) -> Array:
+    """(POINTS,) g along a side, its ends included."""
+    t = np.linspace(0, problem.polygon.lengths[side], POINTS)
+    return compile_numpy([problem.g[side]], (X, Y))(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
+
+
+def _formula(formula: sympy.Expr, between: tuple[float, float]) -> str:
+    """With its least and largest values, where it is more than a number; rounding of 0 is not shown."""
+    if formula.is_number:
+        return shown(formula)
+    size = max(map(abs, between))
+    lower, upper = (x if abs(x) > ROUND_OFF * size else 0.0 for x in between)
+    return f"{shown(formula)}, from {lower:.4g} to {upper:.4g}"
+
+
+def _point(vertex: Array) -> str:
+    return f"({vertex[0]:.6g}, {vertex[1]:.6g})"
+
+
+def drawn(problem: Problem) -> Figure:
+    """f in the polygon with its numbered sides, and g along the boundary."""
+    page = Figure(figsize=(6.7, 7.5), layout="constrained")
+    top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
+    _draw_polygon(top, problem)
+    _draw_obstacle(bottom, problem)
+    return page
+
+
+def _draw_polygon(axes: Axes, problem: Problem) -> None:
+    polygon, v = problem.polygon, problem.polygon.vertices
+    grid = np.meshgrid(
+        *(np.linspace(a, b, POINTS) for a, b in zip(v.min(axis=0), v.max(axis=0), strict=True))
+    )
+    f = np.where(
+        polygon.contains(np.stack(grid, axis=-1)), compile_numpy([problem.f], (X, Y))(*grid)[0], np.nan
+    )
+    field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
+    axes.figure.colorbar(field, ax=axes, label="f")
+    for side in range(polygon.n_sides):
+        free = side in problem.free_sides
+        ends = v[[side, (side + 1) % polygon.n_sides]]
+        axes.plot(*ends.T, color=FREE if free else HELD, linestyle="--" if free else "-", linewidth=2)
+        axes.annotate(str(side), ends.mean(axis=0), 9 * polygon.normals[side], textcoords="offset points",
+                      ha="center", va="center")  # fmt: skip
+    axes.use_sticky_edges = False
+    axes.margins(0.08)
+    axes.set(
+        aspect="equal", xlabel="x", ylabel="y", title="f, and the sides' numbers; dashed: free, ∂u/∂n = 0"
+    )
+
+
+def _draw_obstacle(axes: Axes, problem: Problem) -> None:
+    polygon = problem.polygon
+    for side in set(range(polygon.n_sides)) - {*problem.free_sides}:
+        s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS)
+        axes.plot(s, _along(problem, side), color=HELD)
+    for start in polygon.starts:
+        axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
+    axes.set(xlabel="arc length along the boundary, a line at each vertex", ylabel="g",
+             xlim=(0, polygon.perimeter))  # fmt: skip
+
+
+def _save(figure: Figure, picture: str) -> None:
+    """The same bytes for the same problem."""
+    ending = Path(picture).suffix
+    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending)
+    with matplotlib.rc_context({"svg.hashsalt": "unilateral"}), replacing(picture) as temporary:
+        figure.savefig(temporary, metadata=undated)

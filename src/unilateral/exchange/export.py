@@ -1,0 +1,174 @@
+"""A case as a folder of files for other solvers: meshes, data, partitions, formulas and a README.
+
+    README.md  problem.json  <case>.yaml  level_0/  level_1/  ...
+
+`LEVEL_FILES` says what is in the folder of a level; `read` reads them again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from importlib import resources
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+import yaml
+
+from unilateral.arrays import Array
+from unilateral.errors import InputError, StorageError
+from unilateral.exchange.formulas import DEFINITIONS, formulas
+from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import Mesh, refine
+from unilateral.geometry.mesh_files import write
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import cell_means
+from unilateral.problems.case import Case
+
+LEVEL_FILES = {
+    "mesh.msh": "the mesh, for Gmsh's readers",
+    "mesh.vtu": "the same, with `side` on its boundary edges",
+    "nodes.csv": "node, x, y, f; on the boundary also arc length s and g",
+    "quadrature.nc": "points, weights and f in the triangles; s, weights and g on the boundary edges",
+    "partition.csv": "the cells of T_H by arc length and place, with the mean of g on each",
+}
+
+
+def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
+    """Writes the case on a mesh and its uniform refinements; H is the size of the cells on the finest.
+
+    The whole folder appears or nothing. Raises InputError for a folder that is there, and StorageError for
+    what the disk refuses.
+    """
+    folder = Path(folder)
+    if folder.exists():
+        raise InputError(f"{folder} is there already; name a folder that is not")
+    if not folder.parent.is_dir():
+        raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
+    if case.free_sides:
+        raise InputError(f"case '{case.name}' has free sides; export it without them")
+    try:
+        with TemporaryDirectory(dir=folder.parent, prefix=".") as temporary:
+            made = Path(temporary) / folder.name
+            made.mkdir()
+            _write(case, coarse, H, levels, made)
+            os.rename(made, folder)
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be written: {error.strerror or error}") from error
+
+
+def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> None:
+    sizes = []
+    for k in range(levels):
+        mesh = refine(coarse, k)
+        cells = partitions.uniform(case.polygon, H * 2 ** (levels - 1 - k))
+        _write_level(case, mesh, cells, folder / f"level_{k}")
+        counts = {"nodes": mesh.n_nodes, "cells": cells.n_cells}
+        sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
+    found = _problem(case) | {"levels": sizes}
+    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    declaration = yaml.safe_dump(dict(case.declaration), allow_unicode=True, sort_keys=False)
+    (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8")
+    (folder / "README.md").write_text(_readme(case, found), encoding="utf-8")
+
+
+def _problem(case: Case) -> dict[str, Any]:
+    """What problem.json holds, but for the levels."""
+    singular = [
+        {"side": p.side, "t": p.t, "place": case.polygon.point(p.side, p.t).tolist()}
+        for p in case.flux_singular()
+    ]
+    return {
+        "case": case.name,
+        "title": case.declaration["title"],
+        "polygon": case.polygon.name,
+        "vertices": case.polygon.vertices.tolist(),
+        "hypotheses": case.declaration["hypotheses"],
+        "definitions": DEFINITIONS,
+        **formulas(case),
+        "lambda_is_a_fractional_power_at": singular,
+        "lambda_in_L2": case.flux_in_L2,
+    }
+
+
+def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None:
+    folder.mkdir()
+    for name in ("mesh.msh", "mesh.vtu"):
+        write(mesh, folder / name)
+    _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
+    _cells(case, cells).to_csv(folder / "partition.csv", index=False)
+    _quadrature(case, mesh).to_netcdf(folder / "quadrature.nc")
+
+
+def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
+    """A row per node, s and g empty inside."""
+    s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
+    s[mesh.boundary] = mesh.s[:-1]
+    u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - case.polygon.starts[mesh.side])
+    g[mesh.boundary] = u - gap
+    x, y = mesh.points.T
+    f = case.source(mesh.points)
+    return pd.DataFrame({"node": np.arange(mesh.n_nodes), "x": x, "y": y, "f": f, "s": s, "g": g})
+
+
+def _cells(case: Case, cells: Partition) -> pd.DataFrame:
+    """A row per cell, in the order of arc length."""
+    s, (start, end) = cells.points, cells.ends
+    ends = {"x_start": start[:, 0], "y_start": start[:, 1], "x_end": end[:, 0], "y_end": end[:, 1]}
+    columns = {
+        "side": cells.side,
+        "start": s[:-1],
+        "end": s[1:],
+        **ends,
+        "g_mean": cell_means(case, cells).g_means,
+    }
+    return pd.DataFrame(columns)
+
+
+def _quadrature(case: Case, mesh: Mesh) -> xr.Dataset:
+    """The rules with which this project integrates f and g."""
+    parts: list[tuple[Array, ...]] = []
+    for rule in triangle_rules(mesh, case):
+        count = rule.weight.shape[1]
+        f = case.source(rule.origin, rule.offset)
+        hats = rule.barycentric.reshape(-1, 3)
+        parts.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
+    triangle, places, weight, hats, f = (np.concatenate(each) for each in zip(*parts, strict=True))
+    on = boundary_rule(case.polygon, mesh.s, case.singular())
+    u, _, gap = case.boundary(on.side, on.s, on.near)
+    return xr.Dataset(
+        {
+            "triangle": ("point", triangle.astype(np.int32)),
+            "place": (("point", "axis"), places),
+            "barycentric": (("point", "corner"), hats),
+            "weight": ("point", weight),
+            "f": ("point", f),
+            "edge": ("boundary_point", on.interval.astype(np.int32)),
+            "side": ("boundary_point", on.side.astype(np.int32)),
+            "s": ("boundary_point", on.s + case.polygon.starts[on.side]),
+            "boundary_weight": ("boundary_point", on.weight),
+            "g": ("boundary_point", u - gap),
+        },
+        attrs={"case": case.name, "h": mesh.h},
+    )
+
+
+def _readme(case: Case, found: dict[str, Any]) -> str:
+    """The template `README.template.md` with the case's own lines."""
+    template = resources.files("unilateral.exchange") / "README.template.md"
+    columns = "| {folder} | {h:.6g} | {H:.6g} | {nodes} | {cells} |"
+    rows = [columns.format(**level) for level in found["levels"]]
+    files = [f"- `{name}`: {what}" for name, what in LEVEL_FILES.items()]
+    return template.read_text(encoding="utf-8").format(
+        name=case.name,
+        title=case.declaration["title"],
+        vertices=", ".join(f"({x:g}, {y:g})" for x, y in case.polygon.vertices.tolist()),
+        f=found["f"] or "no closed formula",
+        files="\n".join(files),
+        levels="\n".join(rows),
+    )

@@ -1,0 +1,129 @@
+"""The errors of another solver's solutions beside this project's own, the rates, and a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from unilateral.arrays import Array
+from unilateral.discrete import discretise, solve
+from unilateral.exchange.faults import faults
+from unilateral.exchange.read import SAME, Foreign
+from unilateral.exchange.trace import Trace, constant
+from unilateral.formulas.formula import real
+from unilateral.norms.dual import DualNorm, Errors, dual_norm
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems.case import Case
+
+PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
+"""By (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
+ROOM = 0.1
+"""By which a rate between finite levels may stay below the proved one."""
+
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """The errors of one solution, this project's own on the same level, and what is wrong."""
+
+    given: Foreign
+    errors: Errors
+    own: Errors
+    faults: list[str]
+
+
+class Rate(NamedTuple):
+    """`observed`: the least rate over pairs of levels, of so many `pairs`; `proved` is NaN where none is."""
+
+    observed: float
+    pairs: int
+    own: float
+    proved: float
+
+    @property
+    def verdict(self) -> str:
+        if self.pairs == 0:
+            return "not judged"
+        if math.isnan(self.proved):
+            return "no rate is proved"
+        return "reaches the proved rate" if self.observed >= self.proved - ROOM else "falls short"
+
+
+def score(case: Case, given: Foreign) -> Scored:
+    """The errors of one solution; those of lambda are NaN without a multiplier."""
+    mesh, cells = given.level.mesh, given.level.cells
+    discrete = discretise(case, mesh, cells)
+    norm, solved = dual_norm(cells, [case]), solve(discrete)
+    own = _errors(
+        norm, case, given, solved.u_h, constant(cells, solved.lambda_H) if discrete.unique else None
+    )
+    errors = _errors(norm, case, given, given.u, given.multiplier)
+    return Scored(given, errors, own, faults(case, given, discrete, solved, own))
+
+
+def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | None) -> Errors:
+    h1 = h1_distance(case, given.level.mesh, u)
+    if mu is None:
+        return Errors(h1, math.nan, math.nan, math.nan)
+    lower, upper = norm.of_error(case, mu.values[None], mu.cells)
+    return Errors(h1, float(lower[0]), float(upper[0]), mu.distance(case))
+
+
+def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
+    """The rates over a ladder of levels, by norm; that in H^{-1/2} is of the bounds' root mean square.
+
+    Pairs are compared from where the case says that it is asymptotic, and by the factor that it names.
+    """
+    ladder = sorted(scored, key=lambda each: -each.given.level.mesh.h)
+    holds = all(case.declaration["hypotheses"].values())
+    found = {}
+    for norm, proved in PROVED.items():
+        declared = case.declaration["asymptotic"][norm]
+        begin, factor = real(declared["from"], norm), float(declared.get("factor", 2))
+        pairs = list(_pairs(ladder, begin, factor))
+        of, own = (
+            [math.log(error_in(a, norm) / error_in(b, norm)) / math.log(factor) for a, b in errors]
+            for errors in (
+                [(a.errors, b.errors) for a, b in pairs if _known(norm, a.errors, b.errors)],
+                [(a.own, b.own) for a, b in pairs if _known(norm, a.own, b.own)],
+            )
+        )
+        least, own_least = (min(each, default=math.nan) for each in (of, own))
+        found[norm] = Rate(least, len(of), own_least, proved if holds else math.nan)
+    return found
+
+
+def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tuple[Scored, Scored]]:
+    """Coarser and finer levels by that factor apart, from h = begin and H = 2 begin on."""
+    for coarse in ladder:
+        level = coarse.given.level
+        if max(level.mesh.h, level.cells.H / 2) > begin * (1 + SAME):
+            continue
+        for fine in ladder:
+            if abs(level.mesh.h / fine.given.level.mesh.h - factor) < SAME:
+                yield coarse, fine
+
+
+def _known(norm: str, *errors: Errors) -> bool:
+    """Neither NaN nor 0 up to rounding, which has no rate."""
+    return all(error_in(each, norm) > ROUNDING for each in errors)
+
+
+def error_in(errors: Errors, norm: str) -> float:
+    """The error in a norm; of two bounds the root mean square."""
+    if norm == "hm12":
+        return math.sqrt(0.5 * (errors.hm12_lower**2 + errors.hm12_upper**2))
+    return errors.h1 if norm == "h1" else errors.l2
+
+
+def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
+    """In a word: faults come before rates."""
+    if any(each.faults for each in scored):
+        return "faults were found"
+    if any(rate.verdict == "falls short" for rate in found.values()):
+        return "falls short of a proved rate"
+    judged = any(rate.verdict == "reaches the proved rate" for rate in found.values())
+    return "reaches the proved rates" if judged else "no fault was found; rates are not judged"

@@ -1,0 +1,105 @@
+"""Problems with k and c as problems (1.1)-(1.2), on the domain scaled by (c/k)^{1/2}: see `units`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import overload
+
+import numpy as np
+import sympy
+
+from unilateral.arrays import Array, Index
+from unilateral.formulas.elementary import Steps
+from unilateral.formulas.taylor import EPS, Model
+from unilateral.geometry.curves import Kink
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.case import Case
+from unilateral.problems.data import Data
+from unilateral.problems.obstacle import Obstacle, enclosed
+from unilateral.problems.problem import Problem
+from unilateral.problems.sampled import Function, Sampled, values
+from unilateral.problems.units import Units
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """The problem for v: `Data`, from those of the problem `of` u. Vertices are rounded once more."""
+
+    of: Problem
+
+    @property
+    def name(self) -> str:
+        return self.of.name
+
+    @property
+    def free_sides(self) -> tuple[int, ...]:
+        return self.of.free_sides
+
+    @cached_property
+    def polygon(self) -> Polygon:
+        return scaled_polygon(self.of)
+
+    @cached_property
+    def jumps(self) -> dict[sympy.Expr, Kink]:
+        """Those of f, where they are now."""
+        length = self.of.units.length
+        return {
+            step: replace(
+                kink,
+                centre=(kink.centre[0] / length, kink.centre[1] / length),
+                radius=kink.radius / length,
+            )
+            for step, kink in self.of.jumps.items()
+        }
+
+    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        """k^{1/2} f / c on the boxes of X and Y."""
+        units = self.of.units
+        found = self.of.source_model(x.scaled(units.length), y.scaled(units.length), steps)
+        return found.scaled(1 / units.load)
+
+    def obstacle_model(self, side: Index, t: Model) -> Model:
+        """k^{1/2} g on intervals of the sides (k,), t the arc length in side lengths, which stays."""
+        return self.of.obstacle_model(side, t).scaled(1 / self.of.units.value)
+
+    @cached_property
+    def enclosed_obstacle(self) -> Obstacle:
+        """k^{1/2} g on the sides that are not free, enclosed; see `Problem`."""
+        least = self.of.least / self.of.units.value
+        least -= 4 * EPS * abs(least)
+        return enclosed(self.polygon, self.obstacle_model, self.free_sides, least)
+
+
+def scaled_polygon(of: Problem | Sampled) -> Polygon:
+    """Raises InputError for one that is too large or too small."""
+    return Polygon(of.polygon.vertices / of.units.length, of.polygon.name)
+
+
+def units_of(problem: Case | Problem | Sampled) -> Units:
+    return Units() if isinstance(problem, Case) else problem.units
+
+
+@overload
+def scaled(problem: Case | Problem) -> Data: ...
+@overload
+def scaled(problem: Sampled) -> Sampled: ...
+def scaled(problem: Case | Problem | Sampled) -> Data | Sampled:
+    """The problem for v; the problem itself if k = c = 1, as for cases."""
+    if isinstance(problem, Case) or problem.units.trivial:
+        return problem
+    return _scaled_functions(problem) if isinstance(problem, Sampled) else Scaled(problem)
+
+
+def _scaled_functions(of: Sampled) -> Sampled:
+    """The same with functions; what they refuse is told at the user's points."""
+    f = _moved(of, of.f, f"{of.name}, field f", of.units.load)
+    g = tuple(_moved(of, each, f"{of.name}, field g[{i}]", of.units.value) for i, each in enumerate(of.g))
+    return Sampled(of.name, scaled_polygon(of), f, g, of.free_sides)
+
+
+def _moved(of: Sampled, function: Function, where: str, unit: float) -> Function:
+    def at(x: Array, y: Array) -> Array:
+        return values(function, np.stack([x, y], axis=-1) * of.units.length, where) / unit
+
+    return at

@@ -1,0 +1,55 @@
+"""Constant coefficients: -k lap u + c u = f is (1.1) in other units of length, u and flux.
+
+Let v(X) = k^{1/2} u(x) for X = (c/k)^{1/2} x. Then -lap v + v = k^{1/2} f / c, and u >= g is v >= k^{1/2} g.
+With lambda = k du/dn, dv/dN is c^{-1/2} lambda. For v and w made of u and z
+
+    (v, w)_1 = k (grad u, grad z)_0 + c (u, z)_0,   <dv/dN, w> = <lambda, z>,
+
+so that ||v||_1 is the energy norm (k |u|_1^2 + c ||u||_0^2)^{1/2}, and ||dv/dN||_{-1/2} the norm of lambda
+that is dual to it. Errors, bounds and accuracies are therefore the same numbers for both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import sympy
+
+from unilateral.formulas.positive import rounded
+
+
+@dataclass(frozen=True)
+class Units:
+    """What 1 of the paper's equation is in the user's, for exact k > 0 and c > 0; each rounded once."""
+
+    k: sympy.Expr = sympy.S.One
+    c: sympy.Expr = sympy.S.One
+
+    @property
+    def trivial(self) -> bool:
+        return bool(self.k == 1 and self.c == 1)
+
+    @cached_property
+    def length(self) -> float:
+        return float(rounded(sympy.sqrt(self.k / self.c)))
+
+    @cached_property
+    def value(self) -> float:
+        """Of u and g."""
+        return float(rounded(1 / sympy.sqrt(self.k)))
+
+    @cached_property
+    def load(self) -> float:
+        """Of f."""
+        return float(rounded(self.c / sympy.sqrt(self.k)))
+
+    @cached_property
+    def flux(self) -> float:
+        """Of lambda."""
+        return float(rounded(sympy.sqrt(self.c)))
+
+    @cached_property
+    def force(self) -> float:
+        """Of the integral of lambda."""
+        return float(rounded(sympy.sqrt(self.k)))

@@ -1,0 +1,107 @@
+"""`init` and `check`: what they write and show, and what they refuse."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from unilateral.cli import main
+from unilateral.cli.own import drawn
+from unilateral.problems import problem_file
+
+SHELTER = str(ROOT / "examples/shelter.yaml")
+
+
+@pytest.fixture
+def run(capsys):
+    """The exit code, and what is printed on standard output and error."""
+    return lambda *arguments: (main(list(arguments)), *capsys.readouterr())
+
+
+def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
+    """The commands in its first lines are the ones to type; control: a field less, and it is refused."""
+    file = tmp_path / "my_problem.yaml"
+    assert run("init", str(file))[0] == 0
+    text = file.read_text(encoding="utf-8")
+    named = rf"unilateral (check|solve) ({re.escape(str(file))})( --accuracy [0-9.]+)?"
+    commands = re.findall(named, text)
+    assert len(commands) == 2
+    for command, *rest in commands:
+        assert run(command, *" ".join(rest).split())[0] == 0
+    file.write_text(text.replace("f: ", "#"), encoding="utf-8")
+    code, _, err = run("check", str(file))
+    assert (code, err) == (2, f"unilateral: {file}: 'f' is a required property\n")
+
+
+def test_the_template_has_every_field(tmp_path):
+    """So that nobody has to look for one: those of the schema."""
+    import yaml
+
+    folder = ROOT / "src/unilateral/problems"
+    schema, template = (
+        yaml.safe_load((folder / name).read_text()) for name in ("problem.schema.yaml", "template.yaml")
+    )
+    assert set(template) == set(schema["properties"])
+
+
+def test_init_overwrites_nothing(run, tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text("mine")
+    code, out, err = run("init", str(file))
+    assert (code, out, err) == (2, "", f"unilateral: {file} is there already; name another file\n")
+    assert file.read_text() == "mine"
+    assert run("init", str(tmp_path / "own.txt"))[0] == 2
+    assert "there is no folder" in run("init", str(tmp_path / "no/own.yaml"))[2]
+
+
+def test_check_shows_what_was_understood(run):
+    """By hand from the file: the area is 2 + 1/2, the slanted sides are 5^(1/2)/2 long, f grows with x."""
+    code, out, err = run("check", SHELTER)
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        "shelter: -k lap u + c u = f with k = 1 and c = 1",
+        "  polygon     5 sides, area 2.5, perimeter 6.23607",
+        "  f           3*x - 5, from -5 to 1",
+        "  side 0      (0, 0) to (2, 0), length 2: u >= sin(pi*x)/4, from -0.25 to 0.25",
+        "  side 1      (2, 0) to (2, 1), length 1: u >= y*(1 - y)/2, from 0 to 0.125",
+        "  side 2      (2, 1) to (1, 1.5), length 1.11803: free, du/dn = 0",
+        "  side 3      (1, 1.5) to (0, 1), length 1.11803: free, du/dn = 0",
+        "  side 4      (0, 1) to (0, 0), length 1: free, du/dn = 0",
+        "  guaranteed  u >= -5, which is inf f / c",
+    ]
+
+
+def test_check_shows_coefficients_and_sides_without_contact(run, problem_file_of):
+    """f / c = 1/2 lies above g = 0.4 on all sides."""
+    out = run("check", problem_file_of(f="1", g="0.4", c="2", k="1/3"))[1]
+    assert "with k = 1/3 and c = 2" in out
+    assert "no contact  on sides 0, 1, 2, 3" in out
+    assert "no contact" not in run("check", problem_file_of(f="1", g="0.6", c="2"))[1]
+
+
+def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
+    """Numbers 0 to 4, three dashed sides, and g = sin(pi x)/4 along the first side; the same bytes twice."""
+    top, bottom, _ = drawn(problem_file.load(SHELTER)).axes
+    assert [text.get_text() for text in top.texts] == list("01234")
+    assert [line.get_linestyle() for line in top.lines] == ["-", "-", "--", "--", "--"]
+    s, g = bottom.lines[0].get_data()
+    assert g == pytest.approx(np.sin(np.pi * s) / 4, abs=1e-12)
+    pictures = [tmp_path / name for name in ("a.svg", "b.svg")]
+    for picture in pictures:
+        assert run("check", SHELTER, "--out", str(picture))[0] == 0
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("natural",), "natural declares a case; 'unilateral cases' lists"),
+        (("none.yaml",), "there is no file none.yaml"),
+        ((SHELTER, "--out", "picture.txt"), "argument --out: picture.txt has to end in .svg, .png, .pdf"),
+    ],
+)
+def test_what_cannot_be_checked_is_refused(run, arguments, message):
+    code, out, err = run("check", *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"unilateral: {message}")

@@ -1,0 +1,138 @@
+"""A case as files: what they say is what the case is, and bad input leaves nothing behind."""
+
+import json
+
+import meshio
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import load
+
+from unilateral.cli import main
+from unilateral.exchange.export import LEVEL_FILES, export
+from unilateral.exchange.formulas import DEFINITIONS, formulas
+from unilateral.fem.loads import case_moments
+from unilateral.fem.p1 import load as p1_load
+from unilateral.geometry import mesh_files, polygon
+from unilateral.geometry.structured import structured
+from unilateral.problems import case as cases
+
+CLOSED = [name for name in cases.names() if name != "violates_jjj"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """`natural` on two levels, h = 1/4 and 1/8, H = 2h."""
+    made = tmp_path_factory.mktemp("export") / "natural"
+    arguments = ["--h", "1/8", "--H", "1/4", "--levels", "2", "--out", str(made)]
+    assert main(["export", "natural", *arguments]) == 0
+    return made
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_formulas_are_the_case(name):
+    """By the case's own evaluation from atoms in polar coordinates, another way than x and y.
+
+    A wrong sign, side, scale or branch of the angle would show at once, by far more than rounding.
+    """
+    domain = polygon.named("lshape" if name in ("reentrant", "violates_j") else "square")
+    case, names = cases.load(name, domain), {}
+    exec(DEFINITIONS, names)
+
+    def value(text, points):
+        return np.broadcast_to(eval(text, {**names, "x": points[:, 0], "y": points[:, 1]}), len(points))
+
+    told, mesh = formulas(case), structured(domain, 1 / 6)
+    inside = mesh.points[mesh.triangles].mean(axis=1)
+    u, f = case.value_and_gradient(inside)[0], case.source(inside)
+    np.testing.assert_allclose(value(told["u"], inside), u, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(value(told["f"], inside), f, rtol=1e-12, atol=1e-12 * np.abs(f).max())
+    for i, length in enumerate(domain.lengths):
+        side, s = np.full(20, i), (np.arange(20) + 0.43) / 20 * length
+        u, flux, gap = case.boundary(side, s)
+        np.testing.assert_allclose(value(told["g"][i], domain.at(side, s)), u - gap, atol=1e-12)
+        np.testing.assert_allclose(value(told["lambda"][i], domain.at(side, s)), flux, rtol=1e-9, atol=1e-12)
+
+
+def test_a_case_without_closed_formulas_says_so():
+    """A Cantor family is no single formula."""
+    assert formulas(load("violates_jjj"))["u"] is None
+
+
+def test_every_level_has_its_files(folder):
+    problem = json.loads((folder / "problem.json").read_text())
+    assert [level["h"] for level in problem["levels"]] == [1 / 4, 1 / 8]
+    assert [level["H"] for level in problem["levels"]] == [1 / 2, 1 / 4]
+    assert problem["lambda_is_a_fractional_power_at"] == [{"side": 0, "t": 0.5, "place": [0.5, 0.0]}]
+    for level in problem["levels"]:
+        assert {file.name for file in (folder / level["folder"]).iterdir()} == set(LEVEL_FILES)
+        assert f"| {level['folder']} |" in (folder / "README.md").read_text()
+    assert cases.load(folder / "natural.yaml", polygon.square()).name == "natural"
+
+
+def test_both_mesh_files_hold_the_same_mesh(folder):
+    one, other = (meshio.read(folder / "level_1" / name) for name in ("mesh.msh", "mesh.vtu"))
+    np.testing.assert_array_equal(one.points, other.points)
+    np.testing.assert_array_equal(one.cells_dict["triangle"], other.cells_dict["triangle"])
+    sides = other.cell_data_dict["side"]["line"]
+    np.testing.assert_array_equal(one.cell_data_dict["gmsh:physical"]["line"], sides + 1)
+
+
+def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
+    """By this project's own load, and the means in partition.csv; a point too few would show."""
+    level, case = folder / "level_1", load("natural")
+    mesh = mesh_files.read(level / "mesh.vtu", case.polygon)
+    rule = xr.load_dataset(level / "quadrature.nc")
+    moments = np.zeros((len(mesh.triangles), 3))
+    weighted = (rule.weight * rule.f).values[:, None] * rule.barycentric.values
+    np.add.at(moments, rule.triangle.values, weighted)
+    expected = p1_load(mesh, case_moments(case, mesh))
+    np.testing.assert_allclose(p1_load(mesh, moments), expected, rtol=1e-12, atol=1e-14)
+    cells = pd.read_csv(level / "partition.csv")
+    cell = np.searchsorted(cells.start, rule.s.values, side="right") - 1
+    integrals = np.bincount(cell, (rule.boundary_weight * rule.g).values)
+    np.testing.assert_allclose(integrals / (cells.end - cells.start), cells.g_mean, rtol=1e-12)
+
+
+def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
+    own = structured(polygon.square(), 1 / 3)
+    mesh_files.write(own, tmp_path / "own.msh")
+    options = ["--H", "1/3", "--levels", "2", "--out", str(tmp_path / "out")]
+    assert main(["export", "full_contact", "--mesh", str(tmp_path / "own.msh"), *options]) == 0
+    levels = json.loads((tmp_path / "out/problem.json").read_text())["levels"]
+    assert [(level["nodes"], level["cells"]) for level in levels] == [(16, 8), (49, 12)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("natral", "--h", "1/4"), "case 'natral' is unknown"),
+        (("natural",), "either --h or --mesh"),
+        (("natural", "--h", "1/4", "--mesh", "own.msh"), "either --h or --mesh"),
+        (("natural", "--mesh", "none.msh"), "there is no file 'none.msh'"),
+        (("natural", "--h", "1/4", "--levels", "99"), "99 is more than 12"),
+        (("examples/shelter.yaml", "--h", "1/4"), "declares a problem"),
+    ],
+)
+def test_bad_input_is_one_error_and_leaves_nothing(arguments, message, tmp_path, capsys):
+    code = main(["export", *arguments, "--H", "1/2", "--out", str(tmp_path / "out")])
+    error = capsys.readouterr().err
+    assert (code, error.count("\n")) == (2, 1)
+    assert message in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_there_is_not_touched(folder, capsys):
+    before = sorted(folder.iterdir())
+    assert main(["export", "natural", "--h", "1/4", "--H", "1/2", "--out", str(folder)]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert sorted(folder.iterdir()) == before
+
+
+def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
+    """The second level's cells cannot be written."""
+    monkeypatch.setattr("unilateral.exchange.export._cells", lambda case, cells: 1 / (cells.n_cells - 8))
+    with pytest.raises((ZeroDivisionError, AttributeError)):
+        export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out")
+    assert not list(tmp_path.iterdir())

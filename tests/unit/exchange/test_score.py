@@ -1,0 +1,291 @@
+"""Solutions of other solvers: right ones score their errors, and each spoilt one is named for what it is."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import coupled, discrete
+
+from unilateral.cli import main
+from unilateral.discrete import solve
+from unilateral.exchange.read import exported, foreign
+from unilateral.exchange.score import rates, score, verdict
+from unilateral.exchange.trace import constant, continuous, of_reactions
+from unilateral.fem.p1 import boundary_mass
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import square
+from unilateral.solution import Solution
+
+LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
+FINEST = (16, 8)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("score") / "natural"
+    options = ["--h", "1/16", "--H", "1/8", "--levels", "3", "--out", str(made)]
+    assert main(["export", "natural", *options]) == 0
+    return made
+
+
+@cache
+def own(n, m):
+    return Solution(solve(discrete("natural", n, m)))
+
+
+@pytest.fixture
+def scored(folder, tmp_path):
+    """The score of u and columns beside it, its nodes permuted; cells are (points, values)."""
+    case, levels = exported(folder)
+
+    def scoring(u, cells=None, **nodal):
+        points = levels[-1].mesh.points
+        table = pd.DataFrame({"x": points[:, 0], "y": points[:, 1], "u": u, **nodal})
+        table.sample(frac=1, random_state=1).to_csv(tmp_path / "u.csv", index=False)
+        if cells is None:
+            return score(case, foreign(levels, str(tmp_path / "u.csv")))
+        s, values = cells
+        columns = {"start": s[:-1], "end": s[1:], "multiplier": values}
+        pd.DataFrame(columns).to_csv(tmp_path / "cells.csv", index=False)
+        return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
+
+    return scoring
+
+
+def at_boundary(values):
+    """(n,) with those of the boundary nodes, NaN inside, where none are needed."""
+    mesh = own(*FINEST).mesh
+    found = np.full(mesh.n_nodes, np.nan)
+    found[mesh.boundary] = values
+    return found
+
+
+def nodal():
+    """u and reactions of the nodal method, u >= g at the nodes, by an active set on dense matrices."""
+    problem = discrete("natural", *FINEST)
+    condensed, mesh = problem.spaces.condensed, problem.mesh
+    u, _, gap = problem.data.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
+    trace, A = condensed.solve(problem.load)[mesh.boundary], condensed.A_3
+    active = np.ones(len(u), bool)
+    for _ in range(50):
+        reactions = np.zeros(len(u))
+        value = np.where(active, u - gap, 0.0)
+        value[~active] = np.linalg.solve(
+            A[np.ix_(~active, ~active)], (A @ trace - A[:, active] @ value[active])[~active]
+        )
+        reactions = A @ (value - trace)
+        now = reactions - (value - (u - gap)) > 0
+        if np.array_equal(now, active):
+            break
+        active = now
+    total = problem.load.copy()
+    total[mesh.boundary] += reactions
+    return condensed.solve(total), reactions
+
+
+@pytest.mark.parametrize("ending", [".nc", ".vtu"])
+def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, ending):
+    """By `Solution.errors`, which never saw a file. A wrong node, cell or edge would change all three."""
+    case, levels = exported(folder)
+    found = []
+    for level, sizes in zip(levels, LEVELS.values(), strict=True):
+        solution = own(*sizes)
+        solution.save(tmp_path / f"{level.name}{ending}")
+        one = score(case, foreign(levels, str(tmp_path / f"{level.name}{ending}")))
+        assert (one.given.level.name, one.faults) == (level.name, [])
+        # On edges the same function takes other quadrature points; `dual` rounds 1e-9 of the norm of lambda.
+        np.testing.assert_allclose(one.errors, solution.errors, rtol=1e-12 if ending == ".nc" else 1e-6)
+        np.testing.assert_allclose(one.own, solution.errors, rtol=1e-12)
+        found.append(one)
+    ladder = rates(case, found)
+    assert {norm: rate.pairs for norm, rate in ladder.items()} == {"h1": 1, "hm12": 1, "l2": 1}
+    last, finest = (own(*LEVELS[name]).errors for name in ("level_1", "level_2"))
+    assert ladder["h1"].observed == pytest.approx(np.log2(last.h1 / finest.h1), rel=1e-9)
+    assert verdict(found, ladder) == "reaches the proved rates"
+
+
+def test_a_ladder_that_does_not_converge_falls_short(folder, tmp_path):
+    """The coarser levels' errors are the finest one's: the rate is 0."""
+    case, levels = exported(folder)
+    found = []
+    for sizes in LEVELS.values():
+        own(*sizes).save(tmp_path / "own.nc")
+        found.append(score(case, foreign(levels, str(tmp_path / "own.nc"))))
+    same = [type(each)(each.given, found[-1].errors, each.own, []) for each in found]
+    assert rates(case, same)["h1"].observed == 0
+    assert verdict(same, rates(case, same)) == "falls short of a proved rate"
+
+
+def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(scored):
+    """Each cell in two, with the same value, is the same function."""
+    solution = own(*FINEST)
+    finer = partitions.refine(solution.partition)
+    for cells in (
+        (solution.partition.points, solution.multiplier),
+        (finer.points, np.repeat(solution.multiplier, 2)),
+    ):
+        one = scored(solution.u, cells)
+        assert one.errors.h1 == pytest.approx(solution.errors.h1, rel=1e-12)
+        assert one.errors.l2 == pytest.approx(solution.errors.l2, rel=1e-12)
+        assert one.faults == []
+
+
+@pytest.mark.parametrize("name", ["no_contact", "thirds", "violates_jj"])
+def test_nothing_is_wrong_on_a_mesh_that_is_too_coarse(name, tmp_path):
+    """Errors of 100 % and more, and errors that are 0, are no faults of a converged solution."""
+    out = str(tmp_path / name)
+    assert main(["export", name, "--h", "1/4", "--H", "1/2", "--out", out]) == 0
+    case, levels = exported(out)
+    Solution(solve(discrete(name, 4, 2))).save(tmp_path / "own.nc")
+    assert score(case, foreign(levels, str(tmp_path / "own.nc"))).faults == []
+
+
+def test_u_alone_is_scored(scored):
+    one = scored(own(*FINEST).u)
+    assert (one.given.kind, one.faults) == ("none", [])
+    assert np.isnan(one.errors[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("of_u", "of_lambda", "fault"),
+    [
+        (1, -1, "the multiplier has the wrong sign"),
+        (1, 2, "the multiplier has the wrong scale: 0.5"),
+        (-1, 1, "u has the wrong sign"),
+        (2, 1, "u has the wrong scale: 0.5"),
+    ],
+)
+def test_a_wrong_sign_or_scale_is_named(scored, of_u, of_lambda, fault):
+    solution = own(*FINEST)
+    cells = solution.partition.points, of_lambda * solution.multiplier
+    (found,) = scored(of_u * solution.u, cells).faults
+    assert found.startswith(fault)
+
+
+def test_cells_in_the_wrong_direction_are_named(scored):
+    solution = own(*FINEST)
+    s = solution.partition.points
+    (found,) = scored(solution.u, (s[-1] - s[::-1], solution.multiplier[::-1])).faults
+    assert "clockwise" in found
+
+
+@pytest.mark.parametrize(("steps", "stopped"), [(3, True), (3000, False)])
+def test_an_iteration_that_stopped_too_early_is_named(scored, steps, stopped):
+    """Uzawa's steps from 0, with the u that belongs to them: the equation holds, the conditions do not."""
+    problem = discrete("natural", *FINEST)
+    operator, mu = problem.spaces.operator, np.zeros(len(problem.offset))
+    for _ in range(steps):
+        mu = np.maximum(0, mu - operator.gap(mu, problem.offset) / operator.lambda_max)
+    u = problem.spaces.response(problem.load, mu)
+    found = scored(u, (problem.partition.points, mu)).faults
+    assert [("stopped too early" in fault and "iteration" in fault) for fault in found] == [True] * stopped
+
+
+def test_a_linear_solve_that_stopped_too_early_is_named(scored):
+    """Jacobi's steps from the values at the boundary, 0 inside."""
+    problem, solution = discrete("natural", *FINEST), own(*FINEST)
+    A, mesh = problem.spaces.condensed.A, problem.mesh
+    u, inside = np.zeros(mesh.n_nodes), np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    u[mesh.boundary] = solution.u[mesh.boundary]
+    for _ in range(60):
+        u[inside] += ((problem.load - A @ u) / A.diagonal())[inside]
+    assert any("inside the domain" in fault for fault in scored(u).faults)
+
+
+def test_reactions_become_a_function_and_lumped_ones_are_named(scored):
+    u, reactions = nodal()
+    mesh = own(*FINEST).mesh
+    right = scored(u, reaction=at_boundary(reactions))
+    assert "mass matrix" in right.given.kind
+    assert right.faults == []
+    np.testing.assert_allclose(right.given.multiplier.load(mesh), reactions, atol=1e-12)
+    masses = boundary_mass(mesh).sum(axis=1)
+    lumped = scored(u, multiplier=at_boundary(reactions / masses))
+    (found,) = lumped.faults
+    assert "lumped" in found
+    (doubled,) = scored(u, reaction=at_boundary(2 * reactions)).faults
+    assert "wrong scale" in doubled
+
+
+def test_a_multiplier_of_another_problem_does_not_fit(scored):
+    """The exact one and 10 % that oscillates from cell to cell."""
+    solution = own(*FINEST)
+    signs = (-1.0) ** np.arange(len(solution.multiplier))
+    (found,) = scored(solution.u, (solution.partition.points, solution.multiplier + signs)).faults
+    assert "do not fit" in found
+
+
+def test_traces_have_their_loads_and_norms():
+    """<1, phi_j> is the mass matrix's row sum; reactions give their function back."""
+    mesh = coupled("square", 8, 4).mesh
+    one = constant(partitions.uniform(square(), 1 / 3), np.ones(12))
+    masses = boundary_mass(mesh).sum(axis=1)
+    np.testing.assert_allclose(one.load(mesh), masses, rtol=1e-13)
+    values = np.cos(mesh.s[:-1])
+    np.testing.assert_allclose(continuous(mesh, values).load(mesh), boundary_mass(mesh) @ values, rtol=1e-12)
+    np.testing.assert_allclose(of_reactions(mesh, boundary_mass(mesh) @ values).nodal, values, rtol=1e-12)
+    assert mixed_spaces(coupled("square", 8, 4).condensed, one.cells).B.shape == (12, 32)
+
+
+def spoilt(what, points):
+    """A table of u = x at the nodes, spoilt."""
+    table = pd.DataFrame({"x": points[:, 0], "y": points[:, 1], "u": points[:, 0]})
+    if what == "missing":
+        return table.drop(index=7)
+    if what == "mesh":
+        return table.assign(x=table.x**1.1)
+    if what == "twice":
+        return pd.concat([table, table.tail(1).assign(u=9.0)])
+    if what == "name":
+        return table.rename(columns={"u": "v"})
+    table.loc[7, "u" if what == "NaN" else "x"] = np.nan
+    return table
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("missing", "1 of the 289 nodes of level_2 are missing"),
+        ("mesh", "another mesh"),
+        ("NaN", "u is nan at point 7"),
+        ("place", "point 7 has the place (nan"),
+        ("twice", "u has two values at"),
+        ("name", "x, y and u are needed"),
+    ],
+)
+def test_what_cannot_be_scored_is_one_error(folder, tmp_path, capsys, what, message):
+    points = own(*FINEST).mesh.points
+    spoilt(what, points).to_csv(tmp_path / "u.csv", index=False)
+    assert main(["score", str(folder), str(tmp_path / "u.csv")]) == 2
+    out, error = capsys.readouterr()
+    assert (out, error.count("\n")) == ("", 1)
+    assert f"{tmp_path / 'u.csv'}: {message}" in error or message in error
+
+
+def test_a_file_without_multipliers_is_named(folder, tmp_path, capsys):
+    own(*FINEST).save(tmp_path / "u.vtu")
+    cells = str(folder / "level_2/partition.csv")
+    assert main(["score", str(folder), str(tmp_path / "u.vtu"), "--multiplier", cells]) == 2
+    assert "the columns start, end and multiplier are needed" in capsys.readouterr().err
+
+
+def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys):
+    own(*FINEST).save(tmp_path / "own.nc")
+    with xr.open_dataset(tmp_path / "own.nc") as found:
+        found.load().assign(multiplier=-found.multiplier).to_netcdf(tmp_path / "spoilt.nc")
+    assert main(["score", str(folder), str(tmp_path / "spoilt.nc")]) == 0
+    assert "spoilt.nc: the multiplier has the wrong sign" in capsys.readouterr().out
+    assert main(["score", str(folder), str(tmp_path / "own.nc"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (one,) = told["solutions"]
+    assert one["errors"]["h1"] == pytest.approx(own(*FINEST).errors.h1, rel=1e-12)
+    assert (one["level"], one["faults"], told["rates"]["h1"]["verdict"]) == ("level_2", [], "not judged")
+
+
+def test_a_folder_that_is_no_export_is_named(tmp_path, capsys):
+    assert main(["score", str(tmp_path), "u.csv"]) == 2
+    assert "no folder that 'unilateral export' wrote" in capsys.readouterr().err
