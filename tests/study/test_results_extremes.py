@@ -21,7 +21,14 @@ EVERYWHERE = [
 ]
 VARIANTS = ["step_full", "step_partial", "printed_full", "printed_partial", "single", "double"]
 """What the library does not offer, or takes as it is given."""
-REFUSALS = ("scale it", "scale the data", "move polygon", "list every node once", "repeats", "finite numbers")
+REFUSALS = (
+    "fields k and c",
+    "scale the data",
+    "move polygon",
+    "list every node once",
+    "repeats",
+    "finite numbers",
+)
 LAWS = {"shift": -2, "short": -1, "short_loaded": -1, "odd": 3, "slit": -1, "side": -1, "angle": -2}
 
 

@@ -18,6 +18,7 @@ from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
+from unilateral.problems.units import Units
 from unilateral.solution import Solution
 
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
@@ -32,9 +33,14 @@ def folder(tmp_path_factory):
     return made
 
 
+def kept(of):
+    """The solution of a discrete problem, in the units of the paper's equation."""
+    return Solution(solve(of), of.mesh.polygon, Units())
+
+
 @cache
 def own(n, m):
-    return Solution(solve(discrete("natural", n, m)))
+    return kept(discrete("natural", n, m))
 
 
 @pytest.fixture
@@ -140,7 +146,7 @@ def test_nothing_is_wrong_on_a_mesh_that_is_too_coarse(name, tmp_path):
     out = str(tmp_path / name)
     assert main(["export", name, "--h", "1/4", "--H", "1/2", "--out", out]) == 0
     case, levels = exported(out)
-    Solution(solve(discrete(name, 4, 2))).save(tmp_path / "own.nc")
+    kept(discrete(name, 4, 2)).save(tmp_path / "own.nc")
     assert score(case, foreign(levels, str(tmp_path / "own.nc"))).faults == []
 
 
