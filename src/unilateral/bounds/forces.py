@@ -12,7 +12,6 @@ it makes ||w||_1 nearly least. On sides that are free lambda is 0, and w is free
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.edge_flux import SUMS
-from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.p1 import coupling, h1_norm, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.descent import Descent, rough_inverse
@@ -109,6 +108,6 @@ def _extensions(mesh: Mesh) -> Callable[[Array], float]:
         run = Descent(A_inside, -(from_inside @ w), w[inside], inverse)
         while run.step() > ENOUGH * (w @ (A @ w)):
             w[inside] = run.x
-        return (1 + SUMS) * math.sqrt(float(w @ (A @ w)))
+        return (1 + SUMS) * h1_norm(mesh, w)
 
     return norm

@@ -12,7 +12,7 @@ from unilateral.bounds.forces import forces
 from unilateral.fem.p1 import h1_norm, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import cell_means
 from unilateral.solvers import descent
@@ -92,6 +92,16 @@ def test_its_norm_is_nearly_the_least(iterated, monkeypatch):
     w[mesh.boundary] = trace
     w[inside] = np.linalg.solve(A[np.ix_(inside, inside)], -(A @ w)[inside])
     assert of_forces._extensions(mesh)(trace) == pytest.approx(h1_norm(mesh, w), rel=1e-3)
+
+
+def test_the_norm_of_nearly_a_constant_is_not_lost_in_rounding():
+    """In a square of side a, for w = 1 on the boundary, the least ||w||_1 is a, up to the order a^2 of that.
+
+    By w . A w, in which the gradients of a constant cancel, it was 3e-3 off.
+    """
+    a = 1e-5
+    mesh = meshes.unstructured(Polygon(a * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), "small"), a / 64)
+    assert of_forces._extensions(mesh)(np.ones(len(mesh.boundary))) == pytest.approx(a, rel=1e-8)
 
 
 def test_a_free_side_has_no_force_and_hinders_no_other():
