@@ -15,7 +15,7 @@ from unilateral import declarations
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import kinks, number, parse, pos, substituted
 from unilateral.formulas.positive import rounded
-from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon
+from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.problem import Problem, curve
@@ -54,6 +54,13 @@ def load(name: str) -> Problem:
     and anticlockwise, and for f and g that are not finite, not smooth enough, or do not fit together.
     """
     return made(declarations.read(Path(name), name), name)
+
+
+def polygon_of(name: str) -> Polygon:
+    """The named polygon, or that of the problem in a file, by the name of the file."""
+    if name in names() or declarations.file_of(name) is None:
+        return named(name)
+    return Polygon(load(name).polygon.vertices, name)
 
 
 def made(declaration: Any, name: str) -> Problem:
