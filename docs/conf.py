@@ -44,3 +44,4 @@ html_css_files = ["pages.css"]
 paper = HERE.parent / "results/paper"
 html_extra_path = ["site", *([str(paper)] if paper.is_dir() else [])]
 html_copy_source = False
+html_show_search_summary = False

@@ -63,15 +63,12 @@ def escaped(text: str) -> str:
     return "".join(parts)
 
 
-def public(_app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> Any:
+def public(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> Any:
     """A link to a class that users know by its name in `unilateral`, not by its module."""
     names = {f"unilateral.{module}.{name}": f"unilateral.{name}" for name, module in ul.PUBLIC.items()}
     target = names.get(node.get("reftarget", ""))
-    if target is None:
-        return None
-    domain = env.domains.python_domain
-    builder = env._app.builder
-    return domain.resolve_xref(env, node["refdoc"], builder, "obj", target, node, content)
+    python = env.domains.python_domain
+    return target and python.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, content)
 
 
 def typeset(app: Sphinx, _page: str, source: list[str]) -> None:
