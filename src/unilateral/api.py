@@ -160,14 +160,17 @@ def solve(
 
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
-    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. An accuracy is
-    that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. It is
-    relative to that norm of the solution or, if it is `absolute`, the largest error itself, and certified by
-    the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was reached within
-    `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by `certified`.
-    A `dry_run` ends after the first levels, and the solution's `search.plan` says what the accuracy takes.
-    A `watch` may interrupt and see how far a level is. Raises BudgetError where a limit leaves no result, and
-    InputError for what does not fit together, or not into the memory.
+    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
+
+    An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every
+    level. It is relative to that norm of the solution or, if it is `absolute`, the largest error itself, and
+    certified by the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was
+    reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by
+    `certified`. A `dry_run` ends after the first levels, and the solution's `search.plan` says what the
+    accuracy takes. A `watch` may interrupt and see how far a level is.
+
+    Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
+    into the memory.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified

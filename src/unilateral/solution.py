@@ -125,6 +125,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
+        """Whether the algorithm reached its stop."""
         return bool(self.solved.result.converged)
 
     @property

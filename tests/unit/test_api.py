@@ -1,10 +1,8 @@
-"""The public face: its doctests, README's programs, problems of functions, own meshes, files and refusals."""
+"""The public face: its doctests, problems of functions, own meshes, files and refusals."""
 
 import doctest
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import meshio
@@ -39,27 +37,6 @@ def test_all_that_is_public_is_there_and_typed():
     assert all(getattr(ul, name) for name in ul.__all__)
     with pytest.raises(AttributeError, match="no attribute 'solv'"):
         _ = ul.solv
-
-
-def programs():
-    """Those of README and the page on Python."""
-    for name in ("README.md", "docs/python.md"):
-        text = (ROOT / name).read_text()
-        found = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-        assert found
-        yield from found
-
-
-def test_the_programs_that_readers_see_run(tmp_path):
-    """As they are, in a folder with the example and a mesh of one's own."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    mesh = structured(square(), 1 / 8)
-    in_space = np.column_stack([mesh.points, np.zeros(mesh.n_nodes)])
-    own = meshio.Mesh(in_space, [("triangle", mesh.triangles)])
-    own.write(tmp_path / "own.msh", file_format="gmsh")
-    for program in programs():
-        subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=120)
-    assert {"shelter.vtu", "shelter.png"} <= {file.name for file in tmp_path.iterdir()}
 
 
 def test_functions_give_the_solution_of_their_formulas():
