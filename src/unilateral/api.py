@@ -121,20 +121,13 @@ def Problem(
         "q": _each(q, lambda each: 1 if callable(each) else each),
     }
     checked = problem_file.made(common | {"f": 0} | numbers, name)
-    n = checked.polygon.n_sides
-    of_f, of_g, of_q = (
-        [_function(each, f"{name}, field {field}") for each in _listed(given)]
-        for field, given in (("f", f), ("g", g), ("q", q))
+    of_f, polygon = _function(f, f"{name}, field f"), Polygon(vertices, name)
+    of_g, of_q = (
+        [_function(each, f"{name}, field {field}[{i}]") for i, each in enumerate(_listed(given))]
+        for field, given in (("g", g), ("q", q))
     )
-    return Sampled(
-        name,
-        Polygon(vertices, name),
-        of_f[0],
-        tuple(of_g * (n // len(of_g))),
-        checked.free_sides,
-        checked.units,
-        tuple(of_q * (n // len(of_q))),
-    )
+    on_sides = (tuple(each * (polygon.n_sides // len(each))) for each in (of_g, of_q))
+    return Sampled(name, polygon, of_f, next(on_sides), checked.free_sides, checked.units, next(on_sides))
 
 
 def _listed(given: Given | Sequence[Given]) -> list[Given]:
@@ -205,7 +198,7 @@ def solve(
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
-        raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
+        raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
     if mesh == "structured" and units_of(problem).length != 1:
         raise InputError(
             f"'{problem.name}': with k and c an accuracy takes unstructured meshes; leave 'structured' out"

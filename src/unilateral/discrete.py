@@ -38,7 +38,7 @@ MOST_BOUNDED = 100_000
 class Discrete:
     """(P_h*) on the spaces: `load` (n,) of f and q, `offset` (m,) is F(0), `g_means` (cells,) those of g.
 
-    Errors are known where the solution is `exact`, and bounded where the `data` f and g are formulas;
+    Errors are known where the solution is `exact`, and bounded where the `data` f, g and q are formulas;
     `source` is f enclosed, where it has been, as the load may be made of that.
     """
 
@@ -127,7 +127,7 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> Discrete:
 
 
 def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
-    """The problem whose f and g are enclosed; its load is that of the enclosure's polynomials."""
+    """The problem whose f, g and q are enclosed; its load is that of the enclosure's polynomials."""
     source, mesh = enclosed(spaces.mesh, data), spaces.mesh
     load = p1_load(mesh, source.moments) + flux_load(data, mesh)
     trace = spaces.condensed.solve(load)[mesh.boundary]
@@ -138,7 +138,7 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
 
 
 def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
-    """The problem whose f and g are known in points: by Gauss rules, whose errors nobody knows."""
+    """The problem whose f, g and q are known in points: by Gauss rules, whose errors nobody knows."""
     mesh = spaces.mesh
     load = p1_load(mesh, sampled_moments(problem, mesh)) + flux_load(problem, mesh)
     trace = spaces.condensed.solve(load)[mesh.boundary]

@@ -101,7 +101,7 @@ class Solution:
         return found
 
     def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
-        """The guaranteed bounds of the errors, where f and g are formulas; sharp ones take more time."""
+        """The guaranteed bounds of the errors, where f, g and q are formulas; sharp ones take more time."""
         return self._sharp_bound if sharp else self._local_bound
 
     @property

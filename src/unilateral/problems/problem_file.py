@@ -51,7 +51,7 @@ def load(name: str) -> Problem:
     """The problem declared in a YAML file.
 
     Raises InputError, with the field, for what the schema does not allow, for a polygon that is not simple
-    and anticlockwise, and for f and g that are not finite, not smooth enough, or do not fit together.
+    and anticlockwise, and for f, g and q that are not finite, not smooth enough, or do not fit together.
     """
     return made(declarations.read(Path(name), name), name)
 
