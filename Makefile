@@ -43,7 +43,7 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)
 
-fuzz: .venv/ready  ## 720 problems against the certificate, beyond those of `make test` (about an hour)
+fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `make test` (above an hour)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py tests/unit/bounds/test_random_problems.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)

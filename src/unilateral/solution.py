@@ -147,7 +147,7 @@ class Solution:
 
     @cached_property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds of the errors, where f and g are formulas.
+        """The guaranteed bounds of the errors, where f, g and q are formulas.
 
         None, too, where those of all levels contradict each other, which would be a fault of this program.
         """

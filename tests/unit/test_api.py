@@ -51,7 +51,7 @@ def test_functions_give_the_solution_of_their_formulas():
     assert of_functions.bounds is None
     assert of_functions.errors is None
     assert of_formulas.bounds.u > 0
-    with pytest.raises(ul.InputError, match="f and g must be formulas, or no accuracy can be guaranteed"):
+    with pytest.raises(ul.InputError, match="f, g and q must be formulas, or no accuracy can be guaranteed"):
         ul.solve(functions, accuracy=0.1)
 
 
