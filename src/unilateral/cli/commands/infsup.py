@@ -37,8 +37,8 @@ def infsup(ctx: click.Context, **options: Any) -> int:
     """Tell whether a mesh and a partition of its boundary are stable: the constants of Lemma 3.1.
 
     beta is the inf-sup constant in H^(-1/2), between guaranteed bounds, beta_0 the one in L2, for -lap u + u.
-    Beside them stands the local rule: every edge that meets a cell is at most half of it, and no triangle at
-    the boundary has an angle below 20 degrees. Cells and triangles that break it are named.
+    Beside them stands the local rule: edges are short against the cells that they meet, and triangles at the
+    boundary are not flat. Cells and triangles that break it are named.
     """
     for one, other in (("mesh", "h"), ("cells", "H")):
         if (options[one] is None) == (options[other] is None):
