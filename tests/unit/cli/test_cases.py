@@ -85,6 +85,12 @@ NUMPY_AS_UFL |= {"conditional": np.where, "gt": np.greater, "lt": np.less, "pi":
 NUMPY_AS_UFL |= {name: getattr(np, name) for name in ["cos", "cosh", "exp", "sin", "sinh", "sqrt", "tanh"]}
 
 
+def with_ufl(monkeypatch, **names):
+    stub = types.ModuleType("ufl")
+    stub.__dict__.update(names)
+    monkeypatch.setitem(sys.modules, "ufl", stub)
+
+
 def functions(kind, case):
     """u, f, grad_u, g and lambda_ of the module, all as functions of points (k, 2), the last two by side."""
     space = {}
@@ -106,9 +112,7 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
 
     A sign, a branch of the angle or a coordinate that is another one would show by far more than rounding.
     """
-    stub = types.ModuleType("ufl")
-    stub.__dict__.update(NUMPY_AS_UFL)
-    monkeypatch.setitem(sys.modules, "ufl", stub)
+    with_ufl(monkeypatch, **NUMPY_AS_UFL)
     case, found = of(name), functions(kind, of(name))
     mesh = structured(case.polygon, 1 / 5)
     inside = mesh.points[mesh.triangles].mean(axis=1)
@@ -123,6 +127,15 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
         (u, flux, gap), points = case.boundary(side, s), case.polygon.at(side, s)
         np.testing.assert_allclose(found["g"][i](points), u - gap, atol=1e-12)
         np.testing.assert_allclose(found["lambda_"][i](points), flux, rtol=1e-9, atol=1e-12)
+
+
+def test_older_versions_of_ufl_have_atan_2(monkeypatch):
+    """Such as 2022.2 of Debian 12."""
+    names = {name: of for name, of in NUMPY_AS_UFL.items() if name != "atan2"}
+    with_ufl(monkeypatch, **names, atan_2=np.arctan2)
+    point = np.array([[0.25, 0.5]])
+    u = load("natural").value_and_gradient(point)[0]
+    assert functions("ufl", load("natural"))["u"](point) == pytest.approx(u, rel=1e-12)
 
 
 def test_python_that_is_printed_runs_as_it_is(run):

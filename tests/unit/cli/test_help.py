@@ -96,6 +96,23 @@ def test_what_is_like_a_misspelt_name_is_offered(run, arguments, offered):
     assert offered in err
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("solve", "nothing", "--accuracy", "0.1"),
+        ("cases", "nothing"),
+        ("score", "nothing", "u.csv"),
+        ("infsup", "--h", "1"),
+        ("claims", "nothing"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_with_json_bad_input_leaves_standard_output_empty(run, arguments):
+    """So that a program never reads half an object."""
+    code, out, err = run(*arguments, "--json")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+
+
 def test_nothing_is_offered_for_what_is_like_nothing():
     """Control."""
     assert meant("xyz", COMMANDS) == ""

@@ -279,6 +279,13 @@ def test_a_file_without_multipliers_is_named(folder, tmp_path, capsys):
     assert "the columns start, end and multiplier are needed" in capsys.readouterr().err
 
 
+def test_every_solution_has_a_file_of_multipliers_or_none(folder, capsys):
+    """One for two solutions could be meant for either."""
+    files = ["--multiplier", "cells.csv"]
+    assert main(["score", str(folder), "a.vtu", "b.vtu", *files]) == 2
+    assert "--multiplier names 1 files for 2 solutions; repeat it" in capsys.readouterr().err
+
+
 def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys):
     own(*FINEST).save(tmp_path / "own.nc")
     with xr.open_dataset(tmp_path / "own.nc") as found:
