@@ -73,7 +73,7 @@ def public(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: node
 
 def typeset(app: Sphinx, _page: str, source: list[str]) -> None:
     """Links to the paper's source lead to the typeset paper or, where that is not made, to its page."""
-    there = Path(app.srcdir, "results/paper/paper.html").exists()
+    there = app.config.typeset_paper
     source[0] = PAPER.sub(lambda link: f"](paper:{link[1] or ''})" if there else "](paper.md)", source[0])
 
 
@@ -101,6 +101,7 @@ def row(cells: list[nodes.Node]) -> nodes.row:
 def setup(app: Sphinx) -> dict[str, Any]:
     # Sphinx shows a type's short name inside of a union as TypeAliasForwardRef('Array').
     TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
+    app.add_config_value("typeset_paper", "", "env", types=str)
     app.add_html_math_renderer("mathml", (inline, None), (display, None))
     app.add_directive("variables", Variables)
     app.connect("autodoc-process-docstring", plain)

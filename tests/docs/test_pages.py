@@ -18,9 +18,9 @@ FETCHED = {"src", "srcset", "poster", "data", "background"}
 IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
 
 
-def built(folder, sources=ROOT):
+def built(folder, sources=ROOT, *options):
     """What `make docs` runs, into that folder."""
-    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", str(ROOT / "docs"), str(sources), str(folder)]
+    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", "docs", *options, str(sources), str(folder)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
@@ -91,6 +91,15 @@ def leads(pages, file, url):
 def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
     assert len([*site.rglob("*.html")]) > 15
     assert faults(site) == []
+
+
+def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
+    run = built(tmp_path, ROOT, "-D", "typeset_paper=")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert faults(tmp_path) == []
+    links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
+    assert "paper.html" in links
+    assert not any(link.startswith("../paper.html") for link in links)
 
 
 SPOILT = {
