@@ -102,6 +102,18 @@ def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_
     assert not any(link.startswith("../paper.html") for link in links)
 
 
+def test_links_of_the_repository_to_what_is_no_page_are_text(tmp_path):
+    """A folder, and Markdown that is no page; what is not there at all is refused, see below."""
+    (tmp_path / "sources/docs").mkdir(parents=True)
+    (tmp_path / "sources/README.md").write_text("# Other\n")
+    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home)"
+    (tmp_path / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n")
+    run = built(tmp_path / "pages", tmp_path / "sources")
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "pages/docs/index.html").read_text(encoding="utf-8")
+    assert "<p>a folder, another text, <a " in text
+
+
 SPOILT = {
     '<link rel="stylesheet" href="https://example.invalid/a.css">': "fetches https://example.invalid/a.css",
     '<script src="//example.invalid/a.js"></script>': "fetches //example.invalid/a.js",
