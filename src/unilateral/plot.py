@@ -26,7 +26,7 @@ def figure(mesh: Mesh, u_h: Array, contact: Contact, gap: Array, with_mesh: bool
 
     The mesh is drawn beside u_h if that is asked for.
     """
-    page = Figure(figsize=(10 if with_mesh else 6.7, 7.5), layout="compressed", dpi=DOTS)
+    page = Figure(figsize=(10 if with_mesh else 6.7, 7.5), layout="constrained", dpi=DOTS)
     grid = page.add_gridspec(2, 2 if with_mesh else 1, height_ratios=(2, 1))
     top, bottom = page.add_subplot(grid[0, 0]), page.add_subplot(grid[1, :])
     triangles = Triangulation(mesh.points[:, 0], mesh.points[:, 1], mesh.triangles)

@@ -42,6 +42,7 @@ FIGURE = """\
 CLAIM = r"""
 - id: "3.1d"
   section: stability
+  title: "β is not small"
   statement: '$\beta$ is not small'
   where: "Lemma 3.1"
   verdict: "holds"

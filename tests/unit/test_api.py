@@ -232,16 +232,6 @@ def test_the_picture_shows_contact_and_gap():
     np.testing.assert_array_equal(bottom.patches[0].get_data().values, s.multiplier)
 
 
-def test_the_bar_of_colours_is_as_high_as_the_picture():
-    """On a polygon four times as wide as high, too; a bar of the height of the grid's row would be higher."""
-    wide = ul.Problem([[0, 0], [4, 0], [4, 1], [0, 1]], f="x", g="0")
-    figure = ul.solve(wide, h=1 / 2, H=1).plot()
-    figure.draw_without_rendering()
-    picture, _, bar = (axes.get_window_extent() for axes in figure.axes)
-    assert (bar.y0, bar.y1) == pytest.approx((picture.y0, picture.y1), abs=0.03 * picture.height)
-    assert picture.height < 0.4 * picture.width
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
