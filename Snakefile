@@ -39,6 +39,7 @@ include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"
 include: "workflow/rules/paper.smk"
 include: "workflow/rules/manifest.smk"
+include: "workflow/rules/report.smk"
 
 
 rule all:
@@ -46,6 +47,7 @@ rule all:
     input:
         *MADE.values(),
         rules.manifest.output,
+        rules.pages.output,
 
 
 rule figures:

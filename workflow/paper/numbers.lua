@@ -152,6 +152,7 @@ local number = {
 
 local finish = {
   Meta = function(meta)
+    if FORMAT ~= "typst" then return nil end
     local date = pandoc.utils.normalize_date(pandoc.utils.stringify(meta.date or ""))
     if not date then error("the title block needs a date such as 21 November 2026", 0) end
     local year, month, day = date:match("(%d+)-0?(%d+)-0?(%d+)")
