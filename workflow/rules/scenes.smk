@@ -31,6 +31,8 @@ rule solve:
         timings="results/{scene}/timings.nc",
     log:
         "results/logs/solve/{scene}.log",
+    benchmark:
+        "results/benchmarks/solve/{scene}.tsv"
     params:
         scene=scene_of,
         name="{scene}",
