@@ -61,7 +61,7 @@ def score(case: Case, given: Foreign) -> Scored:
         norm, case, given, solved.u_h, constant(cells, solved.lambda_H) if discrete.unique else None
     )
     errors = _errors(norm, case, given, given.u, given.multiplier)
-    return Scored(given, errors, own, faults(case, given, discrete, solved, own))
+    return Scored(given, errors, own, faults(case, given, discrete, own))
 
 
 def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | None) -> Errors:

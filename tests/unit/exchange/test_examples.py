@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import ROOT, discrete
+from conftest import ROOT, discrete, load
 
 from unilateral.cli import main
 from unilateral.exchange.faults import residual
@@ -60,5 +60,5 @@ def test_the_driver_has_the_load_of_the_exported_quadrature(told):
     folder, solutions = told
     _, levels = exported(folder)
     for file, n in zip(solutions, (8, 16, 32), strict=True):
-        of = residual(discrete("natural", n, n // 2), foreign(levels, file).u)
+        of = residual(load("natural"), discrete("natural", n, n // 2), foreign(levels, file).u)
         assert of.inside <= 1e-10 * of.discrete.exact.ritz.u_norm

@@ -160,9 +160,9 @@ def test_u_alone_is_scored(scored):
     ("of_u", "of_lambda", "fault"),
     [
         (1, -1, "the multiplier has the wrong sign"),
-        (1, 2, "the multiplier has the wrong scale: 0.5"),
-        (-1, 1, "u has the wrong sign"),
-        (2, 1, "u has the wrong scale: 0.5"),
+        (1, 2, "the multiplier has the wrong scale: 2 times"),
+        (-1, 1, "u, or the load, has the wrong sign"),
+        (2, 1, "u, or the load, has the wrong scale: 2 times"),
     ],
 )
 def test_a_wrong_sign_or_scale_is_named(scored, of_u, of_lambda, fault):
