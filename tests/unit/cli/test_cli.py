@@ -28,13 +28,13 @@ from unilateral.problems import case
 from unilateral.solution import Solution
 from unilateral.study.judge import claims
 
-KEYS = [  # of --json, in the documented order
-    *("problem", "goal", "certified", "k", "c", "h", "diameter", "H", "adapted", "triangles", "unknowns"),
-    *("multipliers", "algorithm", "iterations", "converged", "algebraic_bound", "unique", "h1_error"),
-    *("hm12_error_lower", "hm12_error_upper", "l2_error", "bounds", "h1_bound", "hm12_bound"),
-    *("h1_relative_bound", "hm12_relative_bound", "enclosure", "total_bound", "levels", "contact"),
-    *("versions", "forces", "seconds", "peak_mb"),
-]
+KEYS = """
+problem goal norm certified k c norms h diameter H adapted triangles unknowns multipliers algorithm iterations
+converged algebraic_bound unique h1_error hm12_error_lower hm12_error_upper l2_error bounds h1_bound
+hm12_bound h1_relative_bound hm12_relative_bound enclosure total_bound levels contact versions forces seconds
+peak_mb
+""".split()
+"""Of --json, in the documented order."""
 NOT_UNIQUE = "unilateral: lambda_H may not be unique, for beta = 0; take h < H, such as H = 2h\n"
 SIZES = ("--h", "1/8", "--H", "1/4")
 FINER = ("--h", "1/16", "--H", "1/8")
@@ -121,6 +121,7 @@ def test_json_has_the_library_s_numbers(solve_json):
         "iterations": solution.result.iterations,
         "converged": True,
         "algebraic_bound": solution.result.bound,
+        "norm": "h1",
         "total_bound": bound.u,
         "h1_error": solution.errors.h1,
         "l2_error": solution.errors.l2,
@@ -130,6 +131,7 @@ def test_json_has_the_library_s_numbers(solve_json):
     for key, value in expected.items():
         assert found[key] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), key
     assert found["h1_error"] <= found["total_bound"] <= 1.3 * found["h1_error"]
+    assert {name.split("_")[0] for name in KEYS if re.search("_error|_bound", name)} >= set(found["norms"])
     assert found["seconds"] > 0
     assert found["peak_mb"] > 1
 
@@ -325,7 +327,8 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
 
 def test_an_accuracy_of_a_problem_in_the_dual_norm(solve_json):
     code, found, _ = solve_json(PROBLEM, "--accuracy", "0.2", "--norm", "hm12")
-    assert (code, found["problem"]) == (0, "triangle")
+    assert (code, found["problem"], found["norm"]) == (0, "triangle", "hm12")
+    assert found["total_bound"] == found["hm12_bound"]
     assert [key for key in KEYS if found[key] is None] == [key for key in KEYS if "_error" in key]
 
 
