@@ -18,7 +18,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.level import MAX_SECONDS, NORMS, Goal, Level
+from unilateral.accuracy.goal import MAX_SECONDS, NORMS, Goal
+from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
 from unilateral.choice import cheapest, check_size, levels_for

@@ -237,7 +237,8 @@ SAID = [
     ),
     (
         ("scenes.quick.cases", ["natural", "third"]),
-        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}",
+        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}"
+        "; did you mean thirds?",
     ),
     (
         ("scenes.quick.cases", ["violates_j"]),

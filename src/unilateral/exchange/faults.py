@@ -23,7 +23,7 @@ from unilateral.fem.p1 import boundary_mass
 from unilateral.geometry.mesh import Mesh
 from unilateral.norms.dual import Errors
 from unilateral.problems.case import Case
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 COUNTS = Stop.fraction
 """Of this project's error on the same level. So far a rate over a factor of 2 changes by 0.03 at most."""

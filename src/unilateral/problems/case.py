@@ -20,7 +20,7 @@ import sympy
 
 from unilateral import declarations
 from unilateral.arrays import Array, Index, Mask
-from unilateral.errors import InputError, shown
+from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks
 from unilateral.formulas.taylor import Model
@@ -28,6 +28,7 @@ from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.case_parts import Atom, Builder, constants_of
+from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import on_sides, places
 from unilateral.problems.obstacle import Obstacle, enclosed
 
@@ -173,11 +174,6 @@ class Case:
         return [merged[key] for key in sorted(merged)]
 
 
-def names() -> list[str]:
-    """The names of the catalogue's cases."""
-    return sorted(entry.name[:-5] for entry in _catalogue().iterdir() if entry.name.endswith(".yaml"))
-
-
 def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
     """The case of that name, or declared in that file, put on a side of a polygon.
 
@@ -200,14 +196,12 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
     name = str(case)
     file: Path | Traversable | None = None if name in names() else declarations.file_of(name)
     if file is None:
-        file = _catalogue() / f"{name}.yaml"
+        file = folder() / f"{name}.yaml"
         if name not in names():
             known = ", ".join(names())
-            raise InputError(f"case '{shown(name)}' is unknown; the catalogue has {known}")
+            raise InputError(
+                f"case '{shown(name)}' is unknown; the catalogue has {known}{meant(name, names())}"
+            )
     schema = resources.files("unilateral.problems") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read(file, name), schema, name)
     return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
-
-
-def _catalogue() -> Traversable:
-    return resources.files("unilateral.manufactured")

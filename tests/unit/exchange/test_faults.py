@@ -20,7 +20,7 @@ from unilateral.exchange.score import score
 from unilateral.exchange.trace import constant, continuous, of_reactions
 from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 N, M = 16, 8
 SMALLEST = {
