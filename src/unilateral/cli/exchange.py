@@ -25,7 +25,17 @@ from unilateral.problems.case import Case
 MOST_LEVELS = 12
 
 
-def export(case: str, h: float | None, H: float, levels: int, mesh: str | None, out: str) -> int:
+def export(
+    case: str,
+    h: float | None,
+    H: float,
+    levels: int,
+    mesh: str | None,
+    polygon: str | None,
+    side: int,
+    free_sides: tuple[int, ...] | None,
+    out: str,
+) -> int:
     """Write a case as files; the exit code."""
     if problem_file.is_declared_in(case):
         raise InputError(f"{case} declares a problem; only a case has the solution to score by")
@@ -33,7 +43,7 @@ def export(case: str, h: float | None, H: float, levels: int, mesh: str | None, 
         raise InputError("export needs either --h or --mesh")
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
-    found = api.case(case)
+    found = api.case(case, polygon, side, free_sides or ())
     exports.export(found, _coarsest(found, h, levels, mesh), H, levels, out)
     say(f"{found.name}: {levels} levels in {out}")
     return 0
@@ -107,7 +117,7 @@ def _lines(rates: dict[str, Rate]) -> Iterator[str]:
     """A line per norm."""
     for norm, rate in rates.items():
         numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
-        yield f"rate in {norm:5} {numbers}: {rate.verdict}"
+        yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"
 
 
 def _faults(scored: list[Scored]) -> Iterator[str]:

@@ -88,5 +88,5 @@ def _polygons() -> list[str]:
 
 POSITIVE, COUNT, SIDES = Positive(), Count(), Sides()
 FILE, FOLDER = click.Path(readable=False), click.Path(readable=False, file_okay=False)
-CASE, POLYGON = Name(_cases), Name(_polygons, files=False)
+CASE, POLYGON = Name(_cases), Name(_polygons)
 as_json = option("--json", is_flag=True, help="print one JSON object, and nothing else")

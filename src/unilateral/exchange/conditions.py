@@ -18,6 +18,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Mask
 from unilateral.discrete import Discrete
+from unilateral.exchange.held import held_cells, held_edges, obstacle
 from unilateral.exchange.trace import Trace
 from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.fem.quadrature import boundary_rule
@@ -60,29 +61,19 @@ def conditions(case: Case, discrete: Discrete, mu: Trace) -> Iterator[Conditions
             yield _on_cells(case, mesh, discrete.partition)
         yield _on_cells(case, mesh, mu.cells)
         return
-    edges = ~np.isin(mesh.side, case.free_sides)
-    held = edges | np.roll(edges, 1)
+    edges, g = held_edges(case, mesh), obstacle(case, mesh)
+    held = np.flatnonzero(np.isfinite(g))
     mass = boundary_mass(mesh, edges)[held]
     weights = np.asarray(mass.sum(axis=1))
-    nodal = sp.diags_array(np.ones(len(held))).tocsr()[held] * weights[:, None]
-    yield Conditions("at the nodes", nodal.tocsr(), weights, obstacle(case, mesh, held))
+    nodal = sp.diags_array(np.asarray(boundary_mass(mesh, edges).sum(axis=1))).tocsr()[held]
+    yield Conditions("at the nodes", nodal, weights, g[held])
     yield Conditions("in the means by the hats", mass, weights, _moments(case, mesh, edges)[held] / weights)
 
 
 def _on_cells(case: Case, mesh: Mesh, cells: Partition) -> Conditions:
-    held = ~np.isin(cells.side, case.free_sides)
+    held = held_cells(case, cells)
     means = cell_means(case, cells).g_means[held]
     return Conditions("in the means over the cells", coupling(mesh, cells)[held], cells.lengths[held], means)
-
-
-def obstacle(case: Case, mesh: Mesh, held: Mask) -> Array:
-    """g (k,) at those boundary nodes (nb,) that are held; beside a free side it is that of the held one."""
-    s, side = mesh.s[:-1], mesh.side
-    before = np.isin(side, case.free_sides)
-    side = np.where(before, np.roll(side, 1), side)[held]
-    starts = np.where(before[held] & (s[held] == 0), mesh.polygon.perimeter, s[held])
-    u, _, gap = case.boundary(side, starts - mesh.polygon.starts[side])
-    return u - gap
 
 
 def _moments(case: Case, mesh: Mesh, edges: Mask) -> Array:

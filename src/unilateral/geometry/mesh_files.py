@@ -31,8 +31,9 @@ def write(
     """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
 
     Further data of boundary edges (nb,), NaN on triangles, and of nodes (n,) can be added. The file's ending
-    says the format, one of meshio's that can hold both; .vtu keeps every bit. In .msh, Gmsh's, side i is the
-    physical group i + 1, the triangles are the one after the last side's, and edges have no further data.
+    says the format, one of meshio's that can hold both; .vtu keeps every bit. In .msh, as text, which all
+    of Gmsh's readers take, side i is the physical group i + 1, the triangles are the one after the last
+    side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
     import meshio
@@ -49,7 +50,10 @@ def write(
     with replacing(path) as temporary:
         try:
             with _quiet():
-                meshio.write(temporary, content, "gmsh22" if for_gmsh else None)
+                if for_gmsh:
+                    meshio.write(temporary, content, "gmsh22", binary=False)
+                else:
+                    meshio.write(temporary, content)
         except OSError:
             raise
         except Exception as error:
@@ -84,6 +88,8 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
         points = points[:, :2]
     blocks = (block.data for block in content.cells if block.type == "triangle")
     triangles = np.concatenate([np.empty((0, 3), int), *blocks])
+    if not len(triangles):
+        raise InputError(f"{path}: the file has no triangles; a mesh of plain triangles is needed")
     return from_arrays(polygon or outline(points, triangles, str(path)), points, triangles, str(path))
 
 
@@ -116,6 +122,6 @@ def _quiet() -> Iterator[None]:
 
 def _reason(error: BaseException) -> str:
     """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
-    if isinstance(error, SystemExit):
+    if isinstance(error, SystemExit | IndexError):
         return "its content is not what its ending says"
     return str(error).strip().rstrip(".") or type(error).__name__

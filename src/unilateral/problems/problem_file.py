@@ -15,7 +15,7 @@ from unilateral import declarations
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import kinks, number, parse, pos, substituted
 from unilateral.formulas.positive import rounded
-from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon
+from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.problem import Problem, curve
@@ -54,6 +54,21 @@ def load(name: str) -> Problem:
     and anticlockwise, and for f and g that are not finite, not smooth enough, or do not fit together.
     """
     return made(declarations.read(Path(name), name), name)
+
+
+def polygon_of(name: str) -> Polygon:
+    """The polygon of that name, or the one in a YAML file, whose field `polygon` is that of a problem.
+
+    Raises InputError as for a problem.
+    """
+    file = declarations.file_of(name)
+    if file is None:
+        return named(name)
+    declaration = declarations.read(file, name)
+    if not isinstance(declaration, dict) or "polygon" not in declaration:
+        raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
+    found = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
+    return Polygon(found.vertices, file.name)
 
 
 def made(declaration: Any, name: str) -> Problem:
