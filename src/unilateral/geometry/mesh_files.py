@@ -46,6 +46,7 @@ def write(
         [("triangle", mesh.triangles), ("line", lines)],
         point_data=dict(at_nodes or {}),
         cell_data=_groups(mesh) if for_gmsh else {"side": [np.full(n, -1), mesh.side]} | further,
+        field_data=_names(mesh) if for_gmsh else {},
     )
     with replacing(path) as temporary:
         try:
@@ -66,6 +67,12 @@ def _groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
     return {
         f"gmsh:{kind}": [each.astype(np.int32) for each in numbers] for kind in ("physical", "geometrical")
     }
+
+
+def _names(mesh: Mesh) -> dict[str, np.ndarray]:
+    """The number and the dimension of each group; some readers ask for names."""
+    n = mesh.polygon.n_sides
+    return {f"side_{i}": np.array([i + 1, 1]) for i in range(n)} | {"domain": np.array([n + 1, 2])}
 
 
 def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
