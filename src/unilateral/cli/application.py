@@ -19,7 +19,7 @@ COMMANDS = {
     "solve": "solve one problem, with its errors",
     "init": "write a commented problem file to begin with",
     "check": "show what is understood of a problem file",
-    "cases": "list the manufactured cases with their certificates",
+    "cases": "list the manufactured cases, or show one with its formulas",
     "export": "write a case as files for another solver",
     "score": "judge another solver's solutions of such files",
     "claims": "judge the paper's statements by the study's results",

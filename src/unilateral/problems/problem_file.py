@@ -15,7 +15,7 @@ from unilateral import declarations
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import kinks, number, parse, pos, substituted
 from unilateral.formulas.positive import rounded
-from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named
+from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.problem import Problem, curve
@@ -61,7 +61,7 @@ def polygon_of(name: str) -> Polygon:
 
     Raises InputError as for a problem.
     """
-    file = declarations.file_of(name)
+    file = None if name in names() else declarations.file_of(name)
     if file is None:
         return named(name)
     declaration = declarations.read(file, name)

@@ -123,7 +123,7 @@ def test_bash_completes(tmp_path, words, found):
         ["bash", "-c", script], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PATH": path}
     )
     assert (done.stdout.strip(), done.stderr) == (found, "")
-    takes_files = words[0] == "solve" and (len(words) == 2 or "--polygon" in words)
+    takes_files = len(words) == 2 or "--polygon" in words
     assert ("compopt" in (tmp_path / "files").read_text()) == takes_files
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from unilateral.cli.command import argument, command, option
-from unilateral.cli.parameters import FOLDER
+from unilateral.cli.parameters import FOLDER, as_json
 from unilateral.cli.streams import load, say
 
 CLAIM_FAILS = 1
@@ -14,14 +16,19 @@ CLAIM_FAILS = 1
 )
 @argument("claim", metavar="[ID]", required=False, help="explain this one, such as 4.12")
 @option("--results", type=FOLDER, metavar="FOLDER", default="results", help="default results")
-def claims(claim: str | None, results: str) -> int:
+@as_json
+def claims(claim: str | None, results: str, json: bool) -> int:
     """Judge the paper's statements by the study's results, in the folder that `make` writes."""
-    judged = load("unilateral.study.judge.claims")
-    tables = judged.Results(results)
-    if claim is None:
-        found = judged.judge(tables)
-        say(judged.summary(found))
+    judge = load("unilateral.study.judge.claims")
+    found = judge.judge(judge.Results(results), [judge.find(claim)] if claim else None)
+    if json:
+        say(load("unilateral.certificate").text({"claims": [_record(each) for each in found]}))
     else:
-        found = judged.judge(tables, [judged.find(claim)])
-        say(judged.explanation(found[0]))
+        say(judge.explanation(found[0]) if claim else judge.summary(found))
     return 0 if all(each.holds for each in found) else CLAIM_FAILS
+
+
+def _record(judgement: Any) -> dict[str, Any]:
+    """As stored, and whether it holds; the number that was required without its sign."""
+    required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
+    return judgement.record() | {"required": required, "holds": judgement.holds}

@@ -89,7 +89,12 @@ sizes, goal, domain, method = (
     metavar="MB",
     help="the same for the memory of this process (default: what is free)",
 )
-@domain("--polygon", type=POLYGON, metavar="NAME|FILE", help="of a case, by name or as in a problem file")
+@domain(
+    "--polygon",
+    type=POLYGON,
+    metavar="NAME|FILE",
+    help="of a case: a named one, or that of a problem file (default: the first it is for)",
+)
 @domain("--side", type=int, metavar="I", help="on which a case is put (default 0)")
 @domain("--free-sides", type=SIDES, metavar="I,J,...", help="of a case: sides without contact, as free ones")
 @domain(
