@@ -11,18 +11,20 @@ from typing import Any
 
 from unilateral import api
 from unilateral.choice import check_size
-from unilateral.cli.streams import say
+from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.read import exported, foreign
 from unilateral.exchange.score import Rate, Scored
+from unilateral.files import check_target, replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 
 MOST_LEVELS = 12
+DOES_NOT_HOLD = 1
 
 
 def export(
@@ -59,8 +61,12 @@ def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mes
     return api.mesh(file, case.polygon)
 
 
-def score(folder: str, solutions: Sequence[str], multipliers: Sequence[str], json: bool) -> int:
+def score(
+    folder: str, solutions: Sequence[str], multipliers: Sequence[str], html: str | None, json: bool
+) -> int:
     """Print the errors, rates and faults of another solver's solutions; the exit code."""
+    if html is not None:
+        check_target(html, (".html", ".htm"))
     case, levels = exported(folder)
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
@@ -71,12 +77,15 @@ def score(folder: str, solutions: Sequence[str], multipliers: Sequence[str], jso
     scored = [scores.score(case, each) for each in given]
     rates = scores.rates(case, scored)
     verdict = scores.verdict(scored, rates)
+    if html is not None:
+        with replacing(html) as temporary:
+            temporary.write_text(load("unilateral.exchange.page").page(case, scored, rates), encoding="utf-8")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
         say("\n".join([*_table(scored), *_lines(rates), *_faults(scored), f"{case.name}: {verdict}"]))
-    return 0
+    return 0 if scores.holds(scored, rates) else DOES_NOT_HOLD
 
 
 def _solution(one: Scored) -> dict[str, Any]:
@@ -108,8 +117,8 @@ def _table(scored: list[Scored]) -> Iterator[str]:
     for one in scored:
         rows = ((one.errors, one.given.level.name, one.given.kind), (one.own, "  own", "constant on cells"))
         for errors, name, kind in rows:
-            dual = f"{errors.hm12_lower:.4g} to {errors.hm12_upper:.4g}"
-            numbers = f"{one.given.level.mesh.h:9.4g} {errors.h1:10.4g} {dual:>22} {errors.l2:10.4g}"
+            h1, dual, l2 = scores.texts(errors)
+            numbers = f"{one.given.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
             yield f"{name:10} {numbers}  {kind}"
 
 
