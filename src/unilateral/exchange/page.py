@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from unilateral import __version__
+from unilateral.arrays import Array
 from unilateral.exchange.held import obstacle
 from unilateral.exchange.score import Rate, Scored, error_in, texts, verdict
 from unilateral.plot import svg
@@ -71,28 +72,29 @@ def _rates(rates: dict[str, Rate]) -> str:
 
 
 def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate]) -> Figure:
-    """A panel per norm: both errors over h, and the proved slope through the first one."""
+    """A panel per norm in which an error is known: both errors over h, and the proved slope above them."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     h = np.array([one.given.level.mesh.h for one in ladder])
-    for axes, (norm, title) in zip(figure.subplots(1, 3), DRAWN.items(), strict=True):
-        theirs, own = (
-            np.array([error_in(of, norm) for of in each])
-            for each in ([one.errors for one in ladder], [one.own for one in ladder])
-        )
-        axes.set(title=title, xlabel="h", xscale="log", yscale="log")
+    both = {norm: _both(ladder, norm) for norm in TITLES}
+    known = [norm for norm in TITLES if np.isfinite(both[norm]).any()]
+    for axes, norm in zip(figure.subplots(1, len(known), squeeze=False)[0], known, strict=True):
+        axes.set(title=DRAWN[norm], xlabel="h", xscale="log", yscale="log")
         axes.set_xticks(h, [f"{each:.3g}" for each in h])
         axes.set_xticks([], minor=True)
-        for found, style, color, label in (
-            (theirs, "o-", THEIRS, "judged"),
-            (own, "s--", OWN, "this project"),
-        ):
+        lines = (("o-", THEIRS, "judged"), ("s--", OWN, "this project"))
+        for found, (style, color, label) in zip(both[norm], lines, strict=True):
             if np.isfinite(found).any():
                 axes.plot(h, found, style, color=color, label=label)
-        if np.isfinite(rates[norm].proved) and np.nanmax([*theirs, *own], initial=0) > 0:
-            slope = np.nanmax([*theirs[:1], *own[:1]]) * 1.5 * (h / h[0]) ** rates[norm].proved
-            axes.plot(h, slope, ":", color=EXACT, label=f"proved: {rates[norm].proved:g}")
+        above, proved = 1.5 * np.nanmax(both[norm][:, 0], initial=0), rates[norm].proved
+        if np.isfinite(proved) and above > 0:
+            axes.plot(h, above * (h / h[0]) ** proved, ":", color=EXACT, label=f"proved: {proved:g}")
         axes.legend(fontsize="small")
     return figure
+
+
+def _both(ladder: Sequence[Scored], norm: str) -> Array:
+    """(2, levels) the errors in a norm, this project's own second."""
+    return np.array([[error_in(of, norm) for of in (one.errors, one.own)] for one in ladder]).T
 
 
 def _boundary_drawn(case: Case, one: Scored) -> Figure:
