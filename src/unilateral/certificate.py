@@ -31,7 +31,7 @@ class Bounds(NamedTuple):
     """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
     With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, the other norm its dual.
-    `unknown` is the part of both that comes from how well f and g could be enclosed.
+    `unknown` is the part of both that comes from how well f, g and q could be enclosed.
     """
 
     u: float

@@ -4,6 +4,7 @@ import re
 from functools import cache
 from pathlib import Path
 
+import documents
 import pandas as pd
 import pytest
 from conftest import ROOT
@@ -143,7 +144,7 @@ def test_names_lead_through_groups():
 
 
 def test_CI_runs_the_commands_of_README():
-    blocks_of = dict(re.findall(r"^```(\w*)\n(.*?)^```$", text("README.md"), re.MULTILINE | re.DOTALL))
-    commands = [line.partition("#")[0].strip() for line in blocks_of[""].splitlines()]
+    *_, last = (block for block in documents.blocks("README.md") if block.kind == "")
+    commands = [line.partition("#")[0].strip() for line in last.text.splitlines()]
     script = (ROOT / ".ci/run").read_text(encoding="utf-8").splitlines()
     assert commands == [line for line in script if line.startswith("make")] == ["make", "make test"]

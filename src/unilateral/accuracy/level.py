@@ -79,7 +79,7 @@ def target(solved: Solution, goal: Goal) -> float:
 
 
 def unknowable(last: Level) -> bool:
-    """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
+    """Whether what is not known of f, g and q, and not on finer meshes, is more than what is wanted."""
     bound = last.solved.bound(last.goal.sharp)
     return bound is not None and bound.irreducible > last.target > 0
 

@@ -22,6 +22,7 @@ COMMANDS = {
     "cases": "list the manufactured cases, or show one with its formulas",
     "export": "write a case as files for another solver",
     "score": "judge another solver's solutions of such files",
+    "infsup": "tell whether a mesh and a partition of one's own are stable",
     "claims": "judge the paper's statements by the study's results",
 }
 """A module each in `commands`."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Mask
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
@@ -37,6 +37,26 @@ def load(mesh: Mesh, moments: Array) -> Array:
     """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
     values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
     return values.astype(float)
+
+
+def edge_load(mesh: Mesh, values: Array) -> Array:
+    """(n,) values <sigma, phi_i> for sigma linear on boundary edges, with `values` (nb, 2) at their ends."""
+    at_ends = np.diff(mesh.s)[:, None] / 6 * (values + values.sum(axis=1, keepdims=True))
+    found = np.zeros(mesh.n_nodes)
+    found[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
+    return found
+
+
+def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array) -> Array:
+    """(nb, 2) at the ends of the boundary edges: the L2 projection onto linear functions on each.
+
+    Of what has `values` (K, Q) at the points x of [0, 1] on edges (K,) of rules with those weights.
+    """
+    first, second = (
+        np.bincount(edge, np.sum(weight * values * hat, axis=1), len(mesh.boundary)) for hat in (1 - x, x)
+    )
+    ends = np.column_stack([2 * first - second, 2 * second - first])
+    return np.asarray(2 * ends / np.diff(mesh.s)[:, None])
 
 
 def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:

@@ -60,8 +60,8 @@ def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
     edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
     longest = np.zeros(partition.n_cells)
     np.maximum.at(longest, cell, lengths[edge])
-    inside = np.bincount(cell, minlength=partition.n_cells) - 1.0
-    return OfCells(edges, partition.lengths / longest, inside)
+    inside = np.bincount(cell, minlength=partition.n_cells) - 1
+    return OfCells(edges.astype(float), partition.lengths / longest, inside.astype(float))
 
 
 def boundary_angles(mesh: Mesh) -> tuple[Index, Array]:

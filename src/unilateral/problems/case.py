@@ -30,6 +30,7 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.case_parts import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import on_sides, places
+from unilateral.problems.flux import Flux, none
 from unilateral.problems.obstacle import Obstacle, enclosed
 
 
@@ -87,6 +88,11 @@ class Case:
     def enclosed_obstacle(self) -> Obstacle:
         """g on all sides, enclosed."""
         return enclosed(self.polygon, self.obstacle_model, cuts=self.singular())
+
+    @cached_property
+    def enclosed_flux(self) -> Flux:
+        """None is given."""
+        return none(self.polygon)
 
     def boundary(
         self, side: Index, s: Array, near: tuple[Array, Array] | None = None

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DATA, ROOT, certified, discrete, load
+from documents import blocks
 
 from unilateral import discrete as of_data
 from unilateral import discrete_solution
@@ -451,16 +452,11 @@ def interrupt_in(phase, done, monkeypatch):
     monkeypatch.setattr(Watch, "_next", interrupting)
 
 
-def blocks(page):
-    """The code blocks of a page of docs/, and their kinds."""
-    return re.findall(r"^```(\w*)\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
-
-
 def test_the_documented_problem_is_the_file_and_the_documented_commands_work(solve_json, monkeypatch):
     """Their certificates hold: of the case, against the true error."""
     monkeypatch.chdir(ROOT)
-    assert ("yaml", (ROOT / "examples/shelter.yaml").read_text()) in blocks("docs/problem-files.md")
-    lines = [line.split() for line in blocks("docs/accuracy.md")[0][1].splitlines()]
+    assert (ROOT / "examples/shelter.yaml").read_text() == blocks("docs/problem-files.md")[0].text
+    lines = [line.split() for line in blocks("docs/accuracy.md")[0].text.splitlines()]
     assert len(lines) == 2
     for program, *arguments in lines:
         assert program == "unilateral"

@@ -1,0 +1,41 @@
+"""The code blocks of the documents in Markdown."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from conftest import ROOT
+
+BLOCK = re.compile(
+    r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?^```(?P<kind>[^\n]*)\n(?P<text>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+PAGES = sorted(
+    str(file.relative_to(ROOT))
+    for pattern in ("README.md", "CONTRIBUTING.md", "docs/*.md", "manufactured/*.md", "benchmarks/*.md")
+    for file in ROOT.glob(pattern)
+)
+
+
+class Block(NamedTuple):
+    """`kind` is what stands behind the ticks; `reason` is why it is not run, if it is marked so."""
+
+    page: str
+    line: int
+    kind: str
+    text: str
+    reason: str | None
+
+
+def blocks(page: str) -> list[Block]:
+    """Those of a page, but for Sphinx's directives."""
+    return blocks_in((ROOT / page).read_text(encoding="utf-8"), page)
+
+
+def blocks_in(text: str, page: str = "") -> list[Block]:
+    found = [
+        Block(page, text.count("\n", 0, each.start("kind")) + 1, each["kind"], each["text"], each["reason"])
+        for each in BLOCK.finditer(text)
+    ]
+    return [block for block in found if not block.kind.startswith("{")]
