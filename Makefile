@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper report docs bench test fuzz lock clean help git FORCE
+.PHONY: study quick paper report docs bench score test fuzz lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -45,6 +45,9 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 
 bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)
+
+score: .venv/ready  ## the drivers of other solvers in examples/, scored (see benchmarks/README.md)
+	python -m benchmarks.scores
 
 fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `make test` (above an hour)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py tests/unit/bounds/test_random_problems.py

@@ -40,6 +40,7 @@ def told():
         "adapted_beta": results / "adaptive/infsup.nc",
         "extremes": results / "extremes/extremes.nc",
         "benchmarks": ROOT / "benchmarks/results.nc",
+        "scores": ROOT / "benchmarks/scores.csv",
     }
     given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
     given |= {"judged": scenes, "bounded": bounded, "figures": drawings.shown(study)}
