@@ -15,6 +15,8 @@ rule adaptive:
         rates="results/adaptive/rates.nc",
     log:
         "results/logs/adaptive.log",
+    resources:
+        **asked("adaptive"),
     params:
         study=ADAPTIVE,
         stop=config["stop"],

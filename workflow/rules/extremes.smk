@@ -8,6 +8,8 @@ rule extremes:
         extremes="results/extremes/extremes.nc",
     log:
         "results/logs/extremes.log",
+    resources:
+        **asked("extremes"),
     params:
         study=config["extremes"],
     message:

@@ -18,6 +18,8 @@ rule figure:
         svg=update("figures/{figure}.svg"),
     log:
         "results/logs/figure/{figure}.log",
+    resources:
+        **asked("figure"),
     params:
         module=lambda wildcards: DRAWN[wildcards.figure].module,
         arguments=lambda wildcards: DRAWN[wildcards.figure].arguments,

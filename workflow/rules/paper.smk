@@ -15,6 +15,8 @@ rule paper:
         pdf="results/paper/paper.pdf",
     log:
         "results/logs/paper.log",
+    resources:
+        **asked("paper"),
     message:
         "The paper as HTML and PDF"
     script:

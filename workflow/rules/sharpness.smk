@@ -9,6 +9,8 @@ rule sharpness:
         rates="results/sharpness/rates.nc",
     log:
         "results/logs/sharpness.log",
+    resources:
+        **asked("sharpness"),
     params:
         study=config["sharpness"],
         stop=config["stop"],

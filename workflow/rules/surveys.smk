@@ -8,6 +8,8 @@ rule survey:
         infsup="results/{survey}/infsup.nc",
     log:
         "results/logs/survey/{survey}.log",
+    resources:
+        **asked("survey"),
     params:
         study=lambda wildcards: SURVEYS[wildcards.survey],
         finds=lambda wildcards: config["finds"] if SURVEYS[wildcards.survey]["kind"] == "worst" else [],
