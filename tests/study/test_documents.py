@@ -15,7 +15,8 @@ from unilateral.study import config, drawings
 from unilateral.study.text import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [
-    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
+    f"workflow/config/{name}.yaml"
+    for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
 ]
 DOCUMENTS = ["README.md", "paper.md", *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md"))]
 COST = ("algorithm", "case", "scene", "algebra", "precision")

@@ -25,6 +25,8 @@ rule numbers:
         blocks="results/blocks.json",
     log:
         "results/logs/numbers.log",
+    resources:
+        **asked("numbers"),
     params:
         study={
             **{name: config[name] for name in ("adaptive", "cost", "extremes", "infsup")},
@@ -50,6 +52,8 @@ rule documents:
         documents=update(DOCUMENTS),
     log:
         "results/logs/documents.log",
+    resources:
+        **asked("documents"),
     message:
         "The documents' numbers and tables"
     script:
