@@ -154,5 +154,6 @@ def copy_project(folder):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
     (copied / "benchmarks").mkdir()
-    shutil.copy(ROOT / "benchmarks/results.nc", copied / "benchmarks")
+    for name in ("results.nc", "scores.csv"):
+        shutil.copy(ROOT / "benchmarks" / name, copied / "benchmarks")
     return copied

@@ -51,7 +51,7 @@ def test_functions_give_the_solution_of_their_formulas():
     assert of_functions.bounds is None
     assert of_functions.errors is None
     assert of_formulas.bounds.u > 0
-    with pytest.raises(ul.InputError, match="f and g must be formulas, or no accuracy can be guaranteed"):
+    with pytest.raises(ul.InputError, match="f, g and q must be formulas, or no accuracy can be guaranteed"):
         ul.solve(functions, accuracy=0.1)
 
 
@@ -202,11 +202,33 @@ def test_a_mesh_is_drawn_where_it_is_adapted(adapted):
 
 
 def test_the_picture_shows_contact_and_gap():
-    """The cells with lambda_H > 0 are drawn, and both steps along the boundary."""
+    """The cells with lambda_H > 0 are drawn, and both steps along the boundary, whose sides have numbers."""
     s = ul.solve(ul.case("natural"), **SIZES)
-    top, bottom = s.plot().axes[:2]
+    page = s.plot()
+    top, flux, gap = page.axes
     assert len(top.collections[-1].get_segments()) == len(s.contact.intervals) == 4
-    np.testing.assert_array_equal(bottom.patches[0].get_data().values, s.multiplier)
+    np.testing.assert_array_equal(flux.patches[0].get_data().values, s.multiplier)
+    np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
+    (names,) = flux.child_axes
+    assert [label.get_text() for label in names.get_xticklabels()] == [f"side {i}" for i in range(4)]
+
+
+def test_the_picture_says_what_is_certified(adapted):
+    """The bound of the search, and of a solution on given sizes the name alone."""
+    bound = f"{adapted.search.best.total:.2g}, guaranteed"
+    assert adapted.plot().get_suptitle().endswith(bound)
+    assert ul.solve(ul.case("natural"), **SIZES).plot().get_suptitle() == "natural"
+
+
+@pytest.mark.parametrize("height", [0.05, 1.0, 3.0])
+def test_the_colour_bar_is_as_high_as_its_panel(height):
+    """On flat and on tall domains, where the panel is smaller than its place on the page."""
+    page = ul.solve(ul.Problem([(0, 0), (1, 0), (1, height), (0, height)], f="x", g=0), **SIZES).plot()
+    page.draw_without_rendering()
+    panel = page.axes[0]
+    (bar,) = panel.child_axes
+    heights = [axes.get_window_extent().height for axes in (panel, bar)]
+    assert heights[0] == pytest.approx(heights[1], rel=1e-6)
 
 
 @pytest.mark.parametrize(
