@@ -191,7 +191,7 @@ def test_all_variables_of_tables_are_on_their_page(site):
 
 def test_pages_are_quiet_in_a_browser(browser, site):
     """No error on the console, no request to another machine, nothing wider than a narrow window."""
-    for file in sorted(site.glob("docs/*.html")):
+    for file in sorted({*site.rglob("*.html")} - {site / "paper.html"}):
         page = browser.open(file, NARROW)
         assert (page.errors, page.elsewhere, browser.overflow()) == ([], [], 0), file.name
 
