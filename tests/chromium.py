@@ -37,6 +37,8 @@ FLAGS = (
 WIDE = (1280, 900)
 AT_MOST = 60
 """Seconds for a page to load."""
+SOON = 10
+"""Seconds for a page to show something."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +89,13 @@ class Browser:
     def __init__(self, driver: Any) -> None:
         self.driver = driver
 
-    def open(self, path: str | os.PathLike[str], size: tuple[int, int] = WIDE) -> Page:
-        """Loads a file in a window of that width and height in pixels."""
+    def open(self, path: str | os.PathLike[str], size: tuple[int, int] = WIDE, query: str = "") -> Page:
+        """Loads a file in a window of that width and height in pixels; a `query` begins with a ?."""
         shape = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", shape)
         self.driver.get("about:blank")
         self._log("browser"), self._log("performance")
-        self.driver.get(Path(path).resolve().as_uri())
+        self.driver.get(Path(path).resolve().as_uri() + query)
         errors = [entry["message"] for entry in self._log("browser") if entry["level"] == "SEVERE"]
         events = [json.loads(entry["message"])["message"] for entry in self._log("performance")]
         sent = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
@@ -109,6 +111,17 @@ class Browser:
             "return [...document.querySelectorAll(arguments[0])].map(e => e.getBoundingClientRect().height)"
         )
         return list(self.driver.execute_script(script, selector))
+
+    def shows(self, selector: str, text: str) -> bool:
+        """Whether an element of the page that is open shows a text, at once or soon."""
+        from selenium.common.exceptions import TimeoutException
+        from selenium.webdriver.support import expected_conditions, wait
+
+        condition = expected_conditions.text_to_be_present_in_element(("css selector", selector), text)
+        try:
+            return bool(wait.WebDriverWait(self.driver, SOON).until(condition))
+        except TimeoutException:
+            return False
 
     def overflow(self) -> float:
         """Pixels by which the page that is open is wider than its window."""

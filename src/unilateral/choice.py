@@ -51,6 +51,12 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
 
 def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:
     """The problem condensed to the boundary. Raises InputError where more memory is needed than is free."""
+    check_condensed(mesh, partition)
+    return discretise(problem, mesh, partition)
+
+
+def check_condensed(mesh: Mesh, partition: Partition) -> None:
+    """Raises InputError where condensing to the boundary takes more memory than is free."""
     needed, free = condensed_mb(mesh, partition), available_mb()
     if needed > free:
         raise InputError(
@@ -58,7 +64,6 @@ def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Disc
             f"{needed:.0f} MB without multigrid, and {free:.0f} MB are free; take larger h and H, or for "
             "multigrid H = 2h or 4h"
         )
-    return discretise(problem, mesh, partition)
 
 
 def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:

@@ -22,7 +22,10 @@ from unilateral.study import drawings, functions
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
-FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
+FILES = [
+    f"workflow/config/{name}.yaml"
+    for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
+]
 STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
 REMOVED = object()
@@ -237,7 +240,8 @@ SAID = [
     ),
     (
         ("scenes.quick.cases", ["natural", "third"]),
-        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}",
+        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}"
+        "; did you mean thirds?",
     ),
     (
         ("scenes.quick.cases", ["violates_j"]),
@@ -412,6 +416,8 @@ ACCEPTED = [
     (r"finds\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
     (r"cost\.stops\.\d+", "tiny"),
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
+    (r"resources\..*\.(mb|seconds|size)", "three|float|tiny"),
+    (r"resources\..*\.(size|growth|growth\.\w+)", "removed|mapping"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
     (r".*\.(label|name|what|shows)", "text|upper|path|half|scientific"),

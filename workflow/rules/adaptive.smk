@@ -17,6 +17,8 @@ rule adaptive:
         "results/logs/adaptive.log",
     benchmark:
         "results/benchmarks/adaptive.tsv"
+    resources:
+        **asked("adaptive"),
     params:
         study=ADAPTIVE,
         stop=config["stop"],

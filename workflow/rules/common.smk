@@ -3,6 +3,7 @@ from functools import cache
 from pathlib import Path
 
 from unilateral.declarations import own
+from unilateral.study import resources
 from unilateral.study.drawings import drawings, shown
 from unilateral.study.sizes import normed
 
@@ -61,6 +62,15 @@ def imports(source):
         found += [each.with_suffix(".py") for each in inside]
         found += [package / "__init__.py" for package in [*packages, *inside]]
     return found
+
+
+def asked(rule):
+    """The resources of a rule's jobs."""
+
+    def of(quantity):
+        return lambda wildcards, attempt: quantity(config, rule, dict(wildcards.items()), attempt)
+
+    return {"mem_mb": of(resources.mem_mb), "runtime": of(resources.runtime)}
 
 
 def scene_of(wildcards):

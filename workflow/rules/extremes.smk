@@ -10,6 +10,8 @@ rule extremes:
         "results/logs/extremes.log",
     benchmark:
         "results/benchmarks/extremes.tsv"
+    resources:
+        **asked("extremes"),
     params:
         study=config["extremes"],
     message:

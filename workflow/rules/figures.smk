@@ -26,6 +26,8 @@ rule figure:
         ),
     log:
         "results/logs/figure/{figure}.log",
+    resources:
+        **asked("figure"),
     params:
         module=lambda wildcards: DRAWN[wildcards.figure].module,
         arguments=lambda wildcards: DRAWN[wildcards.figure].arguments,

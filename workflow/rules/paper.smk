@@ -15,6 +15,8 @@ rule paper:
         pdf=report("results/paper/paper.pdf", category="Paper", labels={"paper": "in print"}),
     log:
         "results/logs/paper.log",
+    resources:
+        **asked("paper"),
     message:
         "The paper as HTML and PDF"
     script:

@@ -11,6 +11,8 @@ rule sharpness:
         "results/logs/sharpness.log",
     benchmark:
         "results/benchmarks/sharpness.tsv"
+    resources:
+        **asked("sharpness"),
     params:
         study=config["sharpness"],
         stop=config["stop"],

@@ -10,6 +10,8 @@ rule survey:
         "results/logs/survey/{survey}.log",
     benchmark:
         "results/benchmarks/survey/{survey}.tsv"
+    resources:
+        **asked("survey"),
     params:
         study=lambda wildcards: SURVEYS[wildcards.survey],
         finds=lambda wildcards: config["finds"] if SURVEYS[wildcards.survey]["kind"] == "worst" else [],
