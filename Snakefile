@@ -1,4 +1,4 @@
-# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial.
+# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial, `... deep` large meshes.
 import os
 import sys
 
@@ -37,6 +37,7 @@ include: "workflow/rules/cost.smk"
 include: "workflow/rules/extremes.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
+include: "workflow/rules/deep.smk"
 include: "workflow/rules/documents.smk"
 include: "workflow/rules/paper.smk"
 
@@ -76,3 +77,8 @@ rule figures:
 rule quick:
     input:
         results_of("quick"),
+
+
+rule deep:
+    input:
+        rules.deep_levels.output,
