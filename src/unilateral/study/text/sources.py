@@ -32,7 +32,10 @@ TABLES = (
 
 
 class Sources(NamedTuple):
-    """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta."""
+    """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta.
+
+    `whole` has what an installation and the study take, of `benchmarks.whole`.
+    """
 
     tables: Mapping[str, xr.Dataset]
     rates: Mapping[str, xr.Dataset]
@@ -40,6 +43,7 @@ class Sources(NamedTuple):
     pairs: pd.DataFrame
     claims: Sequence[Mapping[str, Any]]
     study: Mapping[str, Any]
+    whole: Mapping[str, Any]
 
     @property
     def H_over_h(self) -> float:
@@ -59,7 +63,8 @@ def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
         for what, scenes in (("rates", "judged"), ("totals", "bounded"))
     )
     of = {name: tables.load(paths[name]) for name in TABLES}
-    return Sources(of, rates, totals, pd.read_csv(paths["pairs"]), records.read(paths["claims"]), study)
+    pairs, claims = pd.read_csv(paths["pairs"]), records.read(paths["claims"])
+    return Sources(of, rates, totals, pairs, claims, study, records.read(paths["whole"]))
 
 
 def write(values: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
