@@ -30,7 +30,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition, uniform
-from unilateral.geometry.polygon import Polygon, named
+from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.problems import case as cases
 from unilateral.problems import problem as problems
@@ -60,9 +60,9 @@ def case(
 ) -> Case:
     """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
 
-    It is put on that side of the polygon, by default the first of those it is for; on `free_sides`, which
-    must carry no contact, there are no multipliers. Raises InputError, among others for a case that is not
-    certified.
+    It is put on that side of the polygon, by default the first of those it is for; a polygon has a name, or
+    stands in a YAML file, in the field `polygon`. On `free_sides`, which must carry no contact, there are no
+    multipliers. Raises InputError, among others for a case that is not certified.
 
     >>> import unilateral as ul
     >>> ul.case("natural").polygon.name
@@ -71,7 +71,8 @@ def case(
     if polygon is None:
         polygons = cases.declared(str(name))[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
-    found = cases.load(str(name), named(polygon) if isinstance(polygon, str) else polygon, side)
+    domain = problem_file.polygon_of(polygon) if isinstance(polygon, str) else polygon
+    found = cases.load(str(name), domain, side)
     certify(found)
     return with_free_sides(found, free_sides) if free_sides else found
 

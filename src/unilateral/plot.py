@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 
 import matplotlib as mpl
@@ -105,3 +106,11 @@ def draw(page: Figure, path: Path) -> None:
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context({"svg.hashsalt": "unilateral", "svg.fonttype": "path"}):
         page.savefig(path, metadata=undated.get(path.suffix))
+
+
+def svg(page: Figure) -> str:
+    """As an element of a page of HTML, the same for the same figure."""
+    found = StringIO()
+    with mpl.rc_context({"svg.hashsalt": "unilateral", "svg.fonttype": "path"}):
+        page.savefig(found, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return "<svg" + found.getvalue().partition("<svg")[2]

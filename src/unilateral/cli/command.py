@@ -12,7 +12,7 @@ from unilateral.errors import meant
 
 CODES = {
     0: "done",
-    1: "a claim does not hold",
+    1: "a claim or a judged solution does not hold",
     2: "bad input",
     3: "not converged or out of budget",
     4: "the system or this program failed",

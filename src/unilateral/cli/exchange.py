@@ -11,21 +11,33 @@ from typing import Any
 
 from unilateral import api
 from unilateral.choice import check_size
-from unilateral.cli.streams import say
+from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.read import exported, foreign
 from unilateral.exchange.score import Rate, Scored
+from unilateral.files import check_target, replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 
 MOST_LEVELS = 12
+DOES_NOT_HOLD = 1
 
 
-def export(case: str, h: float | None, H: float, levels: int, mesh: str | None, out: str) -> int:
+def export(
+    case: str,
+    h: float | None,
+    H: float,
+    levels: int,
+    mesh: str | None,
+    polygon: str | None,
+    side: int,
+    free_sides: tuple[int, ...] | None,
+    out: str,
+) -> int:
     """Write a case as files; the exit code."""
     if problem_file.is_declared_in(case):
         raise InputError(f"{case} declares a problem; only a case has the solution to score by")
@@ -33,7 +45,7 @@ def export(case: str, h: float | None, H: float, levels: int, mesh: str | None, 
         raise InputError("export needs either --h or --mesh")
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
-    found = api.case(case)
+    found = api.case(case, polygon, side, free_sides or ())
     exports.export(found, _coarsest(found, h, levels, mesh), H, levels, out)
     say(f"{found.name}: {levels} levels in {out}")
     return 0
@@ -49,8 +61,12 @@ def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mes
     return api.mesh(file, case.polygon)
 
 
-def score(folder: str, solutions: Sequence[str], multipliers: Sequence[str], json: bool) -> int:
+def score(
+    folder: str, solutions: Sequence[str], multipliers: Sequence[str], html: str | None, json: bool
+) -> int:
     """Print the errors, rates and faults of another solver's solutions; the exit code."""
+    if html is not None:
+        check_target(html, (".html", ".htm"))
     case, levels = exported(folder)
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
@@ -61,12 +77,15 @@ def score(folder: str, solutions: Sequence[str], multipliers: Sequence[str], jso
     scored = [scores.score(case, each) for each in given]
     rates = scores.rates(case, scored)
     verdict = scores.verdict(scored, rates)
+    if html is not None:
+        with replacing(html) as temporary:
+            temporary.write_text(load("unilateral.exchange.page").page(case, scored, rates), encoding="utf-8")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
         say("\n".join([*_table(scored), *_lines(rates), *_faults(scored), f"{case.name}: {verdict}"]))
-    return 0
+    return 0 if scores.holds(scored, rates) else DOES_NOT_HOLD
 
 
 def _solution(one: Scored) -> dict[str, Any]:
@@ -98,8 +117,8 @@ def _table(scored: list[Scored]) -> Iterator[str]:
     for one in scored:
         rows = ((one.errors, one.given.level.name, one.given.kind), (one.own, "  own", "constant on cells"))
         for errors, name, kind in rows:
-            dual = f"{errors.hm12_lower:.4g} to {errors.hm12_upper:.4g}"
-            numbers = f"{one.given.level.mesh.h:9.4g} {errors.h1:10.4g} {dual:>22} {errors.l2:10.4g}"
+            h1, dual, l2 = scores.texts(errors)
+            numbers = f"{one.given.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
             yield f"{name:10} {numbers}  {kind}"
 
 
@@ -107,7 +126,7 @@ def _lines(rates: dict[str, Rate]) -> Iterator[str]:
     """A line per norm."""
     for norm, rate in rates.items():
         numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
-        yield f"rate in {norm:5} {numbers}: {rate.verdict}"
+        yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"
 
 
 def _faults(scored: list[Scored]) -> Iterator[str]:

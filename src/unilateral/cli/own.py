@@ -108,7 +108,7 @@ def _point(vertex: Array) -> str:
 
 def drawn(problem: Problem) -> Figure:
     """f in the polygon with its numbered sides, and g along the boundary."""
-    page = Figure(figsize=(6.7, 7.5), layout="constrained")
+    page = Figure(figsize=(6.7, 7.5), layout="compressed")
     top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
     _draw_polygon(top, problem)
     _draw_obstacle(bottom, problem)

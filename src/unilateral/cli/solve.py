@@ -180,8 +180,7 @@ def _problem(options: SimpleNamespace) -> Case | Problem:
         return problem.without_idle_sides() if options.leave_out_idle_sides else problem
     if options.leave_out_idle_sides:
         raise InputError("--leave-out-idle-sides is for problem files; of a case name --free-sides")
-    polygon = problem_file.polygon_of(options.polygon) if options.polygon else None
-    return api.case(name, polygon, options.side or 0, options.free_sides or ())
+    return api.case(name, options.polygon, options.side or 0, options.free_sides or ())
 
 
 def _mesh(given: str | None, problem: Case | Problem) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read as read_mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import named
+from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 
@@ -52,7 +52,9 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[Level]]:
     folder = Path(folder)
     try:
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
-        case = cases.load(folder / f"{problem['case']}.yaml", named(problem["polygon"]))
+        polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
+        found = cases.load(folder / f"{problem['case']}.yaml", polygon, problem["side"])
+        case = replace(found, free_sides=tuple(problem["free_sides"]))
         return case, [_level(folder, case, str(entry["folder"])) for entry in problem["levels"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder}: this is no folder that 'unilateral export' wrote ({error})") from error

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
@@ -83,12 +83,12 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
     return sp.coo_array((values, (np.tile(cell, 2), columns)), shape=(partition.n_cells, nb)).tocsr()
 
 
-def boundary_mass(mesh: Mesh) -> sp.csr_array:
-    """(nb, nb) mass matrix of the boundary hats: the L2 product of traces on the boundary."""
+def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
+    """(nb, nb) mass matrix of the boundary hats: the L2 product on the boundary, or on those edges."""
     nb = len(mesh.boundary)
     start = np.arange(nb)
     end = (start + 1) % nb
-    sixth = np.diff(mesh.s) / 6
+    sixth = np.diff(mesh.s) / 6 * (1 if edges is None else edges)
     values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
     rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
     return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()

@@ -38,8 +38,9 @@ from unilateral.problems.obstacle import Obstacle, enclosed
 class Case:
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
-    `gaps` holds one expression in t (the arc length in side lengths) per side. On `free_sides` lambda is 0,
-    and they are solved on without multipliers; `certificate.with_free_sides` checks that.
+    `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
+    `side`. On `free_sides` lambda is 0, and they are solved on without multipliers;
+    `certificate.with_free_sides` checks that.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Case:
     atoms: tuple[Atom, ...]
     gaps: tuple[sympy.Expr, ...]
     free_sides: tuple[int, ...] = ()
+    side: int = 0
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
@@ -194,7 +196,7 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
     constants = constants_of(declaration, polygon, where)
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
-    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]))
+    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), side=side)
 
 
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:

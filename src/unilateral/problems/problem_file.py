@@ -57,10 +57,18 @@ def load(name: str) -> Problem:
 
 
 def polygon_of(name: str) -> Polygon:
-    """The named polygon, or that of the problem in a file, by the name of the file."""
-    if name in names() or declarations.file_of(name) is None:
+    """The polygon of that name, or the one in a YAML file, whose field `polygon` is that of a problem.
+
+    Raises InputError as for a problem.
+    """
+    file = None if name in names() else declarations.file_of(name)
+    if file is None:
         return named(name)
-    return Polygon(load(name).polygon.vertices, name)
+    declaration = declarations.read(file, name)
+    if not isinstance(declaration, dict) or "polygon" not in declaration:
+        raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
+    found = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
+    return Polygon(found.vertices, file.name)
 
 
 def made(declaration: Any, name: str) -> Problem:

@@ -160,9 +160,9 @@ def test_u_alone_is_scored(scored):
     ("of_u", "of_lambda", "fault"),
     [
         (1, -1, "the multiplier has the wrong sign"),
-        (1, 2, "the multiplier has the wrong scale: 0.5"),
-        (-1, 1, "u has the wrong sign"),
-        (2, 1, "u has the wrong scale: 0.5"),
+        (1, 2, "the multiplier has the wrong scale: 2 times"),
+        (-1, 1, "u, or the load, has the wrong sign"),
+        (2, 1, "u, or the load, has the wrong scale: 2 times"),
     ],
 )
 def test_a_wrong_sign_or_scale_is_named(scored, of_u, of_lambda, fault):
@@ -290,7 +290,7 @@ def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys
     own(*FINEST).save(tmp_path / "own.nc")
     with xr.open_dataset(tmp_path / "own.nc") as found:
         found.load().assign(multiplier=-found.multiplier).to_netcdf(tmp_path / "spoilt.nc")
-    assert main(["score", str(folder), str(tmp_path / "spoilt.nc")]) == 0
+    assert main(["score", str(folder), str(tmp_path / "spoilt.nc")]) == 1
     assert "spoilt.nc: the multiplier has the wrong sign" in capsys.readouterr().out
     assert main(["score", str(folder), str(tmp_path / "own.nc"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

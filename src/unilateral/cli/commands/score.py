@@ -16,7 +16,7 @@ from unilateral.cli.streams import load
         "unilateral solve natural --h 1/8 --H 1/4 -o solution.vtu",
         "unilateral score natural solution.vtu",
     ),
-    codes=(0, 2, 4, 130),
+    codes=(0, 1, 2, 4, 130),
 )
 @argument("folder", type=FOLDER, metavar="DIR", help="what `unilateral export` wrote")
 @argument(
@@ -30,6 +30,7 @@ from unilateral.cli.streams import load
     multiple=True,
     help="a CSV file of start, end, multiplier; once for each solution",
 )
+@option("--html", type=FILE, metavar="FILE", help="write a page with plots, too")
 @as_json
 def score(**options: Any) -> int:
     """Judge another solver's solutions of an exported case: errors, rates, and what is wrong."""

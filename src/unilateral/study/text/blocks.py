@@ -14,6 +14,7 @@ from unilateral.study.text import (
     cost_tables,
     error_tables,
     extremes_tables,
+    score_tables,
     verdicts,
 )
 from unilateral.study.text.sources import Sources
@@ -67,6 +68,7 @@ def collect(told: Sources) -> dict[str, str]:
         "benchmarks": benchmark_tables.solvers(of["benchmarks"]),
         "benchmark-phases": benchmark_tables.phases(of["benchmarks"]),
         "benchmark-problems": benchmark_tables.problems(of["benchmarks"]),
+        "scores": score_tables.solvers(told.scores),
         "figures": figures(study["figures"]),
     }
     return {name: markdown(frame) for name, frame in frames.items()}

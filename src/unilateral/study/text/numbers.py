@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from unilateral.formulas.formula import real
 from unilateral.norms.resolution import RULE
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
@@ -51,8 +52,17 @@ def collect(told: Sources) -> dict[str, Value]:
             "adapted": adaptive_tables.beta(of["adapted_beta"], RULE.smallest_angle),
             "extremes": outcomes(of["extremes"]),
             "benchmarks": benchmark_tables.numbers(of["benchmarks"]),
+            "scores": {name: real(told.scores[name].iloc[0], name) for name in ("h", "H")},
+            "whole": {"cores": told.whole["cores"]}
+            | {name: taken(told.whole[name]) for name in ("solver", "study", "tests")},
         }
     )
+
+
+def taken(measured: Mapping[str, float]) -> Group:
+    """Minutes, and GB of memory and of the disk, from seconds and MB."""
+    sizes = {name: measured[name] / 1024 for name in ("memory", "disk") if name in measured}
+    return {"minutes": measured["seconds"] / 60, **sizes}
 
 
 def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
