@@ -25,8 +25,9 @@ from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data
-from unilateral.solvers.iterate import Stop, joined
+from unilateral.solvers.iterate import joined
 from unilateral.solvers.primal_dual import Settled, System, riesz, settled
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 ROUGH = 1e-3

@@ -41,7 +41,7 @@ from unilateral.problems.certificate import certify, with_free_sides
 from unilateral.problems.sampled import Function, Sampled
 from unilateral.problems.scaled import scaled, units_of
 from unilateral.solution import Solution
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 Formula = str | float
 Coefficient = str | float

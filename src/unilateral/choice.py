@@ -14,7 +14,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.memory import available_mb
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 PAYS = 20_000
 """Unknowns from which multigrid is cheaper than A_3; below, importing it alone takes longer."""

@@ -23,7 +23,8 @@ from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import Stop, iterate, joined
+from unilateral.solvers.iterate import iterate, joined
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
 FIRST = 0.01

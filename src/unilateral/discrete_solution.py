@@ -22,7 +22,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import ExactErrors
 from unilateral.problems.data import Data
 from unilateral.problems.obstacle import Obstacle
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 AIM = 0.5

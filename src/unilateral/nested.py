@@ -25,8 +25,9 @@ from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import Stop, joined
+from unilateral.solvers.iterate import joined
 from unilateral.solvers.multigrid import Found, Multigrid, multigrid
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 FINE = 66_000

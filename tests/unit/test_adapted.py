@@ -13,7 +13,7 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import uniform
 from unilateral.problems import problem_file
 from unilateral.solvers import descent
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 EXACTLY = Stop(tolerance=1e-9)
 KITE = [[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]]

@@ -16,7 +16,7 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.nested import Nested, nested
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 EXACTLY = Stop(tolerance=1e-11)
 KITE = Polygon(np.array([[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]]), "kite")

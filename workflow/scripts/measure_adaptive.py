@@ -6,7 +6,7 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.judge.adaptive import rates_over
 from unilateral.study.runs import adaptive

@@ -7,7 +7,7 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.memory import peak_mb
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs import deep
 from unilateral.study.scenes import cases

@@ -5,7 +5,7 @@ from job import run
 from unilateral.formulas.formula import number
 from unilateral.geometry import partition, polygon
 from unilateral.geometry.structured import structured
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.judge.surfaces import along_levels, rates_over
 from unilateral.study.runs import sharpness

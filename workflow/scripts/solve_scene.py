@@ -5,7 +5,7 @@ from job import run
 from unilateral.geometry.mesh_files import write
 from unilateral.norms.dual import Gram
 from unilateral.norms.infsup import of_runs
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs.scene import sweep
 from unilateral.study.scenes import cases, coarsest_mesh, partitions, refinements

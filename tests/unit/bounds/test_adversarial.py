@@ -12,7 +12,8 @@ import pytest
 import sympy
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral.accuracy.search import Goal, levels
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.search import levels
 from unilateral.bounds import source
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense

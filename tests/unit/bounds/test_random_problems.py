@@ -11,7 +11,7 @@ import pytest
 from random_problems import at_a_corner, known, with_fluxes
 from test_adversarial import FUZZ, SIZE, true_errors
 
-from unilateral.accuracy.level import Goal
+from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.adapted import adapted as on_adapted
@@ -25,7 +25,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.structured import natural_kind
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 FORMULAS = range(5 * FUZZ) if FUZZ else (0, 4, 8, 20, 22, 26, 32, 39, 42, 48)
 FLUXES = range(2 * FUZZ) if FUZZ else (0, 1, 2, 7, 20)

@@ -17,7 +17,8 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
-from unilateral.solvers.iterate import Stop, iterate
+from unilateral.solvers.iterate import iterate
+from unilateral.solvers.stop import Stop
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 

@@ -32,7 +32,7 @@ from unilateral.norms.resolution import resolution
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 Row = dict[str, float]
 
