@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
@@ -19,6 +18,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read as read_mesh
 from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition_files import read as read_partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
@@ -62,9 +62,7 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[Level]]:
 
 def _level(folder: Path, case: Case, name: str) -> Level:
     mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
-    cells = pd.read_csv(folder / name / "partition.csv")
-    ends = np.append(cells["start"].to_numpy(), cells["end"].to_numpy()[-1])
-    return Level(name, mesh, partitions.from_points(case.polygon, ends))
+    return Level(name, mesh, read_partition(folder / name / "partition.csv", case.polygon))
 
 
 def foreign(levels: list[Level], file: str, multiplier: str | None = None) -> Foreign:
