@@ -161,6 +161,6 @@ def copy_project(folder):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
     (copied / "benchmarks").mkdir()
-    for name in ("results.nc", "scores.csv"):
+    for name in ("results.nc", "scores.csv", "whole.json"):
         shutil.copy(ROOT / "benchmarks" / name, copied / "benchmarks")
     return copied
