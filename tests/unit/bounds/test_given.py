@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.sparse.linalg import spsolve
 
 import unilateral as ul
 from unilateral.bounds import given as module
@@ -62,7 +63,7 @@ def supremum(mesh, found, fine, of_fine):
     at = (np.stack([x, fine.s[1:]], axis=1) - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
     linear = found.ends[edge, :1] * (1 - at) + found.ends[edge, 1:] * at
     rest = edge_load(fine, of_fine.ends - linear)
-    return np.sqrt(rest @ np.linalg.solve(matrix(fine).toarray(), rest))
+    return np.sqrt(rest @ spsolve(matrix(fine).tocsc(), rest))
 
 
 @pytest.mark.parametrize("q", [*FUNCTIONS][:3])
