@@ -1,4 +1,4 @@
-"""What Sphinx lacks for these pages: MathML, docstrings that are plain text, links to the typeset paper."""
+"""What Sphinx lacks here: MathML, docstrings that are plain text, links as the repository has them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import unilateral as ul
 CODE = re.compile(r"`([^`]+)`")
 MARKUP = re.compile(r"([\\*|_])")
 UPRIGHT = re.compile("<mi>(&#x003(?:9[1-9A-F]|A[0-9]);)</mi>")
-PAPER = re.compile(r"\]\(\.\./paper\.md(#[\w-]+)?\)")
+LINK = re.compile(r"\[([^\]]+)\]\(([^)#:\s]+)(#[\w-]+)?\)")
 VARIABLES = "src/unilateral/study/variables.yaml"
 HEAD = ["variable", "what it holds", "unit", "of the paper"]
 
@@ -71,10 +71,23 @@ def public(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: node
     return target and python.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, content)
 
 
-def typeset(app: Sphinx, _page: str, source: list[str]) -> None:
-    """Links to the paper's source lead to the typeset paper or, where that is not made, to its page."""
-    there = Path(app.srcdir, "results/paper/paper.html").exists()
-    source[0] = PAPER.sub(lambda link: f"](paper:{link[1] or ''})" if there else "](paper.md)", source[0])
+def within(app: Sphinx, page: str, source: list[str]) -> None:
+    """Links that are right in the repository, made right among the pages.
+
+    Those to the paper lead to the typeset one or, where that is not made, to the page about it. Those to
+    folders, and to Markdown that is no page, become text.
+    """
+    here, paper = Path(app.srcdir, page).parent, Path(app.srcdir, "paper.md")
+
+    def led(link: re.Match[str]) -> str:
+        text, path, part = link.groups(default="")
+        target = (here / path).resolve()
+        if target == paper:
+            return f"[{text}](paper:{part})" if app.config.typeset_paper else f"[{text}](paper.md)"
+        no_page = target.suffix == ".md" and app.env.path2doc(target) not in app.env.found_docs
+        return text if target.is_dir() or (no_page and target.exists()) else link[0]
+
+    source[0] = LINK.sub(led, source[0])
 
 
 class Variables(SphinxDirective):
@@ -101,10 +114,11 @@ def row(cells: list[nodes.Node]) -> nodes.row:
 def setup(app: Sphinx) -> dict[str, Any]:
     # Sphinx shows a type's short name inside of a union as TypeAliasForwardRef('Array').
     TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
+    app.add_config_value("typeset_paper", "", "env", types=str)
     app.add_html_math_renderer("mathml", (inline, None), (display, None))
     app.add_directive("variables", Variables)
     app.connect("autodoc-process-docstring", plain)
     app.connect("autodoc-process-signature", given)
     app.connect("missing-reference", public)
-    app.connect("source-read", typeset)
+    app.connect("source-read", within)
     return {"parallel_read_safe": True}

@@ -8,8 +8,9 @@ from typing import NamedTuple
 from conftest import ROOT
 
 BLOCK = re.compile(
-    r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?^```(?P<kind>[^\n]*)\n(?P<text>.*?)^```$",
-    re.MULTILINE | re.DOTALL,
+    r"""(?:^\ *<!--\ not\ run:\ (?P<reason>[^\n]+)\ -->\n)?
+        ^(?P<indent>\ *)```(?P<kind>[^\n]*)\n(?P<text>.*?)^(?P=indent)```$""",
+    re.MULTILINE | re.DOTALL | re.VERBOSE,
 )
 PAGES = sorted(
     str(file.relative_to(ROOT))
@@ -34,8 +35,12 @@ def blocks(page: str) -> list[Block]:
 
 
 def blocks_in(text: str, page: str = "") -> list[Block]:
-    found = [
-        Block(page, text.count("\n", 0, each.start("kind")) + 1, each["kind"], each["text"], each["reason"])
-        for each in BLOCK.finditer(text)
-    ]
+    found = (block(text, page, each) for each in BLOCK.finditer(text))
     return [block for block in found if not block.kind.startswith("{")]
+
+
+def block(text: str, page: str, found: re.Match[str]) -> Block:
+    """With the line of its first ticks, and without the spaces before these, as in a list."""
+    line = text.count("\n", 0, found.start("kind")) + 1
+    inside = re.sub(f"^{found['indent']}", "", found["text"], flags=re.MULTILINE)
+    return Block(page, line, found["kind"], inside, found["reason"])

@@ -18,9 +18,9 @@ FETCHED = {"src", "srcset", "poster", "data", "background"}
 IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
 
 
-def built(folder, sources=ROOT):
+def built(folder, sources=ROOT, *options):
     """What `make docs` runs, into that folder."""
-    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", str(ROOT / "docs"), str(sources), str(folder)]
+    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", "docs", *options, str(sources), str(folder)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
@@ -91,6 +91,27 @@ def leads(pages, file, url):
 def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
     assert len([*site.rglob("*.html")]) > 15
     assert faults(site) == []
+
+
+def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
+    run = built(tmp_path, ROOT, "-D", "typeset_paper=")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert faults(tmp_path) == []
+    links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
+    assert "paper.html" in links
+    assert not any(link.startswith("../paper.html") for link in links)
+
+
+def test_links_of_the_repository_to_what_is_no_page_are_text(tmp_path):
+    """A folder, and Markdown that is no page; what is not there at all is refused, see below."""
+    (tmp_path / "sources/docs").mkdir(parents=True)
+    (tmp_path / "sources/README.md").write_text("# Other\n")
+    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home)"
+    (tmp_path / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n")
+    run = built(tmp_path / "pages", tmp_path / "sources")
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "pages/docs/index.html").read_text(encoding="utf-8")
+    assert "<p>a folder, another text, <a " in text
 
 
 SPOILT = {
@@ -170,7 +191,7 @@ def test_all_variables_of_tables_are_on_their_page(site):
 
 def test_pages_are_quiet_in_a_browser(browser, site):
     """No error on the console, no request to another machine, nothing wider than a narrow window."""
-    for file in sorted(site.glob("docs/*.html")):
+    for file in sorted({*site.rglob("*.html")} - {site / "paper.html"}):
         page = browser.open(file, NARROW)
         assert (page.errors, page.elsewhere, browser.overflow()) == ([], [], 0), file.name
 

@@ -59,7 +59,7 @@ def test_the_ledger_has_every_statement_once():
 
 
 ENTRY = {
-    **dict.fromkeys(("section", "statement", "where", "verdict", "source"), "x"),
+    **dict.fromkeys(("section", "title", "statement", "where", "verdict", "source"), "x"),
     **{"id": "4.x", "check": "rates.slow", "reads": [], "control": {"what": "x"}},
 }
 

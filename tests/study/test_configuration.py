@@ -22,7 +22,10 @@ from unilateral.study import drawings, functions
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
-FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
+FILES = [
+    f"workflow/config/{name}.yaml"
+    for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
+]
 STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
 REMOVED = object()
@@ -215,7 +218,8 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of adaptive, algorithm, cost, extremes, logs, paper, sharpness",
+        "letter first, and none of adaptive, algorithm, benchmarks, cost, extremes, logs, paper, report, "
+        "sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
@@ -413,6 +417,8 @@ ACCEPTED = [
     (r"finds\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
     (r"cost\.stops\.\d+", "tiny"),
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
+    (r"resources\..*\.(mb|seconds|size)", "three|float|tiny"),
+    (r"resources\..*\.(size|growth|growth\.\w+)", "removed|mapping"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
     (r".*\.(label|name|what|shows)", "text|upper|path|half|scientific"),

@@ -10,7 +10,7 @@ import unilateral as ul
 from unilateral import adapted, discrete, discrete_solution
 from unilateral.accuracy.level import contradict
 from unilateral.bounds.given import nothing
-from unilateral.fem.p1 import gradients
+from unilateral.fem.p1 import gradients, h1_norm
 from unilateral.fem.quadrature import symmetric
 from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.problems.atoms import X, Y
@@ -102,7 +102,8 @@ def test_the_solutions_solve_their_problems(name):
 def test_errors_fall_as_proved_below_both_bounds(name):
     """Rate 1 for u in H2 (Th. 4.1), less 0.1 on coarse meshes; the cheap bound is at most twice the error.
 
-    Forces lie between the numbers that are guaranteed, exact ones by quadrature.
+    So is the sharp bound of lambda against the cheap one, which is of lower order. Forces lie between the
+    numbers that are guaranteed, exact ones by quadrature.
     """
     of, errors = PROBLEMS[name], []
     for n in (8, 16, 32):
@@ -115,6 +116,7 @@ def test_errors_fall_as_proved_below_both_bounds(name):
             assert force.lower <= (of.force(side) if side in of.held else 0.0) + 1e-12
             assert force.upper >= (of.force(side) if side in of.held else 0.0) - 1e-12
     assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) >= 0.9)
+    assert found.sharp_bounds.multiplier <= found.bounds.multiplier / 2
 
 
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
@@ -152,6 +154,23 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
     assert found.bounds.u < 0.7 * error
     assert found.sharp_bounds.u < 0.7 * error
+
+
+@pytest.mark.parametrize(
+    "q", ["-4*pos(x - 1/3, 0)", "9*pos(x - 1/2, 0)", "30*exp(-40000*(x - 0.3)**2)", "-9*pos(x - 0.3, 1/2)"]
+)
+def test_bounds_hold_where_the_flux_is_not_smooth(q):
+    """No solution is known: the distance from one on a mesh of 1/64 is at most the sum of both bounds.
+
+    And the bound on that of 1/8 is at most three times the distance: a third of it would be too small.
+    """
+    problem = ul.Problem(SQUARE, f="1 - 3*x", g=[None, -0.1, -0.1, -0.1], free_sides=[0], q=q)
+    coarse, fine = (ul.solve(problem, h=h, H=2 * h, mesh="structured") for h in (1 / 8, 1 / 64))
+    distance = h1_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
+    for kind in ("bounds", "sharp_bounds"):
+        of_coarse, of_fine = getattr(coarse, kind).u, getattr(fine, kind).u
+        assert distance <= of_coarse + of_fine
+        assert of_fine < of_coarse <= 3 * distance
 
 
 @pytest.mark.parametrize("name", ["of both signs, beside contact", "a kite", "with k and c"])

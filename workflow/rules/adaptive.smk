@@ -15,6 +15,10 @@ rule adaptive:
         rates="results/adaptive/rates.nc",
     log:
         "results/logs/adaptive.log",
+    benchmark:
+        "results/benchmarks/adaptive.tsv"
+    resources:
+        **asked("adaptive"),
     params:
         study=ADAPTIVE,
         stop=config["stop"],

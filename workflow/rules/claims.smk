@@ -15,6 +15,8 @@ rule algorithm:
         split="results/algorithm/split.nc",
     log:
         "results/logs/algorithm.log",
+    resources:
+        **asked("algorithm"),
     params:
         study=config["algorithm"],
     message:
@@ -31,6 +33,8 @@ rule claims:
         claims="results/claims.json",
     log:
         "results/logs/claims.log",
+    resources:
+        **asked("claims"),
     message:
         "The ledger: every statement judged"
     script:

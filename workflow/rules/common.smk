@@ -3,6 +3,7 @@ from functools import cache
 from pathlib import Path
 
 from unilateral.declarations import own
+from unilateral.study import resources
 from unilateral.study.drawings import drawings, shown
 from unilateral.study.sizes import normed
 
@@ -63,6 +64,15 @@ def imports(source):
     return found
 
 
+def asked(rule):
+    """The resources of a rule's jobs."""
+
+    def of(quantity):
+        return lambda wildcards, attempt: quantity(config, rule, dict(wildcards.items()), attempt)
+
+    return {"mem_mb": of(resources.mem_mb), "runtime": of(resources.runtime)}
+
+
 def scene_of(wildcards):
     return SCENES[wildcards.scene]
 
@@ -81,10 +91,13 @@ def has_norm(scene):
     return bool(normed(SCENES[scene]))
 
 
-def results_of(scene):
-    """All files of a scene."""
-    made = [rules.solve, rules.rates, *([rules.dual_norm] if has_norm(scene) else [])]
-    return [path for rule in made for path in expand(rule.output, scene=scene)]
+def files_by_rule(scenes):
+    """All files of scenes, by the names of the rules that make them."""
+    return {
+        "dual_norm": expand(rules.dual_norm.output, scene=filter(has_norm, scenes)),
+        "solve": expand(rules.solve.output, scene=scenes),
+        "rates": expand(rules.rates.output, scene=scenes),
+    }
 
 
 def job_of(wildcards):

@@ -20,6 +20,8 @@ rule cost_runs:
         timings="results/cost/runs/{job}_timings.nc",
     log:
         "results/logs/cost_runs/{job}.log",
+    resources:
+        **asked("cost_runs"),
     params:
         scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
         name=lambda wildcards: job_of(wildcards)["scene"],
@@ -42,6 +44,8 @@ rule cost:
         factors=[f"results/cost/{fields[0]}.nc" for fields in AXES],
     log:
         "results/logs/cost.log",
+    resources:
+        **asked("cost"),
     params:
         study=RUNS,
         axes=AXES,

@@ -20,11 +20,14 @@ rule numbers:
         extremes="results/extremes/extremes.nc",
         benchmarks="benchmarks/results.nc",
         scores="benchmarks/scores.csv",
+        whole="benchmarks/whole.json",
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",
     log:
         "results/logs/numbers.log",
+    resources:
+        **asked("numbers"),
     params:
         study={
             **{name: config[name] for name in ("adaptive", "cost", "extremes", "infsup")},
@@ -50,6 +53,8 @@ rule documents:
         documents=update(DOCUMENTS),
     log:
         "results/logs/documents.log",
+    resources:
+        **asked("documents"),
     message:
         "The documents' numbers and tables"
     script:

@@ -8,6 +8,10 @@ rule extremes:
         extremes="results/extremes/extremes.nc",
     log:
         "results/logs/extremes.log",
+    benchmark:
+        "results/benchmarks/extremes.tsv"
+    resources:
+        **asked("extremes"),
     params:
         study=config["extremes"],
     message:

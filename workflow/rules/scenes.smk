@@ -9,6 +9,8 @@ rule dual_norm:
         dual_norm="results/{scene}/dual_norm.nc",
     log:
         "results/logs/dual_norm/{scene}.log",
+    resources:
+        **asked("dual_norm"),
     params:
         scene=scene_of,
         name="{scene}",
@@ -31,6 +33,10 @@ rule solve:
         timings="results/{scene}/timings.nc",
     log:
         "results/logs/solve/{scene}.log",
+    benchmark:
+        "results/benchmarks/solve/{scene}.tsv"
+    resources:
+        **asked("solve"),
     params:
         scene=scene_of,
         name="{scene}",
@@ -50,6 +56,8 @@ rule rates:
         rates="results/{scene}/rates.nc",
     log:
         "results/logs/rates/{scene}.log",
+    resources:
+        **asked("rates"),
     params:
         name="{scene}",
         study=config["rates"],
@@ -70,6 +78,8 @@ rule totals:
         totals="results/{scene}/totals.nc",
     log:
         "results/logs/totals/{scene}.log",
+    resources:
+        **asked("totals"),
     params:
         scene=scene_of,
         name="{scene}",
@@ -91,6 +101,8 @@ rule floors:
         floors="results/{scene}/floors.nc",
     log:
         "results/logs/floors/{scene}.log",
+    resources:
+        **asked("floors"),
     params:
         name="{scene}",
         ratio=config["rates"]["judged_ratio"],

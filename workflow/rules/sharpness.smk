@@ -9,6 +9,10 @@ rule sharpness:
         rates="results/sharpness/rates.nc",
     log:
         "results/logs/sharpness.log",
+    benchmark:
+        "results/benchmarks/sharpness.tsv"
+    resources:
+        **asked("sharpness"),
     params:
         study=config["sharpness"],
         stop=config["stop"],

@@ -8,6 +8,10 @@ rule survey:
         infsup="results/{survey}/infsup.nc",
     log:
         "results/logs/survey/{survey}.log",
+    benchmark:
+        "results/benchmarks/survey/{survey}.tsv"
+    resources:
+        **asked("survey"),
     params:
         study=lambda wildcards: SURVEYS[wildcards.survey],
         finds=lambda wildcards: config["finds"] if SURVEYS[wildcards.survey]["kind"] == "worst" else [],

@@ -21,9 +21,9 @@ def main(study, stop, errors, rates):
         chosen = Stop(**stop, algorithm=study["algorithm"])
         found.append(sharpness.measure(mesh, cells, places, exponents, chosen))
         print(f"H = {size} solved")
-    table = along_levels(found)
-    tables.save(table, errors, "sharpness")
-    tables.save(rates_over(table), rates, "sharpness")
+    table, given = along_levels(found), {"study": study, "stop": stop}
+    tables.save(table, errors, "sharpness", given)
+    tables.save(rates_over(table), rates, "sharpness", given)
 
 
 if __name__ == "__main__":

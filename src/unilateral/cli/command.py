@@ -39,6 +39,13 @@ class Command(click.Command):
         super().__init__(*args, **rest)
         self.examples, self.codes = examples, codes
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx  # which an option without its argument does not have
+            raise
+
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         found = super().get_help_option(ctx)
         if found:

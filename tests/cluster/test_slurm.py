@@ -1,0 +1,84 @@
+"""The profile workflow/profiles/slurm on a Slurm of one node, which is started here and stopped.
+
+Where there is no Slurm these tests are skipped, and say so.
+"""
+
+import subprocess
+import sys
+
+import pytest
+from conftest import copy_project
+from one_node import missing, one_node
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
+PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
+TARGET = "results/quick/dual_norm.nc"
+SCRIPT = "workflow/scripts/measure_dual_norm.py"
+MAIN = "def main(scene, name, dual_norm):\n"
+
+
+@pytest.fixture(scope="module")
+def node():
+    """The environment of the node, for this file's tests."""
+    with one_node() as environment:
+        yield environment
+
+
+def snakemake(project, environment, *arguments):
+    """The exit code, and all that is said."""
+    command = [sys.executable, "-m", "snakemake", *arguments]
+    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, timeout=600)
+    return done.returncode, done.stdout + done.stderr
+
+
+def spoilt(tmp_path, line):
+    """A copy of the project whose script for the dual norm begins with that line."""
+    project = copy_project(tmp_path)
+    script = project / SCRIPT
+    text = script.read_text()
+    assert MAIN in text
+    script.write_text(text.replace(MAIN, f"{MAIN}    {line}\n"))
+    return project
+
+
+def jobs(environment, known=()):
+    """State, memory and comment of the jobs of the node beyond those known, in their order."""
+    command = ["squeue", "--states=all", "--noheader", "--sort=i", "--format=%i|%T|%m"]
+    said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    rows = [tuple(line.split("|")) for line in said.splitlines()]
+    return [row for row in rows if row not in known]
+
+
+def test_the_cluster_makes_the_tables_of_a_local_run_byte_for_byte(node, tmp_path_factory):
+    """The expected bytes are those of the other executor. Control: timings.nc has the seconds and differs."""
+    local, remote = (copy_project(tmp_path_factory.mktemp(name)) for name in ("local", "remote"))
+    found = [snakemake(local, node, "-c1", "quick"), snakemake(remote, node, *PROFILE, "quick")]
+    assert [code for code, _ in found] == [0, 0], found
+    assert "submitted with SLURM jobid" in found[1][1]
+    tables = {path.name: path.read_bytes() for path in (local / "results/quick").iterdir()}
+    made = {path.name: path.read_bytes() for path in (remote / "results/quick").iterdir()}
+    assert tables.keys() == made.keys()
+    assert {name for name in tables if tables[name] != made[name]} == {"timings.nc"}
+
+
+def test_a_job_that_fails_ends_snakemake_with_the_jobs_log(node, tmp_path):
+    project = spoilt(tmp_path, 'raise ValueError("spoilt on purpose")')
+    code, said = snakemake(project, node, *PROFILE, "--retries", "0", TARGET)
+    assert code == 1
+    assert "unilateral: ValueError: spoilt on purpose" in said
+    assert not (project / TARGET).exists()
+
+
+def test_a_job_that_takes_more_memory_than_it_asked_for_is_restarted_with_more(node, tmp_path):
+    """600 MB more than it takes: beyond the first request, within the second, which is twice as large.
+
+    Control: without retries the job stays failed, which the test above shows of any failure.
+    """
+    project = spoilt(tmp_path, 'import time; held = b"x" * 600_000_000; time.sleep(5); del held')
+    before = jobs(node)
+    code, said = snakemake(project, node, *PROFILE, TARGET)
+    assert code == 0, said
+    assert "Trying to restart job" in said
+    (_, first, little), (_, second, more) = jobs(node, before)
+    assert (first, second) == ("FAILED", "COMPLETED")
+    assert int(more.removesuffix("M")) == 2 * int(little.removesuffix("M"))
