@@ -25,15 +25,18 @@ except ImportError:
     sys.exit(MISSING)
 
 
-def means(nodes: np.ndarray, cells: np.ndarray, dof: np.ndarray) -> gf.Spmat:
-    """(m, n) of the hats over cells whose ends are nodes; `dof` (n,) of each node."""
+def means(nodes: np.ndarray, cells: np.ndarray, dof: np.ndarray, perimeter: float) -> gf.Spmat:
+    """(m, n) of the hats over the cells; `dof` (n,) of each node."""
     order = np.argsort(nodes["s"])[: np.isfinite(nodes["s"]).sum()]  # along the boundary
     s, B = nodes["s"][order], gf.Spmat("empty", len(cells), len(nodes))
-    lengths = np.diff(np.append(s, cells["end"][-1]))
+    after = np.append(s[1:], perimeter)
     for i, (start, end) in enumerate(zip(cells["start"], cells["end"], strict=True)):
-        for edge in np.flatnonzero((s > start - 1e-9) & (s < end - 1e-9)):
-            for at in (edge, (edge + 1) % len(s)):
-                B.add(i, dof[order[at]], lengths[edge] / 2 / (end - start))
+        a, b = np.maximum(s, start), np.minimum(after, end)
+        for edge in np.flatnonzero(b > a):
+            weight = (b - a)[edge] / (end - start)
+            at = (0.5 * (a + b) - s)[edge] / (after - s)[edge]
+            B.add(i, dof[order[edge]], weight * (1 - at))
+            B.add(i, dof[order[(edge + 1) % len(s)]], weight * at)
     return B
 
 
@@ -42,30 +45,31 @@ def solved(level: Path) -> tuple[np.ndarray, np.ndarray]:
     nodes, cells = (
         np.genfromtxt(level / f"{name}.csv", delimiter=",", names=True) for name in ("nodes", "partition")
     )
-    cells = cells[np.isfinite(cells["g_mean"])]
+    held = np.isfinite(cells["g_mean"])  # but for cells on free sides
     mesh = gf.Mesh("import", "gmsh", str(level / "mesh.msh"))
     V, rule = gf.MeshFem(mesh, 1), gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     V.set_classical_fem(1)
     points = V.basic_dof_nodes().T
     node = cKDTree(np.column_stack([nodes["x"], nodes["y"]])).query(points)[1]
-    B = means(nodes, cells, np.argsort(node))
+    B = means(nodes, cells[held], np.argsort(node), cells["end"][-1])
     B.scale(-1.0)
+    gf.util_trace_level(0)
     model = gf.Model("real")
     model.add_fem_variable("u", V)
     model.add_Laplacian_brick(rule, "u")
     model.add_mass_brick(rule, "u")
     model.add_explicit_rhs("u", nodes["load"][node])
-    model.add_variable("force", len(cells))  # over each cell: B u <= gap says that the mean of u is >= g's
+    model.add_variable("force", held.sum())  # over each cell: B u <= gap says that the mean of u is >= g's
     model.add_initialized_data("r", [1.0])
-    model.add_initialized_data("gap", -cells["g_mean"])
+    model.add_initialized_data("gap", -cells["g_mean"][held])
     model.add_initialized_data("alpha", [1.0])
     model.add_basic_contact_brick("u", "force", "r", B, "gap", "alpha", 2)
     if not model.solve("max_res", 1e-10, "max_iter", 100)[1]:
         raise RuntimeError("Newton's method did not converge in 100 steps")
-    pressure = -model.variable("force") / (cells["end"] - cells["start"])
-    return np.column_stack([points, model.variable("u")]), np.column_stack(
-        [cells["start"], cells["end"], pressure]
-    )
+    pressure = np.zeros(len(cells))
+    pressure[held] = -model.variable("force") / (cells["end"] - cells["start"])[held]
+    multiplier = np.column_stack([cells["start"], cells["end"], pressure])
+    return np.column_stack([points, model.variable("u")]), multiplier
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from unilateral.discrete import Discrete
 from unilateral.errors import InputError
 from unilateral.exchange.conditions import conditions
 from unilateral.exchange.read import Foreign
-from unilateral.exchange.residual import Residual, flux_load, residual
+from unilateral.exchange.residual import Fit, Residual, flux_load, residual
 from unilateral.exchange.trace import Trace
 from unilateral.fem.p1 import boundary_mass
 from unilateral.geometry.mesh import Mesh
@@ -57,9 +57,10 @@ def _inside(case: Case, u: Array, discrete: Discrete, own: Errors) -> tuple[list
     of, allowed = residual(case, discrete, u), COUNTS * own.h1
     if of.inside <= allowed:
         return [], of
-    if of.fit.factor != 0 and of.fit.left <= COUNTS * of.inside:
-        fault = _wrong("u, or the load,", of.fit.factor, "f is what the equation holds with inside")
-        return [fault], residual(case, discrete, u / of.fit.factor)
+    factor, left, size = of.fit
+    if factor != 0 and left <= COUNTS * min(of.inside, abs(factor) * size):
+        fault = _wrong("u, or the load,", factor, "f is what the equation holds with inside")
+        return [fault], residual(case, discrete, u / factor)
     if _renumbered(case, of, own):
         return ["the values of u are right, but at other nodes: x, y and u are numbered differently"], of
     x, y = of.worst()
@@ -90,8 +91,13 @@ def _of_multiplier(case: Case, plain: Reading, of: Residual, own: Errors) -> Ite
     right, reading = of.nearer_to(plain.load), plain
     if of.norm(plain.load - right) > allowed:
         reading = next(_fitting(plain, of, right, allowed), plain)
+        fit = of.fitted(reading.load, right)
         yield from filter(None, [reading.fault])
-        yield from _scaled(reading, of, right, allowed)
+        if fit.misfit > allowed and _scaled(fit, allowed):
+            yield _wrong("the multiplier", fit.factor, f"what u's equation has, to {fit.left / fit.size:.1g}")
+        elif not reading.fault:
+            what = "(u, v)_1 - <lambda, v> - (f, v)"
+            yield f"u and the multiplier do not fit: {what} is {fit.misfit:.2g} in H1"
     yield from _stopped(case, reading.mu, of, allowed)
 
 
@@ -128,23 +134,19 @@ def _readings(plain: Reading, mesh: Mesh) -> Iterator[Reading]:
                 )
 
 
-def _scaled(reading: Reading, of: Residual, right: Array, allowed: float) -> Iterator[str]:
-    """A factor that is surer than what it leaves; else, if nothing was said yet, that there is no fit."""
-    size, misfit = of.norm(right), of.norm(reading.load - right)
-    factor, left = of.fitted(reading.load, right)
-    if misfit > allowed and abs(factor - 1) * size > left:
-        yield _wrong("the multiplier", factor, f"what u's equation has, to {left / size:.1g}")
-    elif not reading.fault:
-        yield f"u and the multiplier do not fit: (u, v)_1 - <lambda, v> - (f, v) is {misfit:.2g} in H1"
+def _scaled(fit: Fit, allowed: float) -> bool:
+    """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
+    of_factor = abs(fit.factor - 1) * fit.size
+    only = fit.left < of_factor and fit.left <= max(abs(fit.factor) * allowed, COUNTS * fit.misfit)
+    return only or fit.factor * fit.size < -fit.left
 
 
 def _against_exact(plain: Reading, of: Residual, own: Errors) -> Iterator[str]:
-    """A factor that is surer than what it leaves and this project's error, where u says nothing."""
-    right = flux_load(of.discrete)
-    factor, left = of.fitted(plain.load, right)
-    uncertain = left + own.hm12_upper
-    if abs(factor - 1) * of.norm(right) > uncertain:
-        yield _wrong("the multiplier", factor, f"the exact one, to {uncertain / of.norm(right):.1g}")
+    """A sign that is surer than what is left and this project's error, where u says nothing."""
+    fit = of.fitted(plain.load, flux_load(of.discrete))
+    uncertain = fit.left + own.hm12_upper
+    if fit.factor * fit.size < -uncertain:
+        yield _wrong("the multiplier", fit.factor, f"the exact one, to {uncertain / fit.size:.1g}")
 
 
 def _stopped(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[str]:

@@ -23,6 +23,8 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 
+LARGEST = 1e100
+"""Of a value, so that squares of errors do not overflow."""
 SAME = 1e-6
 """Of h: places so near are the same."""
 
@@ -124,11 +126,12 @@ def _at_nodes(level: Level, node: Index, found: Handed, name: str, file: str) ->
     """(n,) values at the nodes; multipliers are needed on the boundary only."""
     given = found.nodal[name]
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
-    wrong = np.flatnonzero(~np.isfinite(given) & needed)
+    wrong = np.flatnonzero(~(np.abs(given) < LARGEST) & needed)
     if wrong.size:
         k, place = wrong[0], level.mesh.points[node[wrong[0]]]
         raise InputError(
-            f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; a number is needed"
+            f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; "
+            f"a number below {LARGEST:g} is needed"
         )
     values = np.zeros(level.mesh.n_nodes)
     values[node] = given
@@ -170,9 +173,12 @@ def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) ->
         raise InputError(
             f"{file}: a cell ends at s = {end[apart[0]]:g}, the next begins at {start[apart[0] + 1]:g}"
         )
-    wrong = np.flatnonzero(~np.isfinite(values))
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST))
     if wrong.size:
-        raise InputError(f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}")
+        raise InputError(
+            f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}; "
+            f"a number below {LARGEST:g} is needed"
+        )
     return constant(partitions.from_points(mesh.polygon, np.append(start, end[-1:])), values)
 
 
@@ -189,7 +195,10 @@ def _on_edges(mesh: Mesh, ends: Index, values: Array, file: str) -> Array:
         raise InputError(f"{file}: line cell {wrong[0]} is no boundary edge of the mesh")
     found = np.full(nb, np.nan)
     found[edge] = values
-    if np.isnan(found).any():
-        place = _place(mesh.points, mesh.boundary[np.isnan(found)])
-        raise InputError(f"{file}: the boundary edge from {place} has no multiplier")
+    wrong = np.flatnonzero(~(np.abs(found) < LARGEST))
+    if wrong.size:
+        place = _place(mesh.points, mesh.boundary[wrong])
+        raise InputError(
+            f"{file}: the boundary edge from {place} has no multiplier, or none below {LARGEST:g}"
+        )
     return found

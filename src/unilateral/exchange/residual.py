@@ -20,10 +20,19 @@ from unilateral.problems.case import Case
 
 
 class Fit(NamedTuple):
-    """`factor` times the right one is nearest to a load, and `left` is how far, in the dual norm."""
+    """`factor` times the right load is nearest to a load, and `left` is how far, in the dual norm.
+
+    `size` is the norm of the right one.
+    """
 
     factor: float
     left: float
+    size: float
+
+    @property
+    def misfit(self) -> float:
+        """How far the load is from the right one."""
+        return math.hypot(self.left, (self.factor - 1) * self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +70,8 @@ class Residual:
         A_u = self.discrete.spaces.condensed.A @ self.u
         products = self._inner(np.column_stack([A_u, self.load]))
         factor = float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
-        return Fit(factor, Residual(self.discrete, self.u, factor * self.load).inside)
+        left = Residual(self.discrete, self.u, factor * self.load).inside
+        return Fit(factor, left, math.sqrt(max(float(products[1, 1]), 0.0)))
 
     def _inner(self, loads: Array) -> Array:
         """(k, k) products of loads (n, k) in that norm: A_II^{-1}, of the inner nodes, comes from A^{-1}."""
@@ -89,7 +99,7 @@ class Residual:
         """By which factor a boundary load (nb,) is nearest to the right one; 0 where that is 0."""
         square = self.product(right, right)
         factor = self.product(load, right) / square if square > 0 else 0.0
-        return Fit(factor, self.norm(load - factor * right))
+        return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))
 
 
 def residual(case: Case, discrete: Discrete, u: Array) -> Residual:

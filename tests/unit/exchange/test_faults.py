@@ -220,6 +220,22 @@ def test_cells_counted_from_elsewhere_are_named(vertex, way):
     assert f"begins at vertex {vertex} and runs {way};" in fault
 
 
+@pytest.mark.parametrize(
+    "change", [lambda mu: mu + 1, lambda mu: np.minimum(mu, 2), lambda mu: mu.mean() + 0 * mu]
+)
+def test_no_factor_is_made_up_for_another_multiplier(change):
+    """A constant dominates the dual norm, and has much in common with lambda; but it leaves more than 1 %."""
+    u, mu, _ = own()
+    (fault,) = told(u, on_cells(change(mu)))
+    assert "do not fit" in fault
+
+
+def test_no_factor_is_made_up_for_another_u():
+    """(1, v)_1 is nearly a multiple of an f that is nearly constant."""
+    (fault,) = told(np.ones_like(own()[0]))
+    assert "does not hold inside" in fault
+
+
 def test_a_wrong_sign_is_named_where_u_is_wrong_too():
     """By the exact lambda, as the equation of a wrong u says nothing; a right sign is not."""
     u, mu, _ = own()

@@ -248,6 +248,9 @@ def spoilt(what, points):
         return pd.concat([table, table.tail(1).assign(u=9.0)])
     if what == "name":
         return table.rename(columns={"u": "v"})
+    if what == "huge":
+        table.loc[7, "u"] = 1e200
+        return table
     table.loc[7, "u" if what == "NaN" else "x"] = np.nan
     return table
 
@@ -258,6 +261,7 @@ def spoilt(what, points):
         ("missing", "1 of the 289 nodes of level_2 are missing"),
         ("mesh", "another mesh"),
         ("NaN", "u is nan at point 7"),
+        ("huge", "u is 1e+200 at point 7"),
         ("place", "point 7 has the place (nan"),
         ("twice", "u has two values at"),
         ("name", "x, y and u are needed"),
