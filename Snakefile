@@ -1,4 +1,4 @@
-# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial.
+# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial, `... deep` large meshes.
 import os
 import sys
 
@@ -37,6 +37,7 @@ include: "workflow/rules/cost.smk"
 include: "workflow/rules/extremes.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
+include: "workflow/rules/deep.smk"
 include: "workflow/rules/documents.smk"
 include: "workflow/rules/paper.smk"
 include: "workflow/rules/manifest.smk"
@@ -59,3 +60,8 @@ rule figures:
 rule quick:
     input:
         *files_by_rule(["quick"]).values(),
+
+
+rule deep:
+    input:
+        rules.deep_levels.output,

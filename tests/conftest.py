@@ -27,7 +27,14 @@ from unilateral.study import tables
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
 RESULTS = ROOT / "results"
-NEED_RESULTS = ("test_claims.py", "test_code_blocks.py", "test_documents.py", "test_surveys.py")
+NEED_RESULTS = (
+    "test_claims.py",
+    "test_code_blocks.py",
+    "test_documents.py",
+    "test_manifest.py",
+    "test_report.py",
+    "test_surveys.py",
+)
 
 
 def pytest_collection_modifyitems(items):

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, copy_project
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
@@ -72,6 +72,13 @@ def test_every_committed_figure_is_in_it_and_its_picture_has_a_size(opened):
     assert picture.location["x"] < 700
 
 
+def test_a_figure_says_what_it_was_drawn_from(opened):
+    row = next(row for row in listed(opened, "Figures") if row.text.startswith("verdict"))
+    row.find_elements(By.TAG_NAME, "a")[-1].click()
+    told = wait(opened, lambda d: d.find_element(By.TAG_NAME, "nav").text)
+    assert "figures/verdict.csv by src/unilateral/study/figures/verdict.py" in " ".join(told.split())
+
+
 def test_the_judged_claims_are_in_it(opened):
     text = shown(opened, "Tables", "Every claim")
     for claim in json.loads((ROOT / "results/claims.json").read_text()):
@@ -105,6 +112,16 @@ def test_the_paper_opens_though_it_is_larger_than_any_data_url_that_chromium_ope
     text = shown(opened, "Paper", "as a page")
     assert title.strip('"') in " ".join(text.split())
     assert "References" in text
+
+
+def test_a_report_of_results_that_are_not_there_is_refused(tmp_path):
+    project = copy_project(tmp_path)
+    command = [sys.executable, "workflow/write_report.py", "report.html"]
+    made = subprocess.run(command, cwd=project, capture_output=True, text=True, timeout=120)
+    assert made.returncode == 1
+    assert re.search(r"File \S+ marked for report but does not exist", made.stderr)
+    assert "Traceback" not in made.stderr
+    assert not (project / "report.html").exists()
 
 
 def test_what_a_page_of_provenance_tells(tmp_path):

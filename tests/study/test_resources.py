@@ -19,47 +19,47 @@ GIVEN = {
 }
 
 
-def study(levels):
-    """The unit square, 4^(levels + 1) unknowns on its finest mesh."""
-    scene = {"polygon": "square", "mesh": {"h": "1/4", "levels": levels}}
+TRIAL = {"scene": "trial"}
+
+
+def study(h, levels=1):
+    """The unit square, on its finest mesh 4^(levels - 1) / h^2 unknowns."""
+    scene = {"polygon": "square", "mesh": {"h": h, "levels": levels}}
     return {"resources": GIVEN, "scenes": {"trial": scene}}
 
 
 @pytest.mark.parametrize(
-    ("n", "mb", "seconds"),
+    ("h", "mb", "seconds"),
     [
-        (100, 110, 9),  # the smaller one itself
-        (25, 35, 2),  # 10 + 100/4, 1 + 8/8
-        (399, 409, 1 + 8 * 3.99**1.5),  # from the smaller one: the other is larger than what is asked for
-        (400, 250, 50),  # the larger one itself
-        (1600, 970, 393),  # 10 + 4 240, 1 + 8 49
+        ("1/10", 110, 9),  # the smaller one itself
+        ("1/5", 35, 2),  # 10 + 100/4, 1 + 8/8
+        ("1/19", 371, 1 + 8 * 1.9**3),  # from the smaller one: the other is larger
+        ("1/20", 250, 50),  # the larger one itself
+        ("1/40", 970, 393),  # 10 + 4 240, 1 + 8 49
     ],
 )
-def test_a_measured_job_is_predicted_as_it_was_and_others_grow_from_it(n, mb, seconds):
-    """Control: another power of n, or growth of the start, gives other numbers."""
-    assert resources.predicted(GIVEN, "solve", "mb", n) == pytest.approx(mb, rel=1e-12)
-    assert resources.predicted(GIVEN, "solve", "seconds", n) == pytest.approx(seconds, rel=1e-12)
+def test_a_measured_job_is_predicted_as_it_was_and_others_grow_from_it(h, mb, seconds):
+    """Control: another power of the size, or growth of the start, gives other numbers."""
+    assert resources.predicted(study(h), "solve", TRIAL, "mb") == pytest.approx(mb, rel=1e-12)
+    assert resources.predicted(study(h), "solve", TRIAL, "seconds") == pytest.approx(seconds, rel=1e-12)
 
 
 def test_what_is_asked_has_a_margin_and_room_for_snakemake():
     """30 + 2 60 = 150 MB; 20 + 4 3 = 32 s, which is a minute."""
-    assert resources.mem_mb(study(1), "rates", {"scene": "trial"}) == 150
-    assert resources.runtime(study(1), "rates", {"scene": "trial"}) == 1
+    assert resources.mem_mb(study("1/4"), "rates", TRIAL) == 150
+    assert resources.runtime(study("1/4"), "rates", TRIAL) == 1
 
 
 def test_a_job_that_is_tried_again_asks_for_more():
-    asked = [resources.mem_mb(study(1), "rates", {}, attempt) for attempt in (1, 2, 3)]
+    asked = [resources.mem_mb(study("1/4"), "rates", {}, attempt) for attempt in (1, 2, 3)]
     assert asked == [150, 300, 450]
-    assert resources.runtime(study(1), "rates", {}, 2) == 2
+    assert resources.runtime(study("1/4"), "rates", {}, 2) == 2
 
 
-def test_a_finer_mesh_asks_for_more():
-    """4^5 and 4^6 unknowns, n: 30 + 2 (10 + 240 n / 400), rounded up to 50."""
-    sizes = [resources.size(study(levels), "solve", {"scene": "trial"}) for levels in (4, 5)]
-    assert sizes == [4**5, 4**6]
-    wanted = [30 + 2 * (10 + 240 * n / 400) for n in sizes]
-    asked = [resources.mem_mb(study(levels), "solve", {"scene": "trial"}) for levels in (4, 5)]
-    assert all(0 <= mb - least < 50 for mb, least in zip(asked, wanted, strict=True))
+def test_a_finer_level_asks_for_more():
+    """32^2 and 64^2 unknowns, n: 30 + 2 (10 + 240 n / 400), rounded up to 50: 1278.8 and 4965.2."""
+    assert [resources.size(study("1/4", levels), "solve", TRIAL) for levels in (4, 5)] == [32**2, 64**2]
+    assert [resources.mem_mb(study("1/4", levels), "solve", TRIAL) for levels in (4, 5)] == [1300, 5000]
 
 
 def test_every_rule_with_a_script_asks_for_what_is_declared_for_it():

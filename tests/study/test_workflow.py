@@ -110,6 +110,13 @@ def test_quick_plans_the_quick_scene_only(tree):
     assert built(text) == {"quick"}
 
 
+def test_large_meshes_are_a_job_each_and_no_part_of_the_whole_study(tree):
+    text, jobs = plan(tree, "deep")
+    assert jobs == {"deep_level": len(STUDY["deep"]["h"]), "deep_levels": 1, "deep": 1}
+    assert built(text) == {"deep"}
+    assert "deep" not in built(plan(tree)[0])
+
+
 def test_everything_that_is_computed_is_a_target_of_the_whole_study(tree):
     """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
     text, _ = plan(tree)

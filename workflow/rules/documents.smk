@@ -20,6 +20,7 @@ rule numbers:
         extremes="results/extremes/extremes.nc",
         benchmarks="benchmarks/results.nc",
         scores="benchmarks/scores.csv",
+        whole="benchmarks/whole.json",
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",

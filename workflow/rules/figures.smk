@@ -18,6 +18,7 @@ rule figure:
         svg=report(
             update("figures/{figure}.svg"),
             category="Figures",
+            caption="../report/figure.rst",
             labels=lambda wildcards: {
                 "figure": wildcards.figure,
                 "shows": DRAWN[wildcards.figure].shows,

@@ -29,6 +29,8 @@ rule manifest:
         sums="results/SHA256SUMS",
     log:
         "results/logs/manifest.log",
+    resources:
+        **asked("manifest"),
     params:
         study=config,
     message:

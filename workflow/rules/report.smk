@@ -29,6 +29,8 @@ rule pages:
         ],
     log:
         "results/logs/pages.log",
+    resources:
+        **asked("pages"),
     message:
         "The pages of the report"
     script:

@@ -12,7 +12,7 @@ from unilateral.errors import meant
 
 CODES = {
     0: "done",
-    1: "a claim does not hold, or a solution that is judged",
+    1: "a claim or a judged solution does not hold",
     2: "bad input",
     3: "not converged or out of budget",
     4: "the system or this program failed",
@@ -38,6 +38,13 @@ class Command(click.Command):
     def __init__(self, *args: Any, examples: Sequence[str], codes: Sequence[int], **rest: Any) -> None:
         super().__init__(*args, **rest)
         self.examples, self.codes = examples, codes
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx  # which an option without its argument does not have
+            raise
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         found = super().get_help_option(ctx)

@@ -124,7 +124,7 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         polygon.contains(np.stack(grid, axis=-1)), compile_numpy([problem.f], (X, Y))(*grid)[0], np.nan
     )
     field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
-    axes.figure.colorbar(field, ax=axes, label="f")
+    axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
         axes.plot(*ends.T, linewidth=2, **_look(problem, side))

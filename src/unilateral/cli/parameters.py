@@ -23,6 +23,8 @@ class Positive(click.ParamType):
     name = "positive"
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> float:
+        if isinstance(value, float):  # a default
+            return value
         try:
             number = float(load("unilateral.formulas.formula").real(value, ""))
         except InputError:

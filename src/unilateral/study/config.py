@@ -93,6 +93,7 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
     falling: list[tuple[Place, list[Any]]] = [
         *((("scenes", name, "H"), scene["H"]) for name, scene in scenes.items()),
         (("sharpness", "H"), study["sharpness"]["H"]),
+        (("deep", "h"), study["deep"]["h"]),
         (("cost", "stops"), study["cost"]["stops"]),
     ]
     for place, given in falling:
@@ -114,7 +115,7 @@ def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
     """Cases that are not declared, or not for their polygon or side; surveys that do not fit theirs."""
     chosen: list[tuple[Place, Fields, list[str]]] = [
         *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
-        (("algorithm", "cases"), study["algorithm"], study["algorithm"]["cases"]),
+        *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "deep")),
         *(
             (("adaptive", "scenes", i, "cases"), scene, scene["cases"])
             for i, scene in enumerate(study["adaptive"]["scenes"])
@@ -170,7 +171,7 @@ def _case_fault(name: str, domain: str, side: int) -> str:
 
 def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
     """Cases of scenes without expected rates."""
-    for name, scene in study["scenes"].items():
+    for name, scene in {**study["scenes"], "deep": study["deep"]}.items():
         for wanted in scene["cases"]:
             if wanted not in study["rates"]["cases"]:
                 yield ("rates", "cases"), f"there is no '{wanted}'; add it, for scene '{name}' has that case"

@@ -28,24 +28,25 @@ def runtime(study: Fields, rule: str, wildcards: Mapping[str, str], attempt: int
 
 def _asked(study: Fields, rule: str, wildcards: Mapping[str, str], unit: str) -> float:
     given = study["resources"]
-    taken = predicted(given, rule, unit, size(study, rule, wildcards))
+    taken = predicted(study, rule, wildcards, unit)
     return float(given["snakemake"][unit] + given["margin"][unit] * taken)
 
 
-def predicted(resources: Fields, rule: str, unit: str, n: float) -> float:
+def predicted(study: Fields, rule: str, wildcards: Mapping[str, str], unit: str) -> float:
     """The `mb` or `seconds` of a job of the size n: start + (measured - start) (n / measured size)^growth.
 
     Measured is the largest job that is no larger, or the smallest one.
     """
-    start, of_rule = resources["start"][unit], resources["rules"][rule]
+    start, of_rule = study["resources"]["start"][unit], study["resources"]["rules"][rule]
+    n = size(study, rule, wildcards)
     jobs = sorted(of_rule["measured"], key=lambda job: float(job["size"]))
     job = ([job for job in jobs if job["size"] <= n] or jobs[:1])[-1]
     return float(start + (job[unit] - start) * (n / job["size"]) ** of_rule["growth"][unit])
 
 
-def size(study: Fields, rule: str, wildcards: Mapping[str, str]) -> float:
+def size(study: Fields, rule: str, wildcards: Mapping[str, str]) -> int:
     """What the memory and the time of a job of the rule grow with; 1 where all its jobs are alike."""
-    return SIZES[rule](study, wildcards) if rule in SIZES else 1
+    return round(SIZES[rule](study, wildcards)) if rule in SIZES else 1
 
 
 def _cells(study: Fields, wildcards: Mapping[str, str]) -> float:
@@ -92,6 +93,10 @@ def _of_adaptive(study: Fields, wildcards: Mapping[str, str]) -> float:
     return float(study["adaptive"]["most"]["unknowns"])
 
 
+def _of_deep(study: Fields, wildcards: Mapping[str, str]) -> float:
+    return _unknowns(study["deep"]["polygon"], [study["deep"]["h"][int(wildcards["level"])]])
+
+
 def _boundary_edges(study: Fields, wildcards: Mapping[str, str]) -> float:
     """Of the finest mesh of a survey, about; that of the worst pairs is one that was found."""
     survey = study["surveys"][wildcards["survey"]]
@@ -114,6 +119,7 @@ SIZES: dict[str, Callable[[Fields, Mapping[str, str]], float]] = {
     "adaptive": _of_adaptive,
     "algorithm": _of_algorithm,
     "cost_runs": _of_cost,
+    "deep_level": _of_deep,
     "dual_norm": _cells,
     "sharpness": _of_sharpness,
     "solve": _of_solve,

@@ -1,5 +1,6 @@
 """The given flux on edges: exact moments, and a bound of all that is left against suprema on finer meshes."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +15,7 @@ from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
+from unilateral.norms.oscillation import has_square
 from unilateral.problems import piecewise
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -97,6 +99,46 @@ def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
     assert least <= found.distance
     assert found.unknown > 0.9 * found.distance > 0.1
     assert module._norm(found.squares - found.doubts) < least
+
+
+@pytest.mark.parametrize(("rho", "n"), [("mean", 1), ("mean", 8), ("free of means", 1), ("free of means", 8)])
+def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n):
+    """1, of which nothing is left but its mean; and half a wave per edge, sqrt(2) cos(pi n x), without means.
+
+    Their norms and integrals on every edge are exact. Control: without the triangles' part the bounds are too
+    small. That of the squares is sharp for the wave: its squared norm is 1/q, q^2 = 1 + (pi n)^2, up to
+    tanh q and 1/tanh pi, which are 1 within 0.4 %.
+    """
+    mesh, bottom = structured(named("square"), 1 / n), np.arange(4 * n) < n
+    of_means = rho == "mean"
+    norm = np.where(bottom & (not of_means), n**-0.5, 0.0)
+    squares = module._squares(mesh, np.zeros(4 * n), norm, np.where(bottom & of_means, 1 / n, 0.0))
+    fine = meshes.refine(mesh, 5 if n == 1 else 3)
+    exact = given(flux_of("1" if of_means else f"sqrt(2)*cos({n}*pi*x)"), fine)
+    least = supremum(mesh, nothing(mesh), fine, exact)
+    assert least <= module._norm(squares)
+    if of_means or n == 1:
+        assert module._norm(squares * [[1], [0]]) < least
+    else:
+        used = has_square(mesh)[:n].mean()
+        assert squares[0].sum() == pytest.approx(used / np.hypot(1, np.pi * n), rel=0.01)
+
+
+def test_a_jump_at_a_node_may_be_on_either_edge():
+    """Of height 3, within a few units in the last place of 1/2: both edges have it; others have round-off."""
+    mesh, flux = structured(named("square"), 1 / 4), flux_of("3*pos(x - 1/2, 0)")
+    norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
+    assert np.all(norm[1:3] >= 3 * np.sqrt(flux.reach))
+    assert np.all(integral[1:3] >= 3 * flux.reach)
+    assert norm[[0, 3]].max() < 1e-6 * norm[1:3].min()
+
+
+def test_rounding_is_unknown_too():
+    """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
+    flux = flux_of("1000/3")
+    exact = replace(flux, doubt=0 * flux.doubt, jumps=0 * flux.jumps)
+    found = given(exact, structured(named("square"), 1 / 4))
+    assert 2**-53 * 333 < found.unknown < 1e-10
 
 
 def test_a_jump_leaves_next_to_nothing_unknown():

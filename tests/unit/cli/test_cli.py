@@ -682,6 +682,8 @@ SINGULAR, ACCURATE = ("--h", "1/8", "--H", "1/8", "--rho", "1/2"), ("natural", "
             ("solve", "natural", *SIZES, "--levels", "3"),
             "there is no option --levels; see 'unilateral solve --help'",
         ),
+        (("solve", "natural", "--h"), "option '--h' requires an argument; see 'unilateral solve --help'"),
+        (("solve", "natural", "smooth"), "got unexpected extra argument (smooth); see 'unilateral solve"),
         (("solve", "natural", *SIZES, "--js"), "there is no option --js; did you mean --json?"),
         (("solve", "two\nlines", *SIZES), "case 'two lines' is unknown"),
         (

@@ -127,6 +127,25 @@ def test_bash_completes(tmp_path, words, found):
     assert ("compopt" in (tmp_path / "files").read_text()) == takes_files
 
 
+def test_case_names_are_completed_without_what_takes_long_to_import():
+    """Control: the names of polygons are read from YAML into arrays."""
+    assert imported_by("unilateral solve nat") == set()
+    assert "numpy" in imported_by("unilateral solve natural --polygon l")
+
+
+def imported_by(line):
+    """Which slow modules a completion imports."""
+    source = (
+        "import sys; from unilateral.cli import main; main([]); "
+        "print(*{'numpy', 'scipy', 'sympy', 'yaml', 'gmsh'} & set(sys.modules), file=sys.stderr)"
+    )
+    asked = {"_UNILATERAL_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+    command = [sys.executable, "-c", source]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **asked}, timeout=60)
+    assert done.returncode == 0
+    return set(done.stderr.split())
+
+
 @pytest.mark.parametrize("arguments", [("--help",), ("solve", "nothing"), ("cases", "--nothing")])
 def test_there_are_no_colours_on_a_terminal(arguments):
     """Nor would NO_COLOR change anything: the bytes are the same with it; see no-color.org."""

@@ -93,7 +93,7 @@ def test_check_shows_the_flux_on_free_sides(run, problem_file_of):
 
 def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     """Numbers 0 to 4, three dashed sides, and g = sin(pi x)/4 along the first side; the same bytes twice."""
-    top, bottom, _ = drawn(problem_file.load(SHELTER)).axes
+    top, bottom, *_ = drawn(problem_file.load(SHELTER)).axes
     assert [text.get_text() for text in top.texts] == list("01234")
     assert [line.get_linestyle() for line in top.lines] == ["-", "-", "--", "--", "--"]
     s, g = bottom.lines[0].get_data()

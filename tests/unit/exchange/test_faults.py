@@ -228,3 +228,25 @@ def test_a_wrong_sign_is_named_where_u_is_wrong_too():
     assert "does not hold inside" in of_u
     assert "the multiplier has the wrong sign" in of_lambda
     assert len(told(spoilt_u, on_cells(mu))) == 1
+
+
+@pytest.mark.parametrize("name", ["natural", "thirds", "full_contact", "no_contact", "singular", "rough"])
+@pytest.mark.parametrize("sizes", [(4, 2), (8, 8), (8, 3)])
+def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
+    """This project's, nodal and mortar ones: on coarse meshes, with beta = 0, and with cells that cut edges.
+
+    A test of errors' sizes would fail here: they are as large as the solution.
+    """
+    of, case = discrete(name, *sizes), load(name)
+    solved, level = solve(of), Level("level_0", of.mesh, of.partition)
+    one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
+    assert one.faults == []
+    nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))
+    for each in conditions(case, of, nothing):
+        reactions, _ = each.multiplier_load(of, of.load, 1e-6)
+        total = of.load.copy()
+        total[of.mesh.boundary] += reactions
+        u = of.spaces.condensed.solve(total)
+        assert (
+            faults(case, Foreign("file", level, u, of_reactions(of.mesh, reactions), ""), of, one.own) == []
+        )

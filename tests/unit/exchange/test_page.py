@@ -16,6 +16,7 @@ from unilateral.exchange.read import Foreign, Level
 from unilateral.exchange.score import holds, rates, score, verdict
 from unilateral.exchange.trace import constant
 
+VERDICT = "reaches the proved rates"
 NAMES = ("natural", "no_contact", "rough")
 
 
@@ -126,3 +127,13 @@ def test_g_along_the_boundary_is_that_of_the_case():
     case, mesh = load("natural"), discrete("natural", 8, 4).mesh
     u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
     np.testing.assert_allclose(u - obstacle(case, mesh), gap, atol=1e-14)
+
+
+def test_chromium_shows_it_without_errors_and_without_a_network(browser, tmp_path):
+    """As a reader sees it: both pictures have a height, and nothing is asked for elsewhere."""
+    (tmp_path / "page.html").write_text(written("natural", scored("natural")))
+    seen = browser.open(tmp_path / "page.html")
+    assert (seen.title, seen.errors, seen.elsewhere) == ("natural: " + VERDICT, [], [])
+    assert len(seen.requested) == 1
+    assert [height > 100 for height in browser.heights("svg")] == [True, True]
+    assert browser.overflow() == 0

@@ -28,7 +28,7 @@ from unilateral.cli.streams import load
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="by name or as in a problem file (default: the first)",
+    help="a named one, or that of a problem file (default: the first it is for)",
 )
 @option("--side", type=int, metavar="I", default=0, help="on which the case is put (default 0)")
 @option("--free-sides", type=SIDES, metavar="I,J,...", help="sides without contact, as free ones")

@@ -32,7 +32,7 @@ def collect(judgements: Mapping[tuple[str, str, float], Judgement], judged_ratio
         }
     of_pairs = pd.concat(pairs, names=[*INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
     of_rates = pd.DataFrame.from_dict(rows, orient="index").rename_axis(INDEX).sort_index().to_xarray()
-    table = xr.merge([of_pairs, of_rates])
+    table = xr.merge([of_pairs, of_rates], join="outer")
     variables = {name: each.variable for name, each in table.data_vars.items()}  # before the coordinates
     return xr.Dataset(variables, {name: table[name].variable for name in INDEX})
 

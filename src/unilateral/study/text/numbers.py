@@ -53,8 +53,16 @@ def collect(told: Sources) -> dict[str, Value]:
             "extremes": outcomes(of["extremes"]),
             "benchmarks": benchmark_tables.numbers(of["benchmarks"]),
             "scores": {name: real(told.scores[name].iloc[0], name) for name in ("h", "H")},
+            "whole": {"cores": told.whole["cores"]}
+            | {name: taken(told.whole[name]) for name in ("solver", "study", "tests")},
         }
     )
+
+
+def taken(measured: Mapping[str, float]) -> Group:
+    """Minutes, and GB of memory and of the disk, from seconds and MB."""
+    sizes = {name: measured[name] / 1024 for name in ("memory", "disk") if name in measured}
+    return {"minutes": measured["seconds"] / 60, **sizes}
 
 
 def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:

@@ -32,8 +32,10 @@ TABLES = (
 
 
 class Sources(NamedTuple):
-    """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of
-    beta, `scores` what other solvers' solutions score."""
+    """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta.
+
+    `scores` has what other solvers' solutions score, `whole` what an installation and the study take.
+    """
 
     tables: Mapping[str, xr.Dataset]
     rates: Mapping[str, xr.Dataset]
@@ -42,6 +44,7 @@ class Sources(NamedTuple):
     scores: pd.DataFrame
     claims: Sequence[Mapping[str, Any]]
     study: Mapping[str, Any]
+    whole: Mapping[str, Any]
 
     @property
     def H_over_h(self) -> float:
@@ -62,7 +65,8 @@ def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
     )
     of = {name: tables.load(paths[name]) for name in TABLES}
     pairs, scores = (pd.read_csv(paths[name]) for name in ("pairs", "scores"))
-    return Sources(of, rates, totals, pairs, scores, records.read(paths["claims"]), study)
+    claims, whole = (records.read(paths[name]) for name in ("claims", "whole"))
+    return Sources(of, rates, totals, pairs, scores, claims, study, whole)
 
 
 def write(values: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
