@@ -13,6 +13,7 @@ import unilateral as ul
 from unilateral.cli import main
 from unilateral.exchange.export import LEVEL_FILES, export
 from unilateral.exchange.formulas import DEFINITIONS, formulas
+from unilateral.exchange.held import obstacle
 from unilateral.exchange.read import exported
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
@@ -180,6 +181,19 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
     (one,) = json.loads(capsys.readouterr().out.splitlines()[-1])["solutions"]
     assert (one["faults"], one["level"]) == ([], "level_1")
     assert one["errors"]["h1"] == pytest.approx(solved.errors.h1, rel=1e-12)
+
+
+@pytest.mark.parametrize("free", [(0,), (2,), (3,), (0, 3), (1, 3)])
+def test_g_is_asked_for_at_the_ends_of_held_sides(free):
+    """Of `no_contact`, by its formula on each side; between two free sides and inside them there is none."""
+    case, mesh = ul.case("no_contact", "square", 0, free), structured(polygon.square(), 1 / 4)
+    names, told = {}, formulas(case)
+    exec(DEFINITIONS, names)
+    for node, g in zip(mesh.points[mesh.boundary], obstacle(case, mesh), strict=True):
+        x, y = node
+        on = [i for i, at in enumerate((y == 0, x == 1, y == 1, x == 0)) if at and i not in free]
+        values = [eval(told["g"][i], {**names, "x": x, "y": y}) for i in on]
+        assert (not values and np.isnan(g)) or all(g == pytest.approx(each, abs=1e-14) for each in values)
 
 
 def test_a_side_is_where_the_case_is(tmp_path):
