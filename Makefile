@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper bench test fuzz lock clean help git FORCE
+.PHONY: study quick paper report docs bench score test fuzz lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -23,6 +23,12 @@ quick: .venv/ready  ## the small scene `quick` only
 paper: .venv/ready  ## paper.md as HTML and PDF: results/paper/, with what it shows and no more
 	$(snakemake) paper
 
+docs: .venv/ready  ## pages for readers and the library's reference: build/docs/index.html
+	sphinx-build -qWE -c docs . build/docs
+
+report: study  ## figures, tables, the paper, rules and their times as one page: results/report.html
+	python workflow/write_report.py results/report.html
+
 test: git study  ## the study, linters, types, tests; then: are the committed results reproduced?
 	ruff check
 	ruff format --check
@@ -40,7 +46,10 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)
 
-fuzz: .venv/ready  ## 720 problems against the certificate, beyond those of `make test` (about an hour)
+score: .venv/ready  ## the drivers of other solvers in examples/, scored (see benchmarks/README.md)
+	python -m benchmarks.scores
+
+fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `make test` (above an hour)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py tests/unit/bounds/test_random_problems.py
 
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
@@ -49,8 +58,8 @@ lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	    --all-extras pyproject.toml --output-file requirements.txt.tmp
 	mv requirements.txt.tmp requirements.txt
 
-clean:  ## remove results/
-	rm -rf results
+clean:  ## remove results/ and build/
+	rm -rf results build
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' Makefile

@@ -40,33 +40,16 @@ include: "workflow/rules/claims.smk"
 include: "workflow/rules/deep.smk"
 include: "workflow/rules/documents.smk"
 include: "workflow/rules/paper.smk"
-
-
-# Snakemake makes a file anew that is missing only if it is a target, or if what follows from it is made anew.
-RESULTS = [
-    *(path for scene in JUDGED for path in results_of(scene)),
-    *expand(rules.floors.output, scene=config["floors"]),
-    *expand(rules.totals.output, scene=config["totals"]["scenes"]),
-    *expand(rules.survey.output, survey=SURVEYS),
-    *rules.sharpness.output,
-    *rules.adaptive.output,
-    *rules.algorithm.output,
-    *rules.cost.input.runs,
-    *rules.cost.input.timed,
-    *rules.cost.output,
-    *rules.extremes.output,
-    *rules.claims.output,
-    *rules.numbers.output,
-]
+include: "workflow/rules/manifest.smk"
+include: "workflow/rules/report.smk"
 
 
 rule all:
     default_target: True
     input:
-        RESULTS,
-        FIGURES,
-        DOCUMENTS,
-        rules.paper.output,
+        *MADE.values(),
+        rules.manifest.output,
+        rules.pages.output,
 
 
 rule figures:
@@ -76,7 +59,7 @@ rule figures:
 
 rule quick:
     input:
-        results_of("quick"),
+        *files_by_rule(["quick"]).values(),
 
 
 rule deep:

@@ -22,7 +22,8 @@ install_packages() {
     echo "Setting up .venv with the locked packages (once; about a minute, needs the network) ..."
     rm -f .venv/installed .venv/ready
     python3 -m venv --clear .venv || stop "Python's venv module could not make .venv (see above)."
-    .venv/bin/python -m pip install -qq --disable-pip-version-check --require-hashes -r requirements.txt ||
+    # Modules are compiled when they are first imported: most never are.
+    .venv/bin/python -m pip install -qq --disable-pip-version-check --no-compile --require-hashes -r requirements.txt ||
         stop "The packages of requirements.txt could not be installed (see above); 'make' tries again."
     .venv/bin/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e . ||
         stop "The package unilateral itself could not be installed (see above); 'make' tries again."

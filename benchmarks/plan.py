@@ -48,6 +48,11 @@ def read(path: Path) -> dict[str, Any]:
                 if name not in plan[field]:
                     where, known = f"{path.name}, field runs[{i}].{field}", ", ".join(plan[field])
                     raise InputError(f"{where}: '{name}' is unknown; it has to be one of {known}")
+    for name in plan["scores"]["drivers"]:
+        if name not in plan["solvers"]:
+            raise InputError(
+                f"{path.name}, field scores.drivers: '{name}' is none of {', '.join(plan['solvers'])}"
+            )
     return plan
 
 

@@ -2,7 +2,7 @@
 
     unilateral export natural --h 1/32 --H 1/16 --levels 3 --out natural
     python examples/score_scikit_fem.py natural
-    unilateral score natural natural_level_*.csv
+    unilateral score natural natural_level_?.csv
 
 Only the exported files are read; nothing of `unilateral` is imported.
 """

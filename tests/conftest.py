@@ -4,6 +4,7 @@ import shutil
 from functools import cache
 from pathlib import Path
 
+import chromium
 import clarabel
 import numpy as np
 import pytest
@@ -26,7 +27,14 @@ from unilateral.study import tables
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
 RESULTS = ROOT / "results"
-NEED_RESULTS = ("test_claims.py", "test_documents.py", "test_surveys.py")
+NEED_RESULTS = (
+    "test_claims.py",
+    "test_code_blocks.py",
+    "test_documents.py",
+    "test_manifest.py",
+    "test_report.py",
+    "test_surveys.py",
+)
 
 
 def pytest_collection_modifyitems(items):
@@ -112,6 +120,15 @@ def case_file(folder, name, **changed):
     return file
 
 
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """Headless Chromium; see chromium.py."""
+    if why := chromium.missing():
+        pytest.skip(f"Pages cannot be opened in Chromium, {why}")
+    with chromium.running(tmp_path_factory.mktemp("chromium")) as started:
+        yield started
+
+
 SQUARE = "[[0, 0], [1, 0], [1, 1], [0, 1]]"
 
 
@@ -144,5 +161,6 @@ def copy_project(folder):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
     (copied / "benchmarks").mkdir()
-    shutil.copy(ROOT / "benchmarks/results.nc", copied / "benchmarks")
+    for name in ("results.nc", "scores.csv", "whole.json"):
+        shutil.copy(ROOT / "benchmarks" / name, copied / "benchmarks")
     return copied

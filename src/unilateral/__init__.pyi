@@ -5,6 +5,6 @@ from unilateral.api import mesh as mesh
 from unilateral.api import solve as solve
 from unilateral.errors import InputError as InputError
 from unilateral.solution import Solution as Solution
-from unilateral.solvers.iterate import Stop as Stop
+from unilateral.solvers.stop import Stop as Stop
 
 __version__: str

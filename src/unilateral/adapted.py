@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from unilateral.arrays import Array, Index
 from unilateral.bounds.kept import kept
 from unilateral.bounds.source import Source, enclosed
-from unilateral.discrete import FIRST, obstacle_means
+from unilateral.discrete import FIRST, flux_load, obstacle_means
 from unilateral.discrete_solution import AIM, Solution
 from unilateral.fem.p1 import coupling, load, stiffness_and_mass
 from unilateral.geometry.adapted import AdaptedMesh, refined
@@ -25,8 +25,9 @@ from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data
-from unilateral.solvers.iterate import Stop, joined
+from unilateral.solvers.iterate import joined
 from unilateral.solvers.primal_dual import Settled, System, riesz, settled
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 ROUGH = 1e-3
@@ -39,7 +40,7 @@ class Adapted:
 
     `g_means` (all cells,) are those of g. Each cell has a node inside, so multipliers are `unique`; as no
     lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. The load is
-    that of the `source`, by which f is enclosed.
+    that of the `source`, by which f is enclosed, and of q.
     """
 
     of: AdaptedMesh
@@ -160,7 +161,7 @@ def adapted(problem: Data, of: AdaptedMesh, guess: Array, before: Source | None 
     at_nodes = sp.csr_array((np.ones(nb), (np.arange(nb), mesh.boundary)), shape=(nb, mesh.n_nodes))
     system = System(
         A=sum(stiffness_and_mass(mesh)),
-        load=load(mesh, source.moments),
+        load=load(mesh, source.moments) + flux_load(problem, mesh),
         B=(coupling(mesh, partition)[cells] @ at_nodes).tocsr(),
         d=(partition.lengths * means)[cells],
         inside=of.inside[cells],

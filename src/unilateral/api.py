@@ -18,7 +18,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.level import MAX_SECONDS, NORMS, Goal, Level
+from unilateral.accuracy.goal import MAX_SECONDS, NORMS, Goal
+from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
 from unilateral.choice import cheapest, check_size, levels_for
@@ -29,7 +30,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition, uniform
-from unilateral.geometry.polygon import Polygon, named
+from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.problems import case as cases
 from unilateral.problems import problem as problems
@@ -40,7 +41,7 @@ from unilateral.problems.certificate import certify, with_free_sides
 from unilateral.problems.sampled import Function, Sampled
 from unilateral.problems.scaled import scaled, units_of
 from unilateral.solution import Solution
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 Formula = str | float
 Coefficient = str | float
@@ -59,9 +60,9 @@ def case(
 ) -> Case:
     """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
 
-    It is put on that side of the polygon, by default the first of those it is for; on `free_sides`, which
-    must carry no contact, there are no multipliers. Raises InputError, among others for a case that is not
-    certified.
+    It is put on that side of the polygon, by default the first of those it is for; a polygon has a name, or
+    stands in a YAML file, in the field `polygon`. On `free_sides`, which must carry no contact, there are no
+    multipliers. Raises InputError, among others for a case that is not certified.
 
     >>> import unilateral as ul
     >>> ul.case("natural").polygon.name
@@ -70,7 +71,8 @@ def case(
     if polygon is None:
         polygons = cases.declared(str(name))[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
-    found = cases.load(str(name), named(polygon) if isinstance(polygon, str) else polygon, side)
+    domain = problem_file.polygon_of(polygon) if isinstance(polygon, str) else polygon
+    found = cases.load(str(name), domain, side)
     certify(found)
     return with_free_sides(found, free_sides) if free_sides else found
 
@@ -90,39 +92,54 @@ def Problem(
     *,
     k: Coefficient = 1,
     c: Coefficient = 1,
+    q: Given | Sequence[Given] = 0,
 ) -> problems.Problem | Sampled:
-    """A problem of one's own: (1.1)-(1.2), with du/dn = 0 in place of (1.2) on the free sides.
+    """A problem of one's own: (1.1)-(1.2), with k du/dn = q in place of (1.2) on the free sides.
 
     With k and c it is -k lap u + c u = f, u >= g, k du/dn >= 0, (u - g) k du/dn = 0, and the errors are
     measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
-    `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, and g for all
-    sides or one per side (None on a free one), are formulas in x and y, as in a problem file, or functions of
-    two arrays. Where one of them is a function nothing can be guaranteed: a solution then has no bounds, and
-    no accuracy can be asked for. Raises InputError as for a problem file.
+    `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
+    sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
+    are formulas in x and y, as in a problem file, or functions of two arrays. Where one of them is a function
+    nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. Raises
+    InputError as for a problem file.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
     (1,)
     """
-    per_side = list(g) if isinstance(g, Sequence) and not isinstance(g, str) else g
-    several = per_side if isinstance(per_side, list) else [per_side]
     try:
         vertices = np.asarray(polygon.vertices if isinstance(polygon, Polygon) else polygon, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}, field polygon: its vertices have to be pairs of numbers") from error
     common = {"polygon": vertices.tolist(), "free_sides": list(free_sides), "k": k, "c": c}
-    if not (callable(f) or any(map(callable, several))):
-        return problem_file.made(common | {"f": f, "g": per_side}, name)
-    domain = Polygon(vertices, name)
-    of_sides = several if isinstance(per_side, list) else several * domain.n_sides
-    # The same checks of shapes and sides as for formulas, with 0 in place of the functions.
-    dummies = [None if each is None else 0 for each in of_sides]
-    checked = problem_file.made(common | {"f": 0, "g": dummies}, name)
-    functions = tuple(_function(each, f"{name}, field g[{i}]") for i, each in enumerate(of_sides))
-    return Sampled(
-        name, domain, _function(f, f"{name}, field f"), functions, checked.free_sides, checked.units
+    if not any(callable(each) for given in (f, g, q) for each in _listed(given)):
+        given = {"f": f, "g": _each(g, lambda each: each), "q": _each(q, lambda each: each)}
+        return problem_file.made(common | given, name)
+    # The same checks of shapes and sides as for formulas, with numbers in place of the functions.
+    numbers = {
+        "g": _each(g, lambda each: None if each is None else 0),
+        "q": _each(q, lambda each: 1 if callable(each) else each),
+    }
+    checked = problem_file.made(common | {"f": 0} | numbers, name)
+    of_f, polygon = _function(f, f"{name}, field f"), Polygon(vertices, name)
+    of_g, of_q = (
+        [_function(each, f"{name}, field {field}[{i}]") for i, each in enumerate(_listed(given))]
+        for field, given in (("g", g), ("q", q))
     )
+    on_sides = (tuple(each * (polygon.n_sides // len(each))) for each in (of_g, of_q))
+    return Sampled(name, polygon, of_f, next(on_sides), checked.free_sides, checked.units, next(on_sides))
+
+
+def _listed(given: Given | Sequence[Given]) -> list[Given]:
+    """One for all sides, or one per side."""
+    return [given] if isinstance(given, str) or not isinstance(given, Sequence) else list(given)
+
+
+def _each(given: Given | Sequence[Given], change: Callable[[Given], Given]) -> Given | list[Given]:
+    found = [change(each) for each in _listed(given)]
+    return found if isinstance(given, Sequence) and not isinstance(given, str) else found[0]
 
 
 def _function(given: Given, where: str) -> Function:
@@ -159,14 +176,17 @@ def solve(
 
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
-    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. An accuracy is
-    that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every level. It is
-    relative to that norm of the solution or, if it is `absolute`, the largest error itself, and certified by
-    the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was reached within
-    `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by `certified`.
-    A `dry_run` ends after the first levels, and the solution's `search.plan` says what the accuracy takes.
-    A `watch` may interrupt and see how far a level is. Raises BudgetError where a limit leaves no result, and
-    InputError for what does not fit together, or not into the memory.
+    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
+
+    An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every
+    level. It is relative to that norm of the solution or, if it is `absolute`, the largest error itself, and
+    certified by the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was
+    reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by
+    `certified`. A `dry_run` ends after the first levels, and the solution's `search.plan` says what the
+    accuracy takes. A `watch` may interrupt and see how far a level is.
+
+    Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
+    into the memory.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
@@ -183,7 +203,7 @@ def solve(
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
-        raise InputError(f"'{problem.name}': f and g must be formulas, or no accuracy can be guaranteed")
+        raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
     if mesh == "structured" and units_of(problem).length != 1:
         raise InputError(
             f"'{problem.name}': with k and c an accuracy takes unstructured meshes; leave 'structured' out"

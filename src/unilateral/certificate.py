@@ -19,12 +19,19 @@ from unilateral.files import replacing
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
 
+NORMS = {
+    "h1": "||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)^(1/2)",
+    "hm12": "||mu||_-1/2 = sup <mu, v> / ||v||_1",
+    "l2": "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)",
+}
+"""In which errors, bounds and accuracies are measured, by the names that fields have."""
+
 
 class Bounds(NamedTuple):
     """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
     With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, the other norm its dual.
-    `unknown` is the part of both that comes from how well f and g could be enclosed.
+    `unknown` is the part of both that comes from how well f, g and q could be enclosed.
     """
 
     u: float
@@ -47,15 +54,17 @@ def record(
     """
     discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
     mesh, cells = discrete.mesh, discrete.partition
-    length = units.length
+    length, norm = units.length, goal.norm if goal else "h1"
     bound_u, bound_lambda, unknown = bounds or (math.nan,) * 3
-    size_u, size_lambda = (solved.size(norm, sharp) if bounds else math.nan for norm in ("h1", "hm12"))
+    size_u, size_lambda = (solved.size(of, sharp) if bounds else math.nan for of in ("h1", "hm12"))
     return {
         "problem": discrete.data.name if discrete.data else None,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
+        "norm": norm,
         "certified": search is not None and search.certified,
         "k": float(units.k),
         "c": float(units.c),
+        "norms": NORMS,
         "h": length * mesh.h,
         "diameter": length * mesh.diameter,
         "H": length * cells.H,
@@ -78,7 +87,7 @@ def record(
         "h1_relative_bound": bound_u / size_u if size_u > 0 else math.nan,
         "hm12_relative_bound": bound_lambda / size_lambda if size_lambda > 0 else math.nan,
         "enclosure": unknown,
-        "total_bound": bound_lambda if goal and goal.norm == "hm12" else bound_u,
+        "total_bound": bound_lambda if norm == "hm12" else bound_u,
         "levels": [_level(level, length) for level in search.done] if search else [],
         "contact": _contact(contact),
         "versions": {"python": platform.python_version()}

@@ -14,7 +14,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.memory import available_mb
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 PAYS = 20_000
 """Unknowns from which multigrid is cheaper than A_3; below, importing it alone takes longer."""
@@ -51,6 +51,12 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
 
 def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:
     """The problem condensed to the boundary. Raises InputError where more memory is needed than is free."""
+    check_condensed(mesh, partition)
+    return discretise(problem, mesh, partition)
+
+
+def check_condensed(mesh: Mesh, partition: Partition) -> None:
+    """Raises InputError where condensing to the boundary takes more memory than is free."""
     needed, free = condensed_mb(mesh, partition), available_mb()
     if needed > free:
         raise InputError(
@@ -58,7 +64,6 @@ def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Disc
             f"{needed:.0f} MB without multigrid, and {free:.0f} MB are free; take larger h and H, or for "
             "multigrid H = 2h or 4h"
         )
-    return discretise(problem, mesh, partition)
 
 
 def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:

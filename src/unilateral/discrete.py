@@ -8,10 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.bounds.given import given
 from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete_solution import Solution
 from unilateral.fem.condense import condense
-from unilateral.fem.loads import sampled_moments
+from unilateral.fem.loads import sampled_edge_load, sampled_moments
+from unilateral.fem.p1 import edge_load
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
@@ -21,7 +23,8 @@ from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import Stop, iterate, joined
+from unilateral.solvers.iterate import iterate, joined
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
 
 FIRST = 0.01
@@ -34,9 +37,9 @@ MOST_BOUNDED = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Discrete:
-    """(P_h*) on the spaces: `load` (n,) is (f, phi_i), `offset` (m,) is F(0), `g_means` (cells,) those of g.
+    """(P_h*) on the spaces: `load` (n,) of f and q, `offset` (m,) is F(0), `g_means` (cells,) those of g.
 
-    Errors are known where the solution is `exact`, and bounded where the `data` f and g are formulas;
+    Errors are known where the solution is `exact`, and bounded where the `data` f, g and q are formulas;
     `source` is f enclosed, where it has been, as the load may be made of that.
     """
 
@@ -125,9 +128,9 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> Discrete:
 
 
 def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
-    """The problem whose f and g are enclosed; its load is that of the enclosure's polynomials."""
+    """The problem whose f, g and q are enclosed; its load is that of the enclosure's polynomials."""
     source, mesh = enclosed(spaces.mesh, data), spaces.mesh
-    load = p1_load(mesh, source.moments)
+    load = p1_load(mesh, source.moments) + flux_load(data, mesh)
     trace = spaces.condensed.solve(load)[mesh.boundary]
     discrete = with_load(spaces, load, trace, obstacle_means(data, spaces.partition))
     if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
@@ -136,11 +139,18 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
 
 
 def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
-    """The problem whose f and g are known in points: by Gauss rules, whose errors nobody knows."""
+    """The problem whose f, g and q are known in points: by Gauss rules, whose errors nobody knows."""
     mesh = spaces.mesh
-    load = p1_load(mesh, sampled_moments(problem, mesh))
+    load = p1_load(mesh, sampled_moments(problem, mesh)) + flux_load(problem, mesh)
     trace = spaces.condensed.solve(load)[mesh.boundary]
     return with_load(spaces, load, trace, obstacle_means(problem, spaces.partition))
+
+
+def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
+    """(n,) that of the given flux: of its enclosure exact for the polynomials, or by Gauss rules."""
+    if isinstance(problem, Sampled):
+        return sampled_edge_load(problem, mesh)
+    return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
 
 
 def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.edge_flux import SUMS
+from unilateral.bounds.given import Given, given
 from unilateral.bounds.local import LocalBound, local_bound
 from unilateral.bounds.sharp import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
@@ -21,7 +22,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import ExactErrors
 from unilateral.problems.data import Data
 from unilateral.problems.obstacle import Obstacle
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 AIM = 0.5
@@ -100,7 +101,7 @@ class Solution:
         return found
 
     def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
-        """The guaranteed bounds of the errors, where f and g are formulas; sharp ones take more time."""
+        """The guaranteed bounds of the errors, where f, g and q are formulas; sharp ones take more time."""
         return self._sharp_bound if sharp else self._local_bound
 
     @property
@@ -111,23 +112,24 @@ class Solution:
 
     @cached_property
     def _local_bound(self) -> LocalBound | None:
-        given = self._given
-        return local_bound(*given) if given else None
+        of = self._given
+        return local_bound(*of) if of else None
 
     @cached_property
     def _sharp_bound(self) -> SharpBound | None:
-        given = self._given
-        return sharp_bound(*given) if given else None
+        of = self._given
+        return sharp_bound(*of) if of else None
 
     @cached_property
-    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...]] | None:
+    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given] | None:
         """What both bounds are made of."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
         source = discrete.source or enclosed(discrete.mesh, data)
         pair = discrete.partition, self.u_h, self.lambda_H
-        return source, data.enclosed_obstacle, *pair, data.free_sides
+        flux = given(data.enclosed_flux, discrete.mesh)
+        return source, data.enclosed_obstacle, *pair, data.free_sides, flux
 
     @cached_property
     def u_norm(self) -> float:

@@ -1,5 +1,8 @@
 """What the library raises when its input, not its code, is wrong."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 LONGEST = 60
 
 
@@ -28,3 +31,9 @@ def shown(value: object) -> str:
     """Input as a message quotes it: its beginning, if it is long."""
     text = str(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def meant(given: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the known one that is most like it, if any is."""
+    near = get_close_matches(given, known, n=1)
+    return f"; did you mean {near[0]}?" if near else ""

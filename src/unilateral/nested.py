@@ -14,7 +14,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import Source, enclosed
-from unilateral.discrete import obstacle_means
+from unilateral.discrete import flux_load, obstacle_means
 from unilateral.discrete_solution import Solution
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.loads import by_parts, case_moments, sampled_moments
@@ -25,8 +25,9 @@ from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import Stop, joined
+from unilateral.solvers.iterate import joined
 from unilateral.solvers.multigrid import Found, Multigrid, multigrid
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 FINE = 66_000
@@ -37,7 +38,7 @@ MOST_COARSE = 50_000
 
 @dataclass(frozen=True, eq=False)
 class Nested:
-    """(P_h*) on nested spaces: `load` (n,) is (f, phi_i), `g_means` (cells,) are those of g.
+    """(P_h*) on nested spaces: `load` (n,) is that of f and q, `g_means` (cells,) are those of g.
 
     Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; as no
     lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. f and g are
@@ -109,6 +110,7 @@ def nested(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Nested 
         return None
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
     (load, source), means = _load(problem, mesh), obstacle_means(problem, partition)
+    load = load + flux_load(problem, mesh)
     grids = multigrid(levels, of_levels, load, (partition.lengths * means)[cells])
     data = None if isinstance(problem, Sampled) else problem
     return Nested(mesh, partition, cells, load, means, grids, data, source)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral import discrete_solution
+from unilateral import discrete_solution, tabulated
 from unilateral.accuracy.search import Search
 from unilateral.adapted import Adapted
 from unilateral.arrays import Array
@@ -47,21 +47,8 @@ class Forces(NamedTuple):
 
 ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
 """Of the files that `Solution.save` writes."""
-LONG_NAMES = {
-    "u": "u_h at the nodes",
-    "x": "x of the nodes",
-    "y": "y of the nodes",
-    "triangles": "nodes of the triangles, from 0",
-    "side": "side of the polygon, from 0",
-    "start": "arc length of the start of the cell",
-    "end": "arc length of the end of the cell",
-    "x_start": "x of the start of the cell",
-    "y_start": "y of the start of the cell",
-    "x_end": "x of the end of the cell",
-    "y_end": "y of the end of the cell",
-    "multiplier": "lambda_H on the cell",
-    "gap": "mean of u_h - g on the cell",
-}
+ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
+"""As a picture shows them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +125,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
+        """Whether the algorithm reached its stop."""
         return bool(self.solved.result.converged)
 
     @property
@@ -159,7 +147,7 @@ class Solution:
 
     @cached_property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds of the errors, where f and g are formulas.
+        """The guaranteed bounds of the errors, where f, g and q are formulas.
 
         None, too, where those of all levels contradict each other, which would be a fault of this program.
         """
@@ -190,20 +178,7 @@ class Solution:
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
-        import pandas as pd
-
-        s, (start, end) = self.partition.points, self.partition.ends
-        return pd.DataFrame(
-            {
-                "side": self.partition.side,
-                "start": s[:-1],
-                "end": s[1:],
-                **dict(zip(("x_start", "y_start"), start.T, strict=True)),
-                **dict(zip(("x_end", "y_end"), end.T, strict=True)),
-                "multiplier": self.multiplier,
-                "gap": self.gap,
-            }
-        )
+        return tabulated.of_cells(self.partition, self.multiplier, self.gap)
 
     def certificate(self) -> dict[str, Any]:
         """What is known of the solution: the fields of docs/command-line.md.
@@ -220,30 +195,8 @@ class Solution:
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
-        import xarray as xr
-
-        columns = {name: ("cell", column.to_numpy()) for name, column in self.cells().items()}
-        found = xr.Dataset(
-            {
-                "u": ("node", self.u),
-                "triangles": (("triangle", "corner"), self.mesh.triangles.astype(np.int32)),
-                **columns,
-                "side": ("cell", self.partition.side.astype(np.int32)),
-            },
-            {"x": ("node", self.mesh.points[:, 0]), "y": ("node", self.mesh.points[:, 1])},
-            attrs={
-                "Conventions": "CF-1.8",
-                "title": "Solution of a unilateral boundary problem",
-                "h": self.mesh.h,
-                "H": self.partition.H,
-                "algebraic_bound": self.solved.result.bound,
-            },
-        )
-        for name, variable in found.variables.items():
-            variable.attrs = {"long_name": LONG_NAMES[str(name)], "units": "1"}
-            if name not in ("multiplier", "gap"):
-                variable.encoding["_FillValue"] = None
-        return found
+        sizes = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
+        return tabulated.dataset(self.mesh, self.u, self.cells(), sizes)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
@@ -273,4 +226,14 @@ class Solution:
         """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
         from unilateral.plot import figure
 
-        return figure(self.mesh, self.u, self.contact, self.gap, isinstance(self.solved.discrete, Adapted))
+        adapted = isinstance(self.solved.discrete, Adapted)
+        return figure(self.mesh, self.u, self.contact, self.gap, adapted, self._title())
+
+    def _title(self) -> str:
+        """The problem's name and, where an accuracy is certified, the bound."""
+        data = self.solved.discrete.data
+        name = data.name if data else self.polygon.name
+        if self.search is None or not self.certified:
+            return name
+        best = self.search.best
+        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {best.total:.2g}, guaranteed"

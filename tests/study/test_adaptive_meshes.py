@@ -14,7 +14,7 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study.judge.adaptive import rates_over
 from unilateral.study.runs import adaptive
 from unilateral.study.tables import VARIABLES

@@ -694,7 +694,7 @@ def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():
 def test_the_local_rule_asks_for_short_edges_and_no_flat_triangles(ratios, angles, expected):
     """beta is 0.9, 0.5, 0.25; a cell of 2 edges, to round-off, and an angle of 20 degrees are enough."""
     of = over(PAIRS, beta_lower=[[0.9, 0.5, 0.25]], cell_over_edge=[ratios], smallest_angle=[angles])
-    assert made_is(expected, stability.local_rule, table(of), ["a"], 2.0, 20.0, 0.7)
+    assert made_is(expected, stability.local_rule, table(of), ["a"], 0.7)
 
 
 @pytest.mark.parametrize(("edges", "expected"), [(2.0, 0.5), (3.0, "with 3 edges in every cell is not")])

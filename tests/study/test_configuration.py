@@ -218,7 +218,8 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of adaptive, algorithm, cost, extremes, logs, paper, sharpness",
+        "letter first, and none of adaptive, algorithm, benchmarks, cost, extremes, logs, paper, report, "
+        "sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
@@ -240,7 +241,8 @@ SAID = [
     ),
     (
         ("scenes.quick.cases", ["natural", "third"]),
-        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}",
+        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}"
+        "; did you mean thirds?",
     ),
     (
         ("scenes.quick.cases", ["violates_j"]),

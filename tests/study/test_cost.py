@@ -20,7 +20,7 @@ from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
 from unilateral.solvers import steps as acceleration
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
 from unilateral.study.judge import cost as trade
 from unilateral.study.runs.cost import history, operations

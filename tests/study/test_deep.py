@@ -5,7 +5,7 @@ import pytest
 from conftest import discrete, load
 
 from unilateral.discrete import solve
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs import deep
 

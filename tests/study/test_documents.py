@@ -4,13 +4,14 @@ import re
 from functools import cache
 from pathlib import Path
 
+import documents
 import pandas as pd
 import pytest
 from conftest import ROOT
 
 from unilateral.errors import InputError
+from unilateral.norms.resolution import RULE
 from unilateral.study import config, drawings
-from unilateral.study.judge import claims
 from unilateral.study.text import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [
@@ -40,6 +41,8 @@ def told():
         "adapted_beta": results / "adaptive/infsup.nc",
         "extremes": results / "extremes/extremes.nc",
         "benchmarks": ROOT / "benchmarks/results.nc",
+        "scores": ROOT / "benchmarks/scores.csv",
+        "whole": ROOT / "benchmarks/whole.json",
     }
     given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
     given |= {"judged": scenes, "bounded": bounded, "figures": drawings.shown(study)}
@@ -103,12 +106,11 @@ def test_the_recommendation_rests_on_the_claim_of_its_exception():
     assert "but `natural`,<!--/-->" in text("README.md").partition("<!--?5.K-->")[2]
 
 
-def test_the_rule_for_beta_that_documents_state_is_the_one_that_is_judged():
-    """Its numbers are the configuration's, its verdict is the claim's."""
+def test_the_rule_for_beta_that_documents_state_is_the_library_s():
+    """By which `local_rule` judges it and `unilateral infsup` tells who breaks it."""
     found, _, _ = told()
-    judged = claims.find("S.local").parameters
-    for name in ("cell_over_edge", "smallest_angle"):
-        assert found[f"study.infsup.rule.{name}"] == judged[name]
+    for name, value in RULE._asdict().items():
+        assert found[f"study.infsup.rule.{name}"] == value
 
 
 def test_every_table_is_shown_and_every_group_of_numbers_used():
@@ -144,7 +146,7 @@ def test_names_lead_through_groups():
 
 
 def test_CI_runs_the_commands_of_README():
-    blocks_of = dict(re.findall(r"^```(\w*)\n(.*?)^```$", text("README.md"), re.MULTILINE | re.DOTALL))
-    commands = [line.partition("#")[0].strip() for line in blocks_of[""].splitlines()]
+    (block,) = (block for block in documents.blocks("README.md") if block.text.startswith("make"))
+    commands = [line.partition("#")[0].strip() for line in block.text.splitlines()]
     script = (ROOT / ".ci/run").read_text(encoding="utf-8").splitlines()
     assert commands == [line for line in script if line.startswith("make")] == ["make", "make test"]

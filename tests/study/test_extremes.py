@@ -23,8 +23,9 @@ from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.solvers import uzawa
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.iterate import Stop, iterate
+from unilateral.solvers.iterate import iterate
 from unilateral.solvers.steps import STEPS
+from unilateral.solvers.stop import Stop
 from unilateral.study.runs import extremes
 from unilateral.study.runs.extremes import KINDS, Budget, cells, contact, precision, shapes, steps, trial
 from unilateral.study.runs.extremes import problem as problems

@@ -11,7 +11,7 @@ from unilateral.errors import InputError
 from unilateral.geometry import partition
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms.infsup import resolution
+from unilateral.norms.resolution import resolution
 from unilateral.study.runs import stability
 from unilateral.study.runs.families import boundary_nodes, meshes_of, partition_of
 from unilateral.study.runs.stability import survey

@@ -4,6 +4,7 @@ Nothing is solved here. Expected rates and their sources stand in workflow/confi
 that count in the cases' own files. What claims of the ledger say of these scenes is judged there.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,14 @@ def scene(request):
 @pytest.fixture
 def errors(scene):
     return stored(f"{scene}/errors")
+
+
+def test_a_scene_s_table_tells_its_parameters(errors, scene):
+    """Those of the configuration, whose defaults are filled in; a value that was changed since is told."""
+    told = json.loads(errors.attrs["parameters"])
+    declared = SCENES[scene]
+    assert {name: told["scene"][name] for name in declared} == declared
+    assert told["stop"] == config("study")["stop"]
 
 
 def runs(table, name):

@@ -5,9 +5,9 @@ import pytest
 from conftest import config, stored
 
 from unilateral.formulas.formula import real
+from unilateral.norms.resolution import RULE
 
 STUDY = config("study")["adaptive"]
-RULE = config("study")["infsup"]["rule"]
 CASES = [case for scene in STUDY["scenes"] for case in scene["cases"]]
 
 
@@ -60,7 +60,7 @@ def test_beta_is_known_to_half_a_percent_on_all_small_adapted_meshes(case):
     assert of.sizes["level"] > 4
     lower, upper = of["beta_lower"].values, of["beta_upper"].values
     assert np.all((lower > 0) & (lower <= upper) & (upper <= 1.005 * lower))
-    assert np.all(of["cell_over_edge"] >= RULE["cell_over_edge"] * (1 - 1e-9))
+    assert np.all(of["cell_over_edge"] >= RULE.cell_over_edge * (1 - 1e-9))
     assert np.all(of["beta_of_edges"] < 0.1)
 
 

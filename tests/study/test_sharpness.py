@@ -21,7 +21,7 @@ from unilateral.norms.exact import cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import harmonic
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study.judge import surfaces
 from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, transitions
 from unilateral.study.tables import VARIABLES

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from conftest import config, stored
 
+from unilateral.norms.resolution import RULE
+
 STUDY, FINDS = config("study"), config("worst_infsup")["finds"]
 SURVEYS = STUDY["surveys"]
 
@@ -76,9 +78,8 @@ def test_the_finds_are_as_bad_as_their_search_says():
 
 def test_the_rule_for_beta_is_judged_on_many_pairs():
     """By claim S.local, on more than thirty."""
-    rule = STUDY["infsup"]["rule"]
     fine = [
-        np.all([table[name].values >= least * (1 - 1e-9) for name, least in rule.items()], axis=0)
+        np.all([table[name].values >= least * (1 - 1e-9) for name, least in RULE._asdict().items()], axis=0)
         for table in map(survey, SURVEYS)
     ]
     assert sum(map(np.count_nonzero, fine)) > 30

@@ -1,6 +1,7 @@
 """Tables as files: described, byte-identical, never half written."""
 
 import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -49,11 +50,23 @@ def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
     xr.testing.assert_equal(read, written)
     assert read.attrs["scene"] == "made_up_scene"
     assert read.attrs["unilateral"] == unilateral.__version__
+    assert read.attrs["python"] == ".".join(map(str, sys.version_info[:3]))
     assert read.attrs["source"] == tables.SOURCE
     assert [entry.split()[0] for entry in read.attrs["libraries"].split(", ")] == list(tables.LIBRARIES)
     for name in read.variables:
         described = [read[name].attrs.get(key) for key in ("long_name", "units", "equation")]
         assert described == (tables.VARIABLES[name] if name != "case" else [None] * 3)
+
+
+def test_a_table_tells_its_parameters_in_one_order(tmp_path):
+    """As JSON, whatever the order in which they are given; without any it says so."""
+    given = [{"scene": {"h": "1/8", "judged": True}, "stop": 0.01}, None]
+    given.append({"stop": 0.01, "scene": {"judged": True, "h": "1/8"}})
+    for k, parameters in enumerate(given):
+        tables.save(level(0.5), tmp_path / f"{k}.nc", "scene", parameters)
+    told = [json.loads(tables.load(tmp_path / f"{k}.nc").attrs["parameters"]) for k in range(3)]
+    assert told == [given[0], {}, given[0]]
+    assert digest(tmp_path / "0.nc") == digest(tmp_path / "2.nc") != digest(tmp_path / "1.nc")
 
 
 def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):

@@ -118,6 +118,18 @@ def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest
     assert "<col " not in typeset(FRONT + PAGE.replace("that is much longer than a column", ""))[0]
 
 
+def test_a_head_that_does_not_fit_its_column_is_refused(typeset):
+    """Heads are not hyphenated. Three words of 48 letters do not fit into a line."""
+    long, narrow = ("multiplicity " * 3).split(), "| a " * 5
+    heads = f"{narrow}| {' | '.join(long)} |"
+    cells = "| a longer sentence in a cell " * 7 + f"| {'a ' * 30}|"
+    wide = f"{heads}\n{'|---' * 8}|\n{cells}\n\n: What it lists. {{#tbl-wide}}\n"
+    page = FRONT + PAGE[: PAGE.index("<!-- wide")] + wide
+    assert len(typeset(page)) == 2
+    with pytest.raises(InputError, match=r"the head '\w+' is [\d.]+pt wide, and its column [\d.]+pt"):
+        typeset(page.replace("multiplicity", "multiplicity" * 4))
+
+
 def test_scripts_in_plain_text_are_raised_and_lowered_and_code_and_links_are_not(typeset):
     text = "\n\n2·10^9 u_h, λ^n, H^(−1/2), ‖μ‖_{-1/2,h}, `a_b^2`, [a_b](https://example.org/a_b).\n"
     html, _ = typeset(FRONT + PAGE + text)

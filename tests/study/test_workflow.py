@@ -312,6 +312,30 @@ def test_each_rule_depends_on_its_own_script_and_has_a_log_of_its_name():
         assert re.search(rf'^    log:\n        "results/logs/{name}(/.*)?\.log",$', text, re.MULTILINE), name
 
 
+def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(tree):
+    """Seconds and memory differ from run to run, so nothing reads them, and nothing misses them."""
+    measured, pattern = {}, r'^    benchmark:\n        "results/benchmarks/(\w+).*\.tsv"$'
+    for text, _ in each_rule():
+        for name in re.findall(pattern, text, re.MULTILINE):
+            measured[text.partition(":")[0]] = name
+    assert measured == {name: name for name in ("solve", "survey", "sharpness", "adaptive", "extremes")}
+    assert "results/benchmarks" not in plan(tree)[0]
+
+
+def test_snakemake_s_linter_has_one_complaint():
+    """That a rule with a script names no conda environment or container.
+
+    The study is installed by pip from a lock with hashes, for all rules at once. An environment or a
+    container that nobody builds would silence the linter and say nothing true.
+    """
+    command = [sys.executable, "-m", "snakemake", "--lint"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60).stderr
+    complaints = re.findall(r"^Lints for (.*?) \(.*\n((?:    .*\n)+)", told, re.MULTILINE)
+    titles = {where: re.findall(r"^    \* (.*)$", lints, re.MULTILINE) for where, lints in complaints}
+    one = ["Specify a conda environment or container for each rule.:"]
+    assert titles == {f"rule {text.partition(':')[0]}": one for text, _ in each_rule()}
+
+
 def given(text):
     """The names of a rule's input, output and params; `**` where more follow from the configuration."""
     parts = re.findall(r"^    (?:input|output|params):\n((?: {8}.*\n)+)", text, re.MULTILINE)

@@ -13,13 +13,16 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import uniform
 from unilateral.problems import problem_file
 from unilateral.solvers import descent
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 EXACTLY = Stop(tolerance=1e-9)
 KITE = [[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]]
 PROBLEMS = {
     "one's own": lambda: ul.Problem(KITE, "exp(x) - 4*y - 2", g="0.3*sin(9*(x + y)) - 0.2"),
     "free sides": lambda: problem_file.load(str(DATA / "problems/rectangle_free_sides.yaml")),
+    "given fluxes": lambda: ul.Problem(
+        KITE, "exp(x) - 4*y", g=[None, -0.2, -0.2, -0.2], free_sides=[0], q="2*sin(9*x) - 4*pos(x - 1/2, 0)"
+    ),
     "no contact": lambda: ul.Problem(KITE, "1 + x", g="-10"),
 }
 

@@ -1,10 +1,8 @@
-"""The public face: its doctests, README's programs, problems of functions, own meshes, files and refusals."""
+"""The public face: its doctests, problems of functions, own meshes, files and refusals."""
 
 import doctest
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import meshio
@@ -41,27 +39,6 @@ def test_all_that_is_public_is_there_and_typed():
         _ = ul.solv
 
 
-def programs():
-    """Those of README and the page on Python."""
-    for name in ("README.md", "docs/python.md"):
-        text = (ROOT / name).read_text()
-        found = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-        assert found
-        yield from found
-
-
-def test_the_programs_that_readers_see_run(tmp_path):
-    """As they are, in a folder with the example and a mesh of one's own."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    mesh = structured(square(), 1 / 8)
-    in_space = np.column_stack([mesh.points, np.zeros(mesh.n_nodes)])
-    own = meshio.Mesh(in_space, [("triangle", mesh.triangles)])
-    own.write(tmp_path / "own.msh", file_format="gmsh")
-    for program in programs():
-        subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=120)
-    assert {"shelter.vtu", "shelter.png"} <= {file.name for file in tmp_path.iterdir()}
-
-
 def test_functions_give_the_solution_of_their_formulas():
     """By rules exact for these polynomials, to the tolerance; but without bounds, and without an accuracy."""
     formulas = ul.Problem(SQUARE, f="x - 2", g=["-x*y/2", "-y/2", "-x/2", 0])
@@ -74,7 +51,7 @@ def test_functions_give_the_solution_of_their_formulas():
     assert of_functions.bounds is None
     assert of_functions.errors is None
     assert of_formulas.bounds.u > 0
-    with pytest.raises(ul.InputError, match="f and g must be formulas, or no accuracy can be guaranteed"):
+    with pytest.raises(ul.InputError, match="f, g and q must be formulas, or no accuracy can be guaranteed"):
         ul.solve(functions, accuracy=0.1)
 
 
@@ -225,11 +202,33 @@ def test_a_mesh_is_drawn_where_it_is_adapted(adapted):
 
 
 def test_the_picture_shows_contact_and_gap():
-    """The cells with lambda_H > 0 are drawn, and both steps along the boundary."""
+    """The cells with lambda_H > 0 are drawn, and both steps along the boundary, whose sides have numbers."""
     s = ul.solve(ul.case("natural"), **SIZES)
-    top, bottom = s.plot().axes[:2]
+    page = s.plot()
+    top, flux, gap = page.axes
     assert len(top.collections[-1].get_segments()) == len(s.contact.intervals) == 4
-    np.testing.assert_array_equal(bottom.patches[0].get_data().values, s.multiplier)
+    np.testing.assert_array_equal(flux.patches[0].get_data().values, s.multiplier)
+    np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
+    (names,) = flux.child_axes
+    assert [label.get_text() for label in names.get_xticklabels()] == [f"side {i}" for i in range(4)]
+
+
+def test_the_picture_says_what_is_certified(adapted):
+    """The bound of the search, and of a solution on given sizes the name alone."""
+    bound = f"{adapted.search.best.total:.2g}, guaranteed"
+    assert adapted.plot().get_suptitle().endswith(bound)
+    assert ul.solve(ul.case("natural"), **SIZES).plot().get_suptitle() == "natural"
+
+
+@pytest.mark.parametrize("height", [0.05, 1.0, 3.0])
+def test_the_colour_bar_is_as_high_as_its_panel(height):
+    """On flat and on tall domains, where the panel is smaller than its place on the page."""
+    page = ul.solve(ul.Problem([(0, 0), (1, 0), (1, height), (0, height)], f="x", g=0), **SIZES).plot()
+    page.draw_without_rendering()
+    panel = page.axes[0]
+    (bar,) = panel.child_axes
+    heights = [axes.get_window_extent().height for axes in (panel, bar)]
+    assert heights[0] == pytest.approx(heights[1], rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from unilateral.fem.quadrature import boundary_rule
 from unilateral.norms.exact import exact
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import uzawa
 
 NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]

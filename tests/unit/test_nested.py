@@ -16,7 +16,7 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.nested import Nested, nested
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 EXACTLY = Stop(tolerance=1e-11)
 KITE = Polygon(np.array([[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]]), "kite")
@@ -31,12 +31,25 @@ def of_formulas():
     return problem_file.load(str(DATA / "problems/rectangle_free_sides.yaml"))
 
 
+def with_fluxes():
+    return ul.Problem(
+        KITE, "exp(x) - 4*y", g=[None, -0.2, None, -0.2], free_sides=[0, 2], q="3*sin(9*x) - pos(y - 1, 0)"
+    )
+
+
+def sampled_with_fluxes():
+    of = "exp(x) - 4*y"
+    return ul.Problem(KITE, of, g=-0.2, free_sides=[2], q=lambda x, y: 3 * np.sin(9 * x))
+
+
 PROBLEMS = {
     "a case": lambda: ul.case("natural"),
     "a case with free sides": lambda: ul.case("thirds", free_sides=[2]),
     "a case on the L-shape": lambda: ul.case("thirds", "lshape", side=2),
     "functions": sampled,
     "formulas, free sides": of_formulas,
+    "given fluxes": with_fluxes,
+    "given fluxes as functions": sampled_with_fluxes,
 }
 
 

@@ -4,7 +4,9 @@
 -- Raises and lowers scripts in plain text.
 
 local LINE = 112 -- letters in a line of a wide table's print
-local LONGEST_WORD = 16 -- longer ones are hyphenated
+local LONGEST_WORD = 16 -- longer ones are hyphenated; in heads, which are bold, none is
+local BOLD = 1.2 -- letters of text that a letter of a head takes
+local MARGIN = 2.7 -- letters that stand for the space between columns
 local names = {}
 local sections, figures, tables = {}, 0, 0
 
@@ -49,26 +51,40 @@ local function letters(text)
   return utf8.len(shown)
 end
 
-local function set_widths(wide)
-  local words, cells, total = {}, {}, 0
-  local function measure(row)
+-- Of each column the longest word and the longest cell of these rows, in letters.
+local function measure(rows, word_pattern, stretch, words, cells)
+  for _, row in ipairs(rows) do
     for column, cell in ipairs(row.cells) do
       local text = pandoc.utils.stringify(cell.contents)
-      cells[column] = math.max(cells[column] or 0, letters(text))
-      for word in text:gmatch("[^%s/_=-]+") do
-        words[column] = math.min(LONGEST_WORD, math.max(words[column] or 0, letters(word) + 2))
+      cells[column] = math.max(cells[column] or 0, stretch * letters(text))
+      words[column] = words[column] or MARGIN
+      for word in text:gmatch(word_pattern) do
+        words[column] = math.max(words[column], stretch * letters(word) + MARGIN)
       end
-      words[column] = words[column] or 2
     end
   end
-  wide.head.rows:map(measure)
-  for _, body in ipairs(wide.bodies) do body.body:map(measure) end
-  for _, cell in ipairs(cells) do total = total + cell + 2 end
-  if total <= LINE then return end
-  local widths, sum = share(words, cells, LINE), 0
-  for _, width in ipairs(widths) do sum = sum + width end
+end
+
+local function sum(numbers)
+  local total = 0
+  for _, number in ipairs(numbers) do total = total + number end
+  return total
+end
+
+local function set_widths(wide)
+  local heads, bodies, cells, words = {}, {}, {}, {}
+  measure(wide.head.rows, "%S+", BOLD, heads, cells)
+  for _, body in ipairs(wide.bodies) do measure(body.body, "[^%s/_=-]+", 1, bodies, cells) end
+  if sum(cells) + MARGIN * #cells <= LINE then return end
+  for longest = LONGEST_WORD, 4, -1 do
+    for column in ipairs(cells) do
+      words[column] = math.max(heads[column] or 0, math.min(longest, bodies[column] or 0))
+    end
+    if sum(words) <= LINE then break end
+  end
+  local widths = share(words, cells, LINE)
   for column, spec in ipairs(wide.colspecs) do
-    wide.colspecs[column] = { spec[1], widths[column] / math.max(sum, LINE) }
+    wide.colspecs[column] = { spec[1], widths[column] / math.max(sum(widths), LINE) }
   end
 end
 
@@ -136,6 +152,7 @@ local number = {
 
 local finish = {
   Meta = function(meta)
+    if FORMAT ~= "typst" then return nil end
     local date = pandoc.utils.normalize_date(pandoc.utils.stringify(meta.date or ""))
     if not date then error("the title block needs a date such as 21 November 2026", 0) end
     local year, month, day = date:match("(%d+)-0?(%d+)-0?(%d+)")

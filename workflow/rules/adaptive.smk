@@ -15,6 +15,8 @@ rule adaptive:
         rates="results/adaptive/rates.nc",
     log:
         "results/logs/adaptive.log",
+    benchmark:
+        "results/benchmarks/adaptive.tsv"
     resources:
         **asked("adaptive"),
     params:

@@ -91,10 +91,13 @@ def has_norm(scene):
     return bool(normed(SCENES[scene]))
 
 
-def results_of(scene):
-    """All files of a scene."""
-    made = [rules.solve, rules.rates, *([rules.dual_norm] if has_norm(scene) else [])]
-    return [path for rule in made for path in expand(rule.output, scene=scene)]
+def files_by_rule(scenes):
+    """All files of scenes, by the names of the rules that make them."""
+    return {
+        "dual_norm": expand(rules.dual_norm.output, scene=filter(has_norm, scenes)),
+        "solve": expand(rules.solve.output, scene=scenes),
+        "rates": expand(rules.rates.output, scene=scenes),
+    }
 
 
 def job_of(wildcards):

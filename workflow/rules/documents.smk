@@ -19,6 +19,8 @@ rule numbers:
         totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
         extremes="results/extremes/extremes.nc",
         benchmarks="benchmarks/results.nc",
+        scores="benchmarks/scores.csv",
+        whole="benchmarks/whole.json",
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",

@@ -8,6 +8,8 @@ rule extremes:
         extremes="results/extremes/extremes.nc",
     log:
         "results/logs/extremes.log",
+    benchmark:
+        "results/benchmarks/extremes.tsv"
     resources:
         **asked("extremes"),
     params:

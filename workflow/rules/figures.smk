@@ -15,7 +15,15 @@ rule figure:
         unpack(lambda wildcards: DRAWN[wildcards.figure].reads),
     output:
         csv=update("figures/{figure}.csv"),
-        svg=update("figures/{figure}.svg"),
+        svg=report(
+            update("figures/{figure}.svg"),
+            category="Figures",
+            caption="../report/figure.rst",
+            labels=lambda wildcards: {
+                "figure": wildcards.figure,
+                "shows": DRAWN[wildcards.figure].shows,
+            },
+        ),
     log:
         "results/logs/figure/{figure}.log",
     resources:

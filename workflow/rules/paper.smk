@@ -11,8 +11,8 @@ rule paper:
         page_template="workflow/paper/paper.html",
         print_template="workflow/paper/paper.typ",
     output:
-        html="results/paper/paper.html",
-        pdf="results/paper/paper.pdf",
+        html=report("results/paper/paper.html", category="Paper", labels={"paper": "as a page"}),
+        pdf=report("results/paper/paper.pdf", category="Paper", labels={"paper": "in print"}),
     log:
         "results/logs/paper.log",
     resources:

@@ -33,6 +33,8 @@ rule solve:
         timings="results/{scene}/timings.nc",
     log:
         "results/logs/solve/{scene}.log",
+    benchmark:
+        "results/benchmarks/solve/{scene}.tsv"
     resources:
         **asked("solve"),
     params:

@@ -9,6 +9,8 @@ rule sharpness:
         rates="results/sharpness/rates.nc",
     log:
         "results/logs/sharpness.log",
+    benchmark:
+        "results/benchmarks/sharpness.tsv"
     resources:
         **asked("sharpness"),
     params:

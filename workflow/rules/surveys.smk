@@ -8,6 +8,8 @@ rule survey:
         infsup="results/{survey}/infsup.nc",
     log:
         "results/logs/survey/{survey}.log",
+    benchmark:
+        "results/benchmarks/survey/{survey}.tsv"
     resources:
         **asked("survey"),
     params:

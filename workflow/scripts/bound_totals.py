@@ -15,7 +15,8 @@ def main(mesh, solutions, scene, name, levels, wanted, ratio, totals):
         bounded(refined, partitions(scene), chosen, solved.isel(mesh=[level]), H_over_h)
         for level, refined in enumerate(refinements(stored_mesh(mesh, scene), levels))
     ]
-    tables.save(tables.along_mesh(found), totals, name)
+    given = {"scene": scene, "levels": levels, "cases": wanted, "ratio": ratio}
+    tables.save(tables.along_mesh(found), totals, name, given)
 
 
 if __name__ == "__main__":

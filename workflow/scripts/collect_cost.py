@@ -9,12 +9,12 @@ from unilateral.study.runs.cost.variants import plan
 
 
 def main(runs, timed, study, axes, cost, timings, factors):
-    planned = plan(study)
+    planned, given = plan(study), {"study": study}
     table = along_runs([tables.load(path) for path in runs], planned)
-    tables.save(table, cost, "cost")
-    tables.save(along_runs([tables.load(path) for path in timed], planned), timings, "cost")
+    tables.save(table, cost, "cost", given)
+    tables.save(along_runs([tables.load(path) for path in timed], planned), timings, "cost", given)
     for fields, path in zip(axes, factors, strict=True):
-        tables.save(along(table, planned[0], fields), path, "cost")
+        tables.save(along(table, planned[0], fields), path, "cost", given)
 
 
 if __name__ == "__main__":

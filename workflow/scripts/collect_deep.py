@@ -12,15 +12,15 @@ from unilateral.study.runs import deep
 
 
 def main(levels, timed, study, predicted, errors, rates, timings):
-    table = deep.diagonal(map(tables.load, levels))
-    tables.save(table, errors, "deep")
+    table, given = deep.diagonal(map(tables.load, levels)), {"study": study}
+    tables.save(table, errors, "deep", given)
     asymptotic = {name: case.declared(name)[0]["asymptotic"] for name in table["case"].values}
     ratio = real(study["judged_ratio"], "judged_ratio")
     found = rates_table.collect(judge_all(tables.load(errors), study, asymptotic), ratio)
-    tables.save(found, rates, "deep")
+    tables.save(found, rates, "deep", given)
     taken = xr.concat(map(tables.load, timed), "mesh")
     taken = taken.assign({f"predicted_{unit}": ("mesh", values) for unit, values in predicted.items()})
-    tables.save(taken, timings, "deep")
+    tables.save(taken, timings, "deep", given)
     print(rates_table.summary(found, ratio), taken.to_dataframe().to_string(index=False), sep="\n\n")
 
 

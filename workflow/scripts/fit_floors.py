@@ -12,7 +12,8 @@ def main(errors, name, ratio, floors):
     table = tables.load(errors)
     declared = {c: case.declared(c)[0]["asymptotic"]["h1"]["from"] for c in table["case"].values}
     starts = {c: real(start, f"case '{c}', asymptotic.h1.from") for c, start in declared.items()}
-    tables.save(fitted(table, starts, real(ratio, "judged_ratio")), floors, name)
+    found = fitted(table, starts, real(ratio, "judged_ratio"))
+    tables.save(found, floors, name, {"ratio": ratio})
 
 
 if __name__ == "__main__":

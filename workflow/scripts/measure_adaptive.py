@@ -6,7 +6,7 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.judge.adaptive import rates_over
 from unilateral.study.runs import adaptive
@@ -19,10 +19,10 @@ def main(examples, study, stop, errors, infsup, timings, rates):
     for problem in problems:
         found.append(adaptive.measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")
-    names = [problem.name for problem in problems]
+    names, given = [problem.name for problem in problems], {"study": study, "stop": stop}
     for parts, path in zip(zip(*found, strict=True), (errors, infsup, timings), strict=True):
-        tables.save(adaptive.together(parts, "case", names), path, "adaptive")
-    tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive")
+        tables.save(adaptive.together(parts, "case", names), path, "adaptive", given)
+    tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive", given)
 
 
 if __name__ == "__main__":

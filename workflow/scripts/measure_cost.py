@@ -19,7 +19,7 @@ def main(norm, scene, name, h, study, runs, timings):
     meshes = [structured(domain(scene), real(size, "cost.jobs.h")) for size in h]
     found = [cost.measure(mesh, problems, gram, planned, sizes, limits) for mesh in meshes]
     for parts, path in zip(zip(*found, strict=True), (runs, timings), strict=True):
-        tables.save(cost.along_runs(parts, planned), path, "cost")
+        tables.save(cost.along_runs(parts, planned), path, "cost", {"scene": scene, "h": h, "study": study})
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.memory import peak_mb
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs import deep
 from unilateral.study.scenes import cases
@@ -16,9 +16,10 @@ from unilateral.study.scenes import cases
 def main(scene, h, stop, errors, timings):
     size, ratio = real(h, "deep.h"), real(scene["H_over_h"], "deep.H_over_h")
     found = deep.level(cases(scene), size, ratio, Stop(**stop))
-    tables.save(found, errors, "deep")
+    given = {"scene": scene, "h": h, "stop": stop}
+    tables.save(found, errors, "deep", given)
     taken = {"h": [size], "process_seconds": [process_time()], "peak_mb": [peak_mb()]}
-    tables.save(xr.Dataset({name: ("mesh", value) for name, value in taken.items()}), timings, "deep")
+    tables.save(xr.Dataset({name: ("mesh", value) for name, value in taken.items()}), timings, "deep", given)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ def main(scene, name, dual_norm):
     found = partitions(scene)
     finest, problems = common_refinement([found[k] for k in normed(scene)]), cases(scene)
     gram = dual.dual_norm(finest, problems).gram(problems)
-    tables.save(gram.table(problems), dual_norm, name)
+    tables.save(gram.table(problems), dual_norm, name, {"scene": scene})
 
 
 if __name__ == "__main__":

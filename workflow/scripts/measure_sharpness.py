@@ -5,7 +5,7 @@ from job import run
 from unilateral.formulas.formula import number
 from unilateral.geometry import partition, polygon
 from unilateral.geometry.structured import structured
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.judge.surfaces import along_levels, rates_over
 from unilateral.study.runs import sharpness
@@ -21,9 +21,9 @@ def main(study, stop, errors, rates):
         chosen = Stop(**stop, algorithm=study["algorithm"])
         found.append(sharpness.measure(mesh, cells, places, exponents, chosen))
         print(f"H = {size} solved")
-    table = along_levels(found)
-    tables.save(table, errors, "sharpness")
-    tables.save(rates_over(table), rates, "sharpness")
+    table, given = along_levels(found), {"study": study, "stop": stop}
+    tables.save(table, errors, "sharpness", given)
+    tables.save(rates_over(table), rates, "sharpness", given)
 
 
 if __name__ == "__main__":

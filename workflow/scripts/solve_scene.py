@@ -5,7 +5,7 @@ from job import run
 from unilateral.geometry.mesh_files import write
 from unilateral.norms.dual import Gram
 from unilateral.norms.infsup import of_runs
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs.scene import sweep
 from unilateral.study.scenes import cases, coarsest_mesh, partitions, refinements
@@ -21,10 +21,11 @@ def main(norm, scene, name, stop, mesh, solutions, errors, infsup, timings):
         found.append(sweep(refined, problems, cells, gram, limits(scene), Stop(**stop)))
         print(f"h = {refined.h:.4g} solved")
     solved, timed = (tables.along_mesh(levels) for levels in zip(*found, strict=True))
-    tables.save(solved, solutions, name)
-    tables.save(solved.drop_vars("lambda_H"), errors, name)
-    tables.save(of_runs(solved), infsup, name)
-    tables.save(timed, timings, name)
+    given = {"scene": scene, "stop": stop}
+    tables.save(solved, solutions, name, given)
+    tables.save(solved.drop_vars("lambda_H"), errors, name, given)
+    tables.save(of_runs(solved), infsup, name, given)
+    tables.save(timed, timings, name, given)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ def main(study, finds, name, infsup):
     else:
         cells = [partition_of(domain, spec) for spec in study["partitions"]]
         table = survey(cells, [study["mesh"]] * len(cells), study["edges_per_cell"])
-    tables.save(table, infsup, name)
+    tables.save(table, infsup, name, {"study": study, "finds": finds})
 
 
 if __name__ == "__main__":

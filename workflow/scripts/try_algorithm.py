@@ -15,21 +15,21 @@ def main(study, steps, certificates, singular, uniqueness, unique, elimination, 
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
     on, cells = structured(polygon, h), partition.uniform(polygon, H)
-    problems = cases(study)
+    problems, given = cases(study), {"study": study}
     shares = [float(share) for share in study["shares"]]
-    tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm")
+    tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm", given)
     recorded = study["recorded_steps"]
     for size, path in ((H, certificates), (h, singular)):
         found = trials.certificates(on, partition.uniform(polygon, size), problems, recorded)
-        tables.save(found, path, "algorithm")
+        tables.save(found, path, "algorithm", given)
     for size, path in ((h, uniqueness), (H, unique)):
-        tables.save(trials.uniqueness(on, partition.uniform(polygon, size)), path, "algorithm")
+        tables.save(trials.uniqueness(on, partition.uniform(polygon, size)), path, "algorithm", given)
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [structured(polygon, size) for size in sizes]
     partitions = [partition.uniform(polygon, size * H / h) for size in sizes]
     found = trials.elimination(meshes, partitions, study["compared_steps"])
-    tables.save(found, elimination, "algorithm")
-    tables.save(trials.split(on, cells, problems), split, "algorithm")
+    tables.save(found, elimination, "algorithm", given)
+    tables.save(trials.split(on, cells, problems), split, "algorithm", given)
 
 
 if __name__ == "__main__":

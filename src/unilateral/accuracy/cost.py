@@ -11,7 +11,7 @@ from typing import NamedTuple
 from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.adapted import Adapted
 from unilateral.choice import SHARP, SPARSE, wants_multigrid
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 BYTES_PER_MB = 2**20
 RECENT = 3

@@ -1,4 +1,4 @@
-"""What is wanted, what one level of the search found, and which levels contradict each other."""
+"""What one level of the search found, and which levels contradict each other."""
 
 from __future__ import annotations
 
@@ -8,39 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 
-NORMS = ("h1", "hm12")
-"""Of u in H1, and of lambda in H^{-1/2}."""
-
-
-MAX_SECONDS = 600.0
-"""For all levels together, unless somebody says otherwise."""
 SHARE = 0.1
 """Of the error that is wanted: what the iteration may contribute."""
 WORTH, ENOUGH = 1.5, 200
 """1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
-
-
-@dataclass(frozen=True)
-class Goal:
-    """An accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
-
-    It is relative to the solution's norm, unless it is `absolute`. Limits are unknowns on
-    the finest mesh, seconds in all, and MB, in any case no more than are free. `sharp` asks for the sharp
-    bound, without which that of lambda is far above its error.
-    """
-
-    accuracy: float
-    norm: str = "h1"
-    max_unknowns: float = math.inf
-    max_seconds: float = MAX_SECONDS
-    max_memory: float = math.inf
-    sharp: bool = False
-    absolute: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +79,7 @@ def target(solved: Solution, goal: Goal) -> float:
 
 
 def unknowable(last: Level) -> bool:
-    """Whether what is not known of f and g, and would not be on finer meshes, is more than what is wanted."""
+    """Whether what is not known of f, g and q, and not on finer meshes, is more than what is wanted."""
     bound = last.solved.bound(last.goal.sharp)
     return bound is not None and bound.irreducible > last.target > 0
 

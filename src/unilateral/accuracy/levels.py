@@ -14,7 +14,8 @@ from dataclasses import replace
 
 from unilateral.accuracy.budget import affordable, affordable_H, bulk, wanted
 from unilateral.accuracy.cost import Prospect, may_adapt
-from unilateral.accuracy.level import ENOUGH, SHARE, Goal, Level, least_unknowns, target
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds.source import enclosed
@@ -30,7 +31,7 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.memory import peak_mb
 from unilateral.problems.data import Data
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 GROWTH = 0.4
 """Of triangles, over their distance from a boundary of many short sides; faster, and gmsh makes flat ones."""

@@ -13,13 +13,14 @@ from functools import cached_property
 
 from unilateral.accuracy.budget import limits, wanted
 from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.level import Goal, Level, standing
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.level import Level, standing
 from unilateral.accuracy.levels import levels
 from unilateral.accuracy.plan import Plan, enough, plan
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.errors import BudgetError, InputError
 from unilateral.problems.data import Data
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-from unilateral.accuracy.level import Goal
+from unilateral.accuracy.goal import Goal
 from unilateral.memory import forget_peak, peak_mb
 
 ENCLOSING = "f enclosed"

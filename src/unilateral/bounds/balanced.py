@@ -12,8 +12,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.equilibrated import equilibrated
 from unilateral.bounds.misfit import defects
 from unilateral.bounds.source import Source
-from unilateral.fem.p1 import load, stiffness_and_mass
-from unilateral.geometry.mesh import Mesh
+from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
 from unilateral.solvers.descent import solved
 
 SHARE = 0.01
@@ -23,7 +22,7 @@ SHARE = 0.01
 def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Array, float]:
     """w (n,), its flux as `equilibrated` tells it, w - f_h - div q (m,), and what rounding adds to the norms.
 
-    The flux has the values `sigma` (nb, 2) at the ends of the boundary edges.
+    The flux has the values `sigma` (nb, 2) at the ends of the boundary edges, on free sides the given ones.
     """
     w = u_h
     for last in (False, True):
@@ -46,12 +45,4 @@ def _solved(source: Source, w: Array, sigma: Array, least: float) -> Array:
     mesh = source.mesh
     stiffness, mass = stiffness_and_mass(mesh)
     third = load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
-    return solved(stiffness + mass, load(mesh, source.moments) + _edge_load(mesh, sigma), w, third, least)[0]
-
-
-def _edge_load(mesh: Mesh, sigma: Array) -> Array:
-    """(n,) the values <sigma, psi_a>."""
-    at_ends = np.diff(mesh.s)[:, None] / 6 * (sigma + sigma.sum(axis=1, keepdims=True))
-    found = np.zeros(mesh.n_nodes)
-    found[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
-    return found
+    return solved(stiffness + mass, load(mesh, source.moments) + edge_load(mesh, sigma), w, third, least)[0]

@@ -15,12 +15,11 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.obstacle import ORDER, Obstacle
+from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.piecewise import ORDER, PLACES
 
 PARTS = 8
 """Of an edge: intervals on which the sign of p - v is asked for."""
-PLACES = 8.0
-"""Units in the last place of the perimeter: by how much rounding moves places."""
 JUMP = 1e-13
 """Of |g|: by what it has to jump at a vertex."""
 

@@ -7,7 +7,8 @@ Let E bound ||lambda - lambda_H||_{-1/2}. lambda is not negative, so for every w
 
 w is continuous and linear on triangles. It has to be steep only where contact on P meets the rest, or P meets
 contact on the rest: elsewhere it falls from 1 to 0 along the boundary. Inside, where any values are allowed,
-it makes ||w||_1 nearly least. On sides that are free lambda is 0, and w is free, too.
+it makes ||w||_1 nearly least. On sides that are free lambda is 0, and w is free, too: a flux
+that is given there is no part of lambda, in E neither.
 """
 
 from __future__ import annotations

@@ -1,13 +1,15 @@
 """The guaranteed total error of a discrete solution by problems on vertex patches.
 
-u~ and lambda~ are the solution for f~ in place of f. For q in H(div) with q.n = sigma >= 0 on the boundary,
-0 on free sides, and d in H^1 with u_h + d >= g, put X = ||u~ - u_h||_1, D = ||d||_1,
+u~ and lambda~ are the solution for f~ in place of f, and for tau~ in place of the flux tau that is given on
+free sides (`given`). lambda, lambda~ and sigma >= 0 are on the other sides, 0 on free ones. For q in H(div)
+with q.n = sigma there, and tau~ of any sign on free sides, and d in H^1 with u_h + d >= g, put
+X = ||u~ - u_h||_1, D = ||d||_1,
 
     Y^2 = ||q - grad u~||^2 + ||f~ + div q - u~||^2,
     R = ||grad u_h - q||^2 + ||u_h - f~ - div q||^2 + 2 <sigma, u_h + d - g>.
 
 Then X^2 + Y^2 <= R + 2 Y D. So X^2 <= R + D^2, and ||lambda~ - sigma||_{-1/2} <= Y <= D + (R + D^2)^{1/2}.
-Proof: with the mixed terms <lambda~ - sigma, u~ - u_h> integrated by parts,
+Proof: the mixed terms, integrated by parts, are <lambda~ - sigma, u~ - u_h>, for tau~ is in both fluxes;
 
     X^2 + Y^2 = ||grad u_h - q||^2 + ||u_h - f~ - div q||^2 + 2 <lambda~ - sigma, u~ - u_h - d>
                 + 2 <lambda~ - sigma, d>;
@@ -15,6 +17,10 @@ Proof: with the mixed terms <lambda~ - sigma, u~ - u_h> integrated by parts,
 the first product is at most <sigma, u_h + d - g>, since <lambda~, u~ - g> = 0, lambda~ >= 0 and
 <sigma, u~ - g> >= 0; the second is at most Y D. With u_h + d in place of u_h, and 0 in place of d, the same
 says Y <= eta, the square of which is R for u_h + d.
+
+f and tau make a functional F on H^1, f~ and tau~ another one. u is the projection of what represents F in H^1
+to a convex set, and lambda the difference of both. Neither takes two points farther apart: the distances of
+u and u~, and of lambda and lambda~, are at most that of F and F~.
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
 there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
@@ -33,6 +39,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.equilibrated import equilibrated
+from unilateral.bounds.given import Given, nothing
 from unilateral.bounds.layer import Layer
 from unilateral.bounds.lifting import lifting
 from unilateral.bounds.misfit import defects, misfit, root
@@ -48,8 +55,8 @@ class LocalBound:
     """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
 
     `flux` is ||grad u_h - q||, `residual` ||u_h - f~ - div q||, `lifting` bounds ||d||_1, and `data` what
-    f - f~ can do. `unknown` is the part that would be 0 if f and g were the polynomials by which they are
-    enclosed; of that `irreducible` hardly falls on finer meshes.
+    f - f~ and tau - tau~ can do. `unknown` is the part that would be 0 if f, g and tau were the polynomials
+    by which they are enclosed; of that `irreducible` hardly falls on finer meshes.
 
     `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
     2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
@@ -73,16 +80,20 @@ def local_bound(
     u_h: Array,
     lambda_H: Array,
     free: Collection[int] = (),
+    given: Given | None = None,
 ) -> LocalBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
+
+    On these the flux is 0 unless it is `given`.
 
     They are as sharp as (u_h, lambda_H) is near the discrete solution. Raises InputError if the arrays do not
     fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
-    flux, held = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free])
-    q, lift = equilibrated(mesh, u_h, source.moments, flux.ends), lifting(mesh, obstacle, u_h, flux, held)
+    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
+    q = equilibrated(mesh, u_h, source.moments, flux.ends + tau.ends)
+    lift = lifting(mesh, obstacle, u_h, flux, held)
     *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(held)))
     of, d = lift.of, lift.of.function(*of_boundary)
     of_gradient, residual, rounding = defects(source, u_h, q)
@@ -98,10 +109,10 @@ def local_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
     of_data = _of_data(source, u_h)
-    data = (1 + SUMS) * root(of_data)
-    shares = inside + of_data
+    data = (1 + SUMS) * (root(of_data) + tau.distance)
+    doubt, shares = root(of_added) + tau.unknown, inside + of_data
     shares[of.triangles] += of_d + of_added
-    np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack)
+    np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
     return LocalBound(
         u=of_u + data,
         lambda_=min(distance + of_u, eta) + oscillation + data if np.any(held) else 0.0,
@@ -109,8 +120,8 @@ def local_bound(
         residual=math.sqrt(mesh.areas @ residual**2),
         lifting=distance,
         data=data,
-        unknown=source.unknown + root(of_added),
-        irreducible=root(of_added) + (0.0 if source.resolved else source.unknown),
+        unknown=source.unknown + doubt,
+        irreducible=doubt + (0.0 if source.resolved else source.unknown),
         shares=shares,
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
-from unilateral.fem.p1 import gradients
+from unilateral.fem.p1 import edge_load, gradients
 from unilateral.geometry.mesh import Mesh
 from unilateral.solvers.descent import Descent, rough_inverse
 
@@ -92,6 +92,12 @@ class Quadratic:
     def load(self, values: Array) -> Array:
         """(size,) of f linear on every triangle, with the values (m, 3) at its nodes."""
         return self.assembled(self.mesh.areas[:, None] * (values @ MASS[:3]))
+
+    def edge_load(self, values: Array) -> Array:
+        """(size,) of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
+        found = self.of_hats(edge_load(self.mesh, values))
+        found[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
+        return found
 
     def load_of_gradients(self, hats: Array, bubbles: Array) -> Array:
         """(size,) products of gradients with a field of the coefficients (m, 3, 2) on triangles."""

@@ -1,8 +1,9 @@
 """The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
 
-The bounds are for f_h, the linear part of f on each triangle, in place of f; see `source` for the rest. They
-begin with w of V_h, which is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting
-d of u_h as in `local`, where the proofs are.
+The bounds are for f_h, the linear part of f on each triangle, in place of f, and for tau~ in place of the
+flux tau that is given on free sides; see `source` and `given` for the rest. They begin with w of V_h, which
+is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting d of u_h as in `local`,
+where the proofs are.
 
 The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
@@ -14,9 +15,9 @@ since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1,
 0 there, but for what `balanced` leaves; on triangles larger than 1 it would cost more than it gains. With
 curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes of RT1 with
 that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w towards the
-solution of (1.1) with dv/dn = 0 elsewhere; at last it is made feasible. Both take
+solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made feasible. Both take
 
-    eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <q.n, v - g>
+    eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
 
 down without meeting: (grad v, curl phi) = 0, and the best v does not depend on q. They go by conjugate
 gradients, of which every iterate will do. With R, D, X and Y as in `local`, for this q,
@@ -39,6 +40,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.balanced import balanced
 from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.feasible import Missing
+from unilateral.bounds.given import Given, nothing
 from unilateral.bounds.lifting import Lifting, lifting
 from unilateral.bounds.misfit import ROUNDING, misfit, root
 from unilateral.bounds.quadratic import Quadratic, linear_squares, quadratic, squares
@@ -57,9 +59,10 @@ MOST_STEPS = 50
 class SharpBound:
     """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
 
-    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` is what f - f_h can do at most;
-    `oscillation` bounds ||lambda_H - q.n||_{-1/2}. `unknown` is the part that would be 0 if f and g were the
-    polynomials by which they are enclosed; of that `irreducible` hardly falls on finer meshes.
+    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` is what f - f_h and tau - tau~
+    can do at most; `oscillation` bounds ||lambda_H - sigma||_{-1/2}. `unknown` is the part that would be 0 if
+    f, g and tau were the polynomials by which they are enclosed; of that `irreducible` hardly falls on finer
+    meshes.
     """
 
     u: float
@@ -80,23 +83,27 @@ def sharp_bound(
     u_h: Array,
     lambda_H: Array,
     free: Collection[int] = (),
+    given: Given | None = None,
 ) -> SharpBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
+
+    On these the flux is 0 unless it is `given`.
 
     They are as sharp as (u_h, lambda_H) is near the discrete solution. Raises InputError if the arrays do not
     fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
-    flux, held = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free])
+    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
     spaces, lift = quadratic(mesh), lifting(mesh, obstacle, u_h, flux, held)
-    away = _away(spaces, source, u_h, flux.ends)
+    away = _away(spaces, source, u_h, flux.ends + tau.ends)
     of_u = spaces.of_hats(u_h - away.w)
     of_lifted, short = _lifted(lift, away, of_u)
-    of_v, phi, steps = _descended(lift, away, source.f_h, 2 * short.product)
+    load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)
+    of_v, phi, steps = _descended(lift, away, load, 2 * short.product)
     away, (of_v, short_of_v) = away.turned(phi), _lifted(lift, away, of_v)
     added, added_to_v = (root(lift.added(each)) for each in (short, short_of_v))
-    doubt = max(added, added_to_v)
+    doubt = max(added, added_to_v) + tau.unknown
     distance = (1 + SUMS) * (spaces.norm(of_lifted - of_u) + short.norm + added)
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
@@ -104,7 +111,7 @@ def sharp_bound(
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
-    data = (1 + SUMS) * source.distance
+    data = (1 + SUMS) * (source.distance + tau.distance)
     of_lambda = min(distance + math.sqrt(squares), eta) + oscillation + data
     return SharpBound(
         u=math.sqrt(squares - max(distance - eta, 0.0) ** 2) + data,
@@ -189,15 +196,15 @@ def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
     return found, short
 
 
-def _descended(lift: Lifting, away: _Away, f_h: Array, slack: float) -> tuple[Array, Array, int]:
-    """d = v - w and phi (size,), and the steps; `slack` is nearly 2 <q.n, v - g>."""
+def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[Array, Array, int]:
+    """d = v - w and phi (size,), and the steps; `load` (size,) is v's, `slack` nearly 2 <sigma, v - g>."""
     spaces, w = away.spaces, away.spaces.of_hats(away.w)
     d, everywhere = np.zeros(spaces.size), np.ones(len(spaces.of_boundary), dtype=bool)
     d[spaces.of_boundary] = np.concatenate(lift.met(away.w[spaces.mesh.boundary]))
     square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(everywhere)
     field = spaces.load_of_gradients(_turned(away.hats), _turned(away.bubbles))
     of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
-    of_v = spaces.descent(spaces.matrix(mass=1), spaces.load(f_h), w + d, free)
+    of_v = spaces.descent(spaces.matrix(mass=1), load, w + d, free)
     gain, steps = math.inf, 0
     while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
         gain = of_v.step() + of_phi.step()

@@ -1,7 +1,6 @@
-"""The command line: `unilateral cases`, `claims`, `export`, `score` and `solve`.
+"""The command line `unilateral`: `main` guards what `application` runs.
 
-Exit codes: 0 done, 1 a claim does not hold, 2 bad input, 3 not converged or out of budget, 4 the system or
-this program failed, 130 interrupted. Results go to standard output, messages, one line each, to standard
+Exit codes are those of `command.CODES`. Results go to standard output, messages, one line each, to standard
 error. Only `main` imports what takes long, so that an interrupt and a library that is broken are told as
 well.
 """
@@ -31,7 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     streams.prepare()
-    return int(streams.load("unilateral.cli.commands").run(arguments))
+    given = sys.argv[1:] if arguments is None else arguments
+    return int(streams.load("unilateral.cli.application").run(given))
 
 
 def _flush() -> int:

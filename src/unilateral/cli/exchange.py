@@ -2,67 +2,90 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from json import dumps
 from pathlib import Path
 from typing import Any
 
 from unilateral import api
 from unilateral.choice import check_size
-from unilateral.cli.streams import say
+from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.read import exported, foreign
 from unilateral.exchange.score import Rate, Scored
+from unilateral.files import check_target, replacing
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
+from unilateral.problems.case import Case
 
 MOST_LEVELS = 12
+DOES_NOT_HOLD = 1
 
 
-def export(options: argparse.Namespace) -> int:
+def export(
+    case: str,
+    h: float | None,
+    H: float,
+    levels: int,
+    mesh: str | None,
+    polygon: str | None,
+    side: int,
+    free_sides: tuple[int, ...] | None,
+    out: str,
+) -> int:
     """Write a case as files; the exit code."""
-    if problem_file.is_declared_in(options.case):
-        raise InputError(f"{options.case} declares a problem; only a case has the solution to score by")
-    if (options.h is None) == (options.mesh is None):
+    if problem_file.is_declared_in(case):
+        raise InputError(f"{case} declares a problem; only a case has the solution to score by")
+    if (h is None) == (mesh is None):
         raise InputError("export needs either --h or --mesh")
-    if options.levels > MOST_LEVELS:
-        raise InputError(f"argument --levels: {options.levels} is more than {MOST_LEVELS}")
-    case = api.case(options.case)
-    if options.mesh is None:
-        check_size(case.polygon, options.h)
-        coarsest = options.h * 2 ** (options.levels - 1)
-        mesh = api.KINDS[natural_kind(case.polygon)](case.polygon, coarsest)
-    elif not Path(options.mesh).is_file():
-        raise InputError(f"argument --mesh: there is no file '{options.mesh}'")
-    else:
-        mesh = api.mesh(options.mesh, case.polygon)
-    exports.export(case, mesh, options.H, options.levels, options.out)
-    say(f"{case.name}: {options.levels} levels in {options.out}")
+    if levels > MOST_LEVELS:
+        raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
+    found = api.case(case, polygon, side, free_sides or ())
+    exports.export(found, _coarsest(found, h, levels, mesh), H, levels, out)
+    say(f"{found.name}: {levels} levels in {out}")
     return 0
 
 
-def score(options: argparse.Namespace) -> int:
+def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mesh:
+    """The mesh in the file, or the one that has the size h on the finest level."""
+    if h is not None:
+        check_size(case.polygon, h)
+        return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
+    if file is None or not Path(file).is_file():
+        raise InputError(f"argument --mesh: there is no file '{file}'")
+    return api.mesh(file, case.polygon)
+
+
+def score(
+    folder: str, solutions: Sequence[str], multipliers: Sequence[str], html: str | None, json: bool
+) -> int:
     """Print the errors, rates and faults of another solver's solutions; the exit code."""
-    case, levels = exported(options.folder)
-    multipliers = options.multiplier or [None] * len(options.solutions)
-    if len(multipliers) != len(options.solutions):
+    if html is not None:
+        check_target(html, (".html", ".htm"))
+    case, levels = exported(folder)
+    if multipliers and len(multipliers) != len(solutions):
         raise InputError(
-            f"--multiplier names {len(multipliers)} files for {len(options.solutions)} solutions"
+            f"--multiplier names {len(multipliers)} files for {len(solutions)} solutions; "
+            "repeat it, once for each of them"
         )
-    given = [foreign(levels, *files) for files in zip(options.solutions, multipliers, strict=True)]
+    given = [foreign(levels, *each) for each in zip_longest(solutions, multipliers)]
     scored = [scores.score(case, each) for each in given]
     rates = scores.rates(case, scored)
     verdict = scores.verdict(scored, rates)
-    if options.json:
+    if html is not None:
+        with replacing(html) as temporary:
+            temporary.write_text(load("unilateral.exchange.page").page(case, scored, rates), encoding="utf-8")
+    if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
-        say(json.dumps(found | {"solutions": [_solution(each) for each in scored]}))
+        say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
         say("\n".join([*_table(scored), *_lines(rates), *_faults(scored), f"{case.name}: {verdict}"]))
-    return 0
+    return 0 if scores.holds(scored, rates) else DOES_NOT_HOLD
 
 
 def _solution(one: Scored) -> dict[str, Any]:
@@ -94,8 +117,8 @@ def _table(scored: list[Scored]) -> Iterator[str]:
     for one in scored:
         rows = ((one.errors, one.given.level.name, one.given.kind), (one.own, "  own", "constant on cells"))
         for errors, name, kind in rows:
-            dual = f"{errors.hm12_lower:.4g} to {errors.hm12_upper:.4g}"
-            numbers = f"{one.given.level.mesh.h:9.4g} {errors.h1:10.4g} {dual:>22} {errors.l2:10.4g}"
+            h1, dual, l2 = scores.texts(errors)
+            numbers = f"{one.given.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
             yield f"{name:10} {numbers}  {kind}"
 
 
@@ -103,7 +126,7 @@ def _lines(rates: dict[str, Rate]) -> Iterator[str]:
     """A line per norm."""
     for norm, rate in rates.items():
         numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
-        yield f"rate in {norm:5} {numbers}: {rate.verdict}"
+        yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"
 
 
 def _faults(scored: list[Scored]) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -71,16 +72,25 @@ def described(problem: Problem) -> Iterator[str]:
 
 
 def _held(problem: Problem, side: int) -> str:
-    if side in problem.free_sides:
-        return "free, du/dn = 0"
-    g = _along(problem, side)
-    return f"u >= {_formula(problem.g[side], (g.min(), g.max()))}"
+    given = _given(problem, side)
+    values = _along(problem, given, side)
+    formula = _formula(given, (values.min(), values.max()))
+    if side not in problem.free_sides:
+        return f"u >= {formula}"
+    return f"free, {'' if problem.units.k == 1 else 'k '}du/dn = {formula}"
 
 
-def _along(problem: Problem, side: int) -> Array:
-    """(POINTS,) g along a side, its ends included."""
+def _given(problem: Problem, side: int) -> sympy.Expr:
+    """g, or on a free side q."""
+    if side not in problem.free_sides:
+        return problem.g[side]
+    return problem.q[side] if problem.q else sympy.Integer(0)
+
+
+def _along(problem: Problem, formula: sympy.Expr, side: int) -> Array:
+    """(POINTS,) values along a side, its ends included."""
     t = np.linspace(0, problem.polygon.lengths[side], POINTS)
-    return compile_numpy([problem.g[side]], (X, Y))(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
+    return compile_numpy([formula], (X, Y))(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
 
 
 def _formula(formula: sympy.Expr, between: tuple[float, float]) -> str:
@@ -98,7 +108,7 @@ def _point(vertex: Array) -> str:
 
 def drawn(problem: Problem) -> Figure:
     """f in the polygon with its numbered sides, and g along the boundary."""
-    page = Figure(figsize=(6.7, 7.5), layout="constrained")
+    page = Figure(figsize=(6.7, 7.5), layout="compressed")
     top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
     _draw_polygon(top, problem)
     _draw_obstacle(bottom, problem)
@@ -114,28 +124,31 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         polygon.contains(np.stack(grid, axis=-1)), compile_numpy([problem.f], (X, Y))(*grid)[0], np.nan
     )
     field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
-    axes.figure.colorbar(field, ax=axes, label="f")
+    axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
     for side in range(polygon.n_sides):
-        free = side in problem.free_sides
         ends = v[[side, (side + 1) % polygon.n_sides]]
-        axes.plot(*ends.T, color=FREE if free else HELD, linestyle="--" if free else "-", linewidth=2)
+        axes.plot(*ends.T, linewidth=2, **_look(problem, side))
         axes.annotate(str(side), ends.mean(axis=0), 9 * polygon.normals[side], textcoords="offset points",
                       ha="center", va="center")  # fmt: skip
     axes.use_sticky_edges = False
-    axes.margins(0.08)
-    axes.set(
-        aspect="equal", xlabel="x", ylabel="y", title="f, and the sides' numbers; dashed: free, ∂u/∂n = 0"
-    )
+    axes.margins(0.12)
+    axes.set(aspect="equal", xlabel="x", ylabel="y", title="f, and the sides' numbers; dashed: free")
+
+
+def _look(problem: Problem, side: int) -> dict[str, Any]:
+    free = side in problem.free_sides
+    return {"color": FREE if free else HELD, "linestyle": "--" if free else "-"}
 
 
 def _draw_obstacle(axes: Axes, problem: Problem) -> None:
+    """g, and on free sides the flux."""
     polygon = problem.polygon
-    for side in set(range(polygon.n_sides)) - {*problem.free_sides}:
+    for side in range(polygon.n_sides):
         s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS)
-        axes.plot(s, _along(problem, side), color=HELD)
+        axes.plot(s, _along(problem, _given(problem, side), side), **_look(problem, side))
     for start in polygon.starts:
         axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
-    axes.set(xlabel="arc length along the boundary, a line at each vertex", ylabel="g",
+    axes.set(xlabel="arc length along the boundary, a line at each vertex", ylabel="g; dashed: k ∂u/∂n",
              xlim=(0, polygon.perimeter))  # fmt: skip
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from unilateral import api
-from unilateral.accuracy.level import MAX_SECONDS, Level
+from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.certificate import text, write_text
@@ -38,7 +38,7 @@ from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import units_of
 from unilateral.solution import ENDINGS, Solution
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
 FEW = 512
@@ -47,7 +47,7 @@ KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 """The files of --out."""
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: SimpleNamespace) -> int:
     """Solve and report; the exit code."""
     _targets(options)
     problem, watch = _problem(options), Watch(begin=options.begin)
@@ -63,13 +63,13 @@ def run(options: argparse.Namespace) -> int:
         return _reported(found, options, watch, drawn)
 
 
-def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
+def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
     return api.solve(
         problem,
         options.h,
         options.H,
         options.accuracy,
-        norm=options.norm or "h1",
+        norm=options.norm,
         mesh=_mesh(options.mesh, problem),
         stop=Stop(
             tolerance=options.tolerance,
@@ -78,17 +78,17 @@ def _solved(options: argparse.Namespace, problem: Case | Problem, watch: Watch, 
             rho=options.rho,
         ),
         max_unknowns=options.max_unknowns or math.inf,
-        max_seconds=options.max_seconds or MAX_SECONDS,
+        max_seconds=options.max_seconds,
         max_memory=options.max_memory or math.inf,
         sharp=_sharp(options),
-        absolute=bool(options.absolute),
-        dry_run=bool(options.dry_run),
+        absolute=options.absolute,
+        dry_run=options.dry_run,
         tell=None if options.json else _told(problem, drawn),
         watch=watch,
     )
 
 
-def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn: bool) -> int:
+def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, _sharp(options)
     needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
@@ -120,12 +120,12 @@ def _reported(found: Solution, options: argparse.Namespace, watch: Watch, drawn:
     return 0 if (found.certified if search else found.converged) else NOT_CONVERGED
 
 
-def _targets(options: argparse.Namespace) -> list[Path]:
+def _targets(options: SimpleNamespace) -> list[Path]:
     """The files that are asked for. The folder of --out is made.
 
     Raises InputError for a file that cannot be written there.
     """
-    files = [Path(name) for name in options.output or ()]
+    files = [Path(name) for name in options.output]
     if (files or options.out) and options.dry_run:
         raise InputError("a --dry-run has no solution that could be kept; leave -o and --out out")
     for file in files:
@@ -143,7 +143,7 @@ def _targets(options: argparse.Namespace) -> list[Path]:
     return inside + files
 
 
-def _keep(found: Solution, options: argparse.Namespace, printed: dict[str, Any]) -> None:
+def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) -> None:
     """Writes the files; .json has what is printed by --json."""
     for file in _targets(options):
         if file.suffix == ".json":
@@ -152,7 +152,7 @@ def _keep(found: Solution, options: argparse.Namespace, printed: dict[str, Any])
             found.save(file)
 
 
-def _sharp(options: argparse.Namespace) -> bool:
+def _sharp(options: SimpleNamespace) -> bool:
     return options.sharp or options.norm == "hm12"
 
 
@@ -169,7 +169,7 @@ def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Wat
         watch.rest()
 
 
-def _problem(options: argparse.Namespace) -> Case | Problem:
+def _problem(options: SimpleNamespace) -> Case | Problem:
     """What is to be solved, with its free sides."""
     name = options.problem
     if problem_file.is_declared_in(name):

@@ -22,6 +22,9 @@ import yaml
 from unilateral.arrays import Array
 from unilateral.errors import InputError, StorageError
 from unilateral.exchange.formulas import DEFINITIONS, formulas
+from unilateral.exchange.held import held_cells, held_edges, obstacle
+from unilateral.fem.loads import case_moments
+from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh, refine
@@ -33,7 +36,7 @@ from unilateral.problems.case import Case
 LEVEL_FILES = {
     "mesh.msh": "the mesh, for Gmsh's readers",
     "mesh.vtu": "the same, with `side` on its boundary edges",
-    "nodes.csv": "node, x, y, f; on the boundary also arc length s and g",
+    "nodes.csv": "node, x, y, f, and load, its integral with the P1 hat; on the boundary arc length s and g",
     "quadrature.nc": "points, weights and f in the triangles; s, weights and g on the boundary edges",
     "partition.csv": "the cells of T_H by arc length and place, with the mean of g on each",
 }
@@ -50,8 +53,6 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
         raise InputError(f"{folder} is there already; name a folder that is not")
     if not folder.parent.is_dir():
         raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
-    if case.free_sides:
-        raise InputError(f"case '{case.name}' has free sides; export it without them")
     try:
         with TemporaryDirectory(dir=folder.parent, prefix=".") as temporary:
             made = Path(temporary) / folder.name
@@ -88,6 +89,8 @@ def _problem(case: Case) -> dict[str, Any]:
         "title": case.declaration["title"],
         "polygon": case.polygon.name,
         "vertices": case.polygon.vertices.tolist(),
+        "side": case.side,
+        "free_sides": list(case.free_sides),
         "hypotheses": case.declaration["hypotheses"],
         "definitions": DEFINITIONS,
         **formulas(case),
@@ -106,18 +109,18 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
 
 
 def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
-    """A row per node, s and g empty inside."""
+    """A row per node, s empty inside, and g there and on free sides."""
     s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
-    s[mesh.boundary] = mesh.s[:-1]
-    u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - case.polygon.starts[mesh.side])
-    g[mesh.boundary] = u - gap
-    x, y = mesh.points.T
-    f = case.source(mesh.points)
-    return pd.DataFrame({"node": np.arange(mesh.n_nodes), "x": x, "y": y, "f": f, "s": s, "g": g})
+    s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
+    (x, y), f = mesh.points.T, case.source(mesh.points)
+    load = p1_load(mesh, case_moments(case, mesh))
+    return pd.DataFrame(
+        {"node": np.arange(mesh.n_nodes), "x": x, "y": y, "f": f, "load": load, "s": s, "g": g}
+    )
 
 
 def _cells(case: Case, cells: Partition) -> pd.DataFrame:
-    """A row per cell, in the order of arc length."""
+    """A row per cell, in the order of arc length; no mean of g on free sides."""
     s, (start, end) = cells.points, cells.ends
     ends = {"x_start": start[:, 0], "y_start": start[:, 1], "x_end": end[:, 0], "y_end": end[:, 1]}
     columns = {
@@ -125,7 +128,7 @@ def _cells(case: Case, cells: Partition) -> pd.DataFrame:
         "start": s[:-1],
         "end": s[1:],
         **ends,
-        "g_mean": cell_means(case, cells).g_means,
+        "g_mean": np.where(held_cells(case, cells), cell_means(case, cells).g_means, np.nan),
     }
     return pd.DataFrame(columns)
 
@@ -152,7 +155,7 @@ def _quadrature(case: Case, mesh: Mesh) -> xr.Dataset:
             "side": ("boundary_point", on.side.astype(np.int32)),
             "s": ("boundary_point", on.s + case.polygon.starts[on.side]),
             "boundary_weight": ("boundary_point", on.weight),
-            "g": ("boundary_point", u - gap),
+            "g": ("boundary_point", np.where(held_edges(case, mesh)[on.interval], u - gap, np.nan)),
         },
         attrs={"case": case.name, "h": mesh.h},
     )
@@ -171,4 +174,15 @@ def _readme(case: Case, found: dict[str, Any]) -> str:
         f=found["f"] or "no closed formula",
         files="\n".join(files),
         levels="\n".join(rows),
+        free=_free(case),
+    )
+
+
+def _free(case: Case) -> str:
+    """What holds on free sides, if there are any."""
+    if not case.free_sides:
+        return ""
+    return (
+        f"\nOn the sides {', '.join(map(str, case.free_sides))} there is no obstacle: ∂u/∂n = 0. λ = 0 is "
+        "to be handed in there.\nSide i runs from vertex i to the next, counted from 0.\n"
     )

@@ -1,14 +1,17 @@
-"""A case as Python expressions in x and y: u, f, and on each side g and lambda = du/dn.
+"""A case as expressions in its coordinates: u, f, grad u, and on each side g, the gap and lambda = du/dn.
 
-Beside numpy's names the expressions use `pos` and `angle`, which `DEFINITIONS` define.
+They are Python in x and y, or as a module for numpy or UFL. Beside sin, cos and the like the expressions use
+`pos` and `angle`, which `DEFINITIONS` and the modules define.
 """
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import Any
 
 import sympy
 
+from unilateral.errors import InputError
 from unilateral.problems.atoms import D, Smooth, T, Tensor, X, Y
 from unilateral.problems.case import Case
 from unilateral.problems.polar import THETA, Polar, R
@@ -20,25 +23,70 @@ DEFINITIONS = (
     "def angle(b, a):  # of (a, b), in [0, 2 pi); b is 0 up to rounding on a side\n"
     "    return arctan2(where(abs(b) < 1e-12, abs(b), b), a) % (2 * pi)\n"
 )
+NO_FORMULAS = "there are no closed formulas, for u is a sum over the intervals of a Cantor set"
+COORDINATES = {"python": ("x", "y"), "ufl": ("x[0]", "x[1]")}
+ARGUMENTS = {"python": "x, y", "ufl": "x"}
+"""How coordinates are written in a module of each kind, and what its functions take."""
+SIMPLE = 1024
+"""Of denominators: fractions up to it are written as such."""
 Closed = Smooth | Tensor | Polar
 ANGLE = sympy.Function("angle", real=True)
 
 
-def formulas(case: Case) -> dict[str, Any]:
-    """`u` and `f`; `g` and `lambda` per side; each None where the case has no closed formula."""
+def formulas(case: Case, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
+    """`u`, `f` and the two of `grad_u`; `g`, `gap` and `lambda` per side.
+
+    Each is None where the case has no closed formula.
+    """
     sides = range(case.polygon.n_sides)
     atoms = [atom for atom in case.atoms if isinstance(atom, Closed)]
     if len(atoms) < len(case.atoms):
-        return {"u": None, "f": None, "g": [None for _ in sides], "lambda": [None for _ in sides]}
+        per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
+        return {"u": None, "f": None, "grad_u": [None, None], **per_side}
     u, f = (sympy.Add(*map(of, atoms)) for of in (_value, _source))
-    flux = [sympy.Add(*(_flux(atom, *normal) for atom in atoms)) for normal in case.polygon.normals]
-    g = [u - case.gaps[i].xreplace({T: _along(case, i)}) for i in sides]
-    return {"u": _text(u), "f": _text(f), "g": [*map(_text, g)], "lambda": [*map(_text, flux)]}
+    gradient, flux = (
+        [sympy.Add(*(_flux(atom, *direction) for atom in atoms)) for direction in directions]
+        for directions in (((1.0, 0.0), (0.0, 1.0)), case.polygon.normals)
+    )
+    gap = [case.gaps[i].xreplace({T: _along(case, i)}) for i in sides]
+    found = {"u": u, "f": f, "grad_u": gradient, "g": [u - each for each in gap], "gap": gap, "lambda": flux}
+    names = dict(zip((X, Y), sympy.symbols(coordinates), strict=True))
+    return {
+        name: [_text(each, names) for each in value] if isinstance(value, list) else _text(value, names)
+        for name, value in found.items()
+    }
 
 
-def _text(expression: sympy.Expr) -> str:
+def module(case: Case, kind: str) -> str:
+    """A Python module of the case's functions, with numpy for the `kind` "python", else of UFL expressions.
+
+    Raises InputError for a case without closed formulas.
+    """
+    found = formulas(case, COORDINATES[kind])
+    if found["u"] is None:
+        raise InputError(f"case '{case.name}': {NO_FORMULAS}; 'unilateral export' writes f and g at points")
+    template = resources.files("unilateral.exchange") / f"{kind}.template.txt"
+    g, flux = (
+        "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found[name])
+        for name in ("g", "lambda")
+    )
+    return template.read_text(encoding="utf-8").format(
+        name=case.name,
+        title=case.declaration["title"],
+        polygon=case.polygon.name,
+        vertices=case.polygon.vertices.tolist(),
+        definitions=DEFINITIONS,
+        u=found["u"],
+        f=found["f"],
+        grad_u=", ".join(found["grad_u"]),
+        g=g,
+        lambda_=flux,
+    )
+
+
+def _text(expression: sympy.Expr, names: dict[sympy.Symbol, sympy.Symbol]) -> str:
     """As Python has it; numbers with all their digits."""
-    return sympy.sstr(expression, full_prec=True)
+    return str(sympy.sstr(expression.xreplace(names), full_prec=True))
 
 
 def _along(case: Case, side: int) -> sympy.Expr:
@@ -49,8 +97,10 @@ def _along(case: Case, side: int) -> sympy.Expr:
 
 
 def _number(value: float) -> sympy.Expr:
-    """Exact: a whole number as such."""
-    return sympy.Integer(int(value)) if float(value).is_integer() else sympy.Float(float(value), 17)
+    """Exact: a simple fraction as such."""
+    numerator, denominator = float(value).as_integer_ratio()
+    simple = denominator <= SIMPLE
+    return sympy.Rational(numerator, denominator) if simple else sympy.Float(float(value), 17)
 
 
 def _local(atom: Tensor | Polar) -> dict[sympy.Expr, sympy.Expr]:

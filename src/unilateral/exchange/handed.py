@@ -76,9 +76,10 @@ def _of_mesh(file: str) -> Handed:
     nodal = {
         name: np.ravel(content.point_data[name]).astype(float) for name in NODAL if name in content.point_data
     }
-    used = np.unique(
-        np.concatenate([block.data.ravel() for block in content.cells if block.type == "triangle"])
-    )
+    triangles = [block.data.ravel() for block in content.cells if block.type == "triangle"]
+    if not triangles:
+        raise InputError("it has no triangles; u is needed at the nodes of a level's mesh")
+    used = np.unique(np.concatenate(triangles))
     number = np.full(len(content.points), -1)
     number[used] = np.arange(len(used))
     edges = None

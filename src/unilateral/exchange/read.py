@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
@@ -19,10 +18,13 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.mesh_files import read as read_mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import named
+from unilateral.geometry.partition_files import read as read_partition
+from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 
+LARGEST = 1e100
+"""Of a value, so that squares of errors do not overflow."""
 SAME = 1e-6
 """Of h: places so near are the same."""
 
@@ -52,7 +54,9 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[Level]]:
     folder = Path(folder)
     try:
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
-        case = cases.load(folder / f"{problem['case']}.yaml", named(problem["polygon"]))
+        polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
+        found = cases.load(folder / f"{problem['case']}.yaml", polygon, problem["side"])
+        case = replace(found, free_sides=tuple(problem["free_sides"]))
         return case, [_level(folder, case, str(entry["folder"])) for entry in problem["levels"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder}: this is no folder that 'unilateral export' wrote ({error})") from error
@@ -60,9 +64,7 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[Level]]:
 
 def _level(folder: Path, case: Case, name: str) -> Level:
     mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
-    cells = pd.read_csv(folder / name / "partition.csv")
-    ends = np.append(cells["start"].to_numpy(), cells["end"].to_numpy()[-1])
-    return Level(name, mesh, partitions.from_points(case.polygon, ends))
+    return Level(name, mesh, read_partition(folder / name / "partition.csv", case.polygon))
 
 
 def foreign(levels: list[Level], file: str, multiplier: str | None = None) -> Foreign:
@@ -124,11 +126,12 @@ def _at_nodes(level: Level, node: Index, found: Handed, name: str, file: str) ->
     """(n,) values at the nodes; multipliers are needed on the boundary only."""
     given = found.nodal[name]
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
-    wrong = np.flatnonzero(~np.isfinite(given) & needed)
+    wrong = np.flatnonzero(~(np.abs(given) < LARGEST) & needed)
     if wrong.size:
         k, place = wrong[0], level.mesh.points[node[wrong[0]]]
         raise InputError(
-            f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; a number is needed"
+            f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; "
+            f"a number below {LARGEST:g} is needed"
         )
     values = np.zeros(level.mesh.n_nodes)
     values[node] = given
@@ -170,9 +173,12 @@ def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) ->
         raise InputError(
             f"{file}: a cell ends at s = {end[apart[0]]:g}, the next begins at {start[apart[0] + 1]:g}"
         )
-    wrong = np.flatnonzero(~np.isfinite(values))
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST))
     if wrong.size:
-        raise InputError(f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}")
+        raise InputError(
+            f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}; "
+            f"a number below {LARGEST:g} is needed"
+        )
     return constant(partitions.from_points(mesh.polygon, np.append(start, end[-1:])), values)
 
 
@@ -189,7 +195,10 @@ def _on_edges(mesh: Mesh, ends: Index, values: Array, file: str) -> Array:
         raise InputError(f"{file}: line cell {wrong[0]} is no boundary edge of the mesh")
     found = np.full(nb, np.nan)
     found[edge] = values
-    if np.isnan(found).any():
-        place = _place(mesh.points, mesh.boundary[np.isnan(found)])
-        raise InputError(f"{file}: the boundary edge from {place} has no multiplier")
+    wrong = np.flatnonzero(~(np.abs(found) < LARGEST))
+    if wrong.size:
+        place = _place(mesh.points, mesh.boundary[wrong])
+        raise InputError(
+            f"{file}: the boundary edge from {place} has no multiplier, or none below {LARGEST:g}"
+        )
     return found

@@ -20,7 +20,10 @@ from unilateral.problems.case import Case
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
 """By (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
 ROOM = 0.1
-"""By which a rate between finite levels may stay below the proved one."""
+"""By which a rate between finite levels may stay below the proved one: set, not derived.
+
+For scale: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) of the rate, 0.1 at H = 1/128.
+"""
 
 ROUNDING = 1e-12
 
@@ -61,7 +64,7 @@ def score(case: Case, given: Foreign) -> Scored:
         norm, case, given, solved.u_h, constant(cells, solved.lambda_H) if discrete.unique else None
     )
     errors = _errors(norm, case, given, given.u, given.multiplier)
-    return Scored(given, errors, own, faults(case, given, discrete, solved, own))
+    return Scored(given, errors, own, faults(case, given, discrete, own))
 
 
 def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | None) -> Errors:
@@ -119,11 +122,27 @@ def error_in(errors: Errors, norm: str) -> float:
     return errors.h1 if norm == "h1" else errors.l2
 
 
+def texts(errors: Errors) -> tuple[str, str, str]:
+    """The three errors for people, the second between its bounds; "-" where it is not known."""
+    h1, lower, upper, l2 = ("-" if math.isnan(each) else f"{each:.4g}" for each in errors)
+    known = [each for each in (lower, upper) if each != "-"]
+    return h1, " to ".join(known) or "-", l2
+
+
+def holds(scored: Sequence[Scored], found: dict[str, Rate]) -> bool:
+    """Whether nothing is wrong, and no rate falls short of a proved one."""
+    return not any(each.faults for each in scored) and not any(map(_short, found.values()))
+
+
+def _short(rate: Rate) -> bool:
+    return rate.verdict == "falls short"
+
+
 def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
     """In a word: faults come before rates."""
     if any(each.faults for each in scored):
         return "faults were found"
-    if any(rate.verdict == "falls short" for rate in found.values()):
+    if any(map(_short, found.values())):
         return "falls short of a proved rate"
     judged = any(rate.verdict == "reaches the proved rate" for rate in found.values())
     return "reaches the proved rates" if judged else "no fault was found; rates are not judged"

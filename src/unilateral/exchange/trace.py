@@ -12,10 +12,12 @@ from unilateral.arrays import Array
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, overlay
+from unilateral.geometry.partition import Partition, from_points, overlay
 from unilateral.norms.functionals import values_on
 from unilateral.norms.ritz import hat_load
 from unilateral.problems.case import Case
+
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +54,23 @@ class Trace:
         flux = case.boundary(rule.side, rule.s, rule.near)[1]
         return rule.weight, flux, values_on(self.cells, rule, rule.interval, self.values[None])[:, 0]
 
-    def reversed(self) -> Trace:
-        """The same, constant on the cells, taken to be given clockwise."""
-        s = self.cells.polygon.perimeter - self.cells.points[::-1]
+    def is_constant_on(self, cells: Partition) -> bool:
+        """Whether it has one value on each of those cells, up to rounding."""
+        _, cell, own = overlay(cells.points, self.cells.points)
+        highest, lowest = np.full(cells.n_cells, -np.inf), np.full(cells.n_cells, np.inf)
+        np.maximum.at(highest, cell, self.ends[own].max(axis=1))
+        np.minimum.at(lowest, cell, self.ends[own].min(axis=1))
+        return bool(np.all(highest - lowest <= ROUNDING * np.abs(self.ends).max()))
+
+    def moved(self, start: float, clockwise: bool) -> Trace:
+        """The same on its cells if its arc length began at `start`, and ran clockwise or not.
+
+        Raises InputError where a vertex would lie inside a cell.
+        """
         middle = 0.5 * (self.cells.points[1:] + self.cells.points[:-1])
-        there = np.searchsorted(s, middle, side="right") - 1
-        return Trace(self.cells, self.ends[::-1, ::-1][there])
+        order = np.argsort((start + (-middle if clockwise else middle)) % self.cells.polygon.perimeter)
+        points = np.append(0.0, np.cumsum(self.cells.lengths[order]))
+        return constant(from_points(self.cells.polygon, points), self.values[order])
 
 
 def constant(cells: Partition, values: Array) -> Trace:

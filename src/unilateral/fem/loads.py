@@ -1,4 +1,4 @@
-"""Loads, made of the moments of f against the hats of each triangle."""
+"""Loads, made of the moments of f against the hats of each triangle, and those of functions on sides."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.fem.quadrature import symmetric, triangle_rules
+from unilateral.fem.p1 import edge_load, linear_parts
+from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.case import Case
 from unilateral.problems.sampled import Sampled
@@ -49,3 +50,11 @@ def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
     hats, weights = symmetric(SAMPLED)
     f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
     return mesh.areas[:, None] * ((f * weights) @ hats)
+
+
+def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
+    """(n,) that of the given flux, by a Gauss rule on every edge."""
+    rule = boundary_rule(problem.polygon, mesh.s)
+    x = (problem.polygon.starts[rule.side] + rule.s - mesh.s[rule.interval]) / np.diff(mesh.s)[rule.interval]
+    points = (each[:, None] for each in (x, rule.weight, problem.flux(rule.side, rule.s)))
+    return edge_load(mesh, linear_parts(mesh, rule.interval, *points))

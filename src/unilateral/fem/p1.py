@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
@@ -39,6 +39,26 @@ def load(mesh: Mesh, moments: Array) -> Array:
     return values.astype(float)
 
 
+def edge_load(mesh: Mesh, values: Array) -> Array:
+    """(n,) values <sigma, phi_i> for sigma linear on boundary edges, with `values` (nb, 2) at their ends."""
+    at_ends = np.diff(mesh.s)[:, None] / 6 * (values + values.sum(axis=1, keepdims=True))
+    found = np.zeros(mesh.n_nodes)
+    found[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
+    return found
+
+
+def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array) -> Array:
+    """(nb, 2) at the ends of the boundary edges: the L2 projection onto linear functions on each.
+
+    Of what has `values` (K, Q) at the points x of [0, 1] on edges (K,) of rules with those weights.
+    """
+    first, second = (
+        np.bincount(edge, np.sum(weight * values * hat, axis=1), len(mesh.boundary)) for hat in (1 - x, x)
+    )
+    ends = np.column_stack([2 * first - second, 2 * second - first])
+    return np.asarray(2 * ends / np.diff(mesh.s)[:, None])
+
+
 def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
     """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient.
 
@@ -63,12 +83,12 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
     return sp.coo_array((values, (np.tile(cell, 2), columns)), shape=(partition.n_cells, nb)).tocsr()
 
 
-def boundary_mass(mesh: Mesh) -> sp.csr_array:
-    """(nb, nb) mass matrix of the boundary hats: the L2 product of traces on the boundary."""
+def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
+    """(nb, nb) mass matrix of the boundary hats: the L2 product on the boundary, or on those edges."""
     nb = len(mesh.boundary)
     start = np.arange(nb)
     end = (start + 1) % nb
-    sixth = np.diff(mesh.s) / 6
+    sixth = np.diff(mesh.s) / 6 * (1 if edges is None else edges)
     values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
     rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
     return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()

@@ -31,8 +31,9 @@ def write(
     """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
 
     Further data of boundary edges (nb,), NaN on triangles, and of nodes (n,) can be added. The file's ending
-    says the format, one of meshio's that can hold both; .vtu keeps every bit. In .msh, Gmsh's, side i is the
-    physical group i + 1, the triangles are the one after the last side's, and edges have no further data.
+    says the format, one of meshio's that can hold both; .vtu keeps every bit. In .msh, as text, which all
+    of Gmsh's readers take, side i is the physical group i + 1, the triangles are the one after the last
+    side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
     import meshio
@@ -45,11 +46,15 @@ def write(
         [("triangle", mesh.triangles), ("line", lines)],
         point_data=dict(at_nodes or {}),
         cell_data=_groups(mesh) if for_gmsh else {"side": [np.full(n, -1), mesh.side]} | further,
+        field_data=_names(mesh) if for_gmsh else {},
     )
     with replacing(path) as temporary:
         try:
             with _quiet():
-                meshio.write(temporary, content, "gmsh22" if for_gmsh else None)
+                if for_gmsh:
+                    meshio.write(temporary, content, "gmsh22", binary=False)
+                else:
+                    meshio.write(temporary, content)
         except OSError:
             raise
         except Exception as error:
@@ -62,6 +67,12 @@ def _groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
     return {
         f"gmsh:{kind}": [each.astype(np.int32) for each in numbers] for kind in ("physical", "geometrical")
     }
+
+
+def _names(mesh: Mesh) -> dict[str, np.ndarray]:
+    """The number and the dimension of each group; some readers ask for names."""
+    n = mesh.polygon.n_sides
+    return {f"side_{i}": np.array([i + 1, 1]) for i in range(n)} | {"domain": np.array([n + 1, 2])}
 
 
 def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
@@ -84,6 +95,8 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
         points = points[:, :2]
     blocks = (block.data for block in content.cells if block.type == "triangle")
     triangles = np.concatenate([np.empty((0, 3), int), *blocks])
+    if not len(triangles):
+        raise InputError(f"{path}: the file has no triangles; a mesh of plain triangles is needed")
     return from_arrays(polygon or outline(points, triangles, str(path)), points, triangles, str(path))
 
 
@@ -116,6 +129,6 @@ def _quiet() -> Iterator[None]:
 
 def _reason(error: BaseException) -> str:
     """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
-    if isinstance(error, SystemExit):
+    if isinstance(error, SystemExit | IndexError):
         return "its content is not what its ending says"
     return str(error).strip().rstrip(".") or type(error).__name__

@@ -10,7 +10,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.declarations import own
-from unilateral.errors import InputError
+from unilateral.errors import InputError, meant
 from unilateral.geometry.plane import cross, first_crossing
 
 MAX_VERTICES = 1000
@@ -154,7 +154,8 @@ def names() -> list[str]:
 def named(name: str) -> Polygon:
     """The polygon of that name in polygons.yaml; InputError lists the names there are."""
     if name not in _named():
-        raise InputError(f"polygon '{name}' is unknown; the named ones are {', '.join(names())}")
+        known = ", ".join(names())
+        raise InputError(f"polygon '{name}' is unknown; the named ones are {known}{meant(name, names())}")
     return Polygon(np.array(_named()[name]), name)
 
 

@@ -18,9 +18,6 @@ from scipy.linalg import eigh
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.spaces import DualOperator
-from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, overlay
-from unilateral.geometry.plane import cross
 from unilateral.norms.dual import Bounds
 
 if TYPE_CHECKING:
@@ -96,40 +93,3 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
             best, found = float(value[0]), basis @ x[:, 0]
     size = np.abs(found)
     return found / found[np.flatnonzero(size >= (1 - TIE) * size.max())[0]]
-
-
-class Resolution(NamedTuple):
-    """How finely a mesh resolves a partition; the smallest over the cells T_i of each.
-
-    `edges_per_cell` counts boundary edges, parts as fractions; `cell_over_edge` is H_i over the longest edge
-    that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i; `smallest_angle` is that
-    of the triangles at the boundary, in degrees.
-    """
-
-    edges_per_cell: float
-    cell_over_edge: float
-    nodes_per_cell: int
-    smallest_angle: float
-
-
-def resolution(mesh: Mesh, partition: Partition) -> Resolution:
-    """The measures of h/H that a cell of T_H sees."""
-    points, cell, edge = overlay(partition.points, mesh.s)
-    lengths = np.diff(mesh.s)
-    edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
-    longest = np.zeros(partition.n_cells)
-    np.maximum.at(longest, cell, lengths[edge])
-    inside = np.bincount(cell, minlength=partition.n_cells) - 1
-    ratio = (partition.lengths / longest).min()
-    return Resolution(float(edges.min()), float(ratio), int(inside.min()), _smallest_angle(mesh))
-
-
-def _smallest_angle(mesh: Mesh) -> float:
-    at = np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2
-    a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
-    sides = [b - a, c - b, a - c]
-    angles = [
-        np.arctan2(np.abs(cross(p, q)), -np.sum(p * q, axis=1))
-        for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
-    ]
-    return math.degrees(float(np.min(angles)))

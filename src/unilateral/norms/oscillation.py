@@ -65,12 +65,26 @@ def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Arr
 
 def trace_constants(mesh: Mesh, triangle: Index) -> Array:
     """(nb,) the triangles' constants, doubled where two edges share a triangle."""
+    e, far, shared = _measured(mesh, triangle)
+    d = np.maximum(far, e)
+    return shared * e / mesh.areas[triangle] * (d**2 / math.pi**2 + far * d / math.pi)
+
+
+def value_constants(mesh: Mesh, triangle: Index) -> Array:
+    """(nb,) C of ||v||_e^2 <= C ||v||_{1,T}^2, doubled likewise.
+
+    C is |e|/|T| (1 + (1 + a^2)^(1/2))/2: the divergence theorem with the same field gives
+    ||v||_e^2 <= |e|/|T| (||v||_T^2 + a ||v||_T |v|_{1,T}).
+    """
+    e, far, shared = _measured(mesh, triangle)
+    return np.asarray(shared * e / mesh.areas[triangle] * (1 + np.sqrt(1 + far**2)) / 2)
+
+
+def _measured(mesh: Mesh, triangle: Index) -> tuple[Array, Array, Index]:
+    """(nb,) the edges' lengths, the distances a, and how many edges share the triangle."""
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
     off = mesh.triangles[triangle].sum(axis=1) - start - end
     e, a, b = (
         np.hypot(*(mesh.points[p] - mesh.points[q]).T) for p, q in ((start, end), (start, off), (end, off))
     )
-    far = np.maximum(a, b)
-    d = np.maximum(far, e)
-    shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
-    return shared * e / mesh.areas[triangle] * (d**2 / math.pi**2 + far * d / math.pi)
+    return e, np.maximum(a, b), np.bincount(triangle, minlength=len(mesh.triangles))[triangle]

@@ -20,7 +20,7 @@ import sympy
 
 from unilateral import declarations
 from unilateral.arrays import Array, Index, Mask
-from unilateral.errors import InputError, shown
+from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.elementary import Steps
 from unilateral.formulas.formula import Compiled, compile_numpy, kinks
 from unilateral.formulas.taylor import Model
@@ -28,7 +28,9 @@ from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.case_parts import Atom, Builder, constants_of
+from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import on_sides, places
+from unilateral.problems.flux import Flux, none
 from unilateral.problems.obstacle import Obstacle, enclosed
 
 
@@ -36,8 +38,9 @@ from unilateral.problems.obstacle import Obstacle, enclosed
 class Case:
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
-    `gaps` holds one expression in t (the arc length in side lengths) per side. On `free_sides` lambda is 0,
-    and they are solved on without multipliers; `certificate.with_free_sides` checks that.
+    `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
+    `side`. On `free_sides` lambda is 0, and they are solved on without multipliers;
+    `certificate.with_free_sides` checks that.
     """
 
     name: str
@@ -46,6 +49,7 @@ class Case:
     atoms: tuple[Atom, ...]
     gaps: tuple[sympy.Expr, ...]
     free_sides: tuple[int, ...] = ()
+    side: int = 0
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
@@ -84,6 +88,11 @@ class Case:
     def enclosed_obstacle(self) -> Obstacle:
         """g on all sides, enclosed."""
         return enclosed(self.polygon, self.obstacle_model, cuts=self.singular())
+
+    @cached_property
+    def enclosed_flux(self) -> Flux:
+        """None is given."""
+        return none(self.polygon)
 
     def boundary(
         self, side: Index, s: Array, near: tuple[Array, Array] | None = None
@@ -173,11 +182,6 @@ class Case:
         return [merged[key] for key in sorted(merged)]
 
 
-def names() -> list[str]:
-    """The names of the catalogue's cases."""
-    return sorted(entry.name[:-5] for entry in _catalogue().iterdir() if entry.name.endswith(".yaml"))
-
-
 def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
     """The case of that name, or declared in that file, put on a side of a polygon.
 
@@ -192,7 +196,7 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
     constants = constants_of(declaration, polygon, where)
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
-    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]))
+    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), side=side)
 
 
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:
@@ -200,14 +204,12 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
     name = str(case)
     file: Path | Traversable | None = None if name in names() else declarations.file_of(name)
     if file is None:
-        file = _catalogue() / f"{name}.yaml"
+        file = folder() / f"{name}.yaml"
         if name not in names():
             known = ", ".join(names())
-            raise InputError(f"case '{shown(name)}' is unknown; the catalogue has {known}")
+            raise InputError(
+                f"case '{shown(name)}' is unknown; the catalogue has {known}{meant(name, names())}"
+            )
     schema = resources.files("unilateral.problems") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read(file, name), schema, name)
     return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
-
-
-def _catalogue() -> Traversable:
-    return resources.files("unilateral.manufactured")

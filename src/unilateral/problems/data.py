@@ -13,11 +13,12 @@ from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.taylor import Model, joined, number
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.flux import Flux
 from unilateral.problems.obstacle import Obstacle
 
 
 class Data(Protocol):
-    """f and g of (1.1)-(1.2), on a polygon whose `free_sides` have du/dn = 0 in place of (1.2)."""
+    """f and g of (1.1)-(1.2), on a polygon whose `free_sides` have du/dn = q in place of (1.2)."""
 
     @property
     def name(self) -> str: ...
@@ -41,6 +42,10 @@ class Data(Protocol):
     @property
     def enclosed_obstacle(self) -> Obstacle:
         """g on the sides that are not free, enclosed."""
+
+    @property
+    def enclosed_flux(self) -> Flux:
+        """q on free sides, enclosed."""
 
 
 def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:

@@ -1,4 +1,4 @@
-"""Problems without a known solution: a polygon, f in it and an obstacle g on its sides."""
+"""Problems without a known solution: a polygon, f in it, an obstacle g or a flux q on its sides."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from unilateral.formulas.positive import rounded
 from unilateral.formulas.taylor import EPS, Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems import flux
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.data import on_sides, places
+from unilateral.problems.flux import Flux
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.ranges import range_in
 from unilateral.problems.units import Units
@@ -27,9 +29,10 @@ FAR = 1e-100
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """(1.1)-(1.2) in the `units` of k and c, with du/dn = 0 in place of (1.2) on `free_sides`.
+    """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
-    `f` is a formula in x, y; so is `g`, one per side, not used on free sides.
+    `f` is a formula in x, y; so is `g`, one per side, not used on free sides, and `q`, one per side, 0 on
+    those that are not free; without any q it is 0.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Problem:
     g: tuple[sympy.Expr, ...]
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
+    q: tuple[sympy.Expr, ...] = ()
 
     @cached_property
     def jumps(self) -> dict[sympy.Expr, Kink]:
@@ -63,6 +67,21 @@ class Problem:
         """
         return enclosed(self.polygon, self.obstacle_model, self.free_sides, self.least)
 
+    def flux_model(self, side: Index, t: Model) -> Model:
+        """q on intervals of the sides (k,), t the arc length in side lengths."""
+        x, y = places(self.polygon, side, t)
+        return on_sides(self.q, side, {X: x, Y: y})
+
+    @property
+    def flux_sides(self) -> tuple[int, ...]:
+        """Those on which q is not 0."""
+        return tuple(side for side, formula in enumerate(self.q) if formula != 0)
+
+    @cached_property
+    def enclosed_flux(self) -> Flux:
+        """q on these, enclosed."""
+        return flux.enclosed(self.polygon, self.flux_model, self.flux_sides)
+
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
         """Guaranteed bounds of f in Omega, infinite where none are found."""
@@ -70,7 +89,9 @@ class Problem:
 
     @cached_property
     def least(self) -> float:
-        """A guaranteed lower bound of u: inf f / c, see `idle_sides`."""
+        """A guaranteed lower bound of u: inf f / c, see `idle_sides`; none where q may be below 0."""
+        if self.enclosed_flux.least < 0:
+            return -math.inf
         if self.units.c == 1:
             return self.range_of_f[0]
         quotient = self.range_of_f[0] / _rounded(self.units.c)
@@ -83,12 +104,12 @@ class Problem:
     def idle_sides(self) -> tuple[int, ...]:
         """The sides, not free, that provably carry no contact: sup g < ess inf f / c = a there.
 
-        For u >= a, with k = c = 1: with w = (a - u)_+, v = u + w >= g is admissible, so (u, w)_1 >= (f, w)_0
-        >= a int w; but (u, w)_1 = -|grad w|^2 + int u w = a int w - ||w||_1^2, so w = 0, whatever holds on
-        the other sides. Where g < a <= u complementarity then gives lambda = 0. u_h obeys no such principle
-        and may touch g there, so that to leave these sides out changes Lambda_H, and the discrete solution
-        with it. Both bounds are guaranteed, by interval arithmetic; a side that they do not decide is not
-        idle.
+        For u >= a where q >= 0, with k = c = 1: with w = (a - u)_+, v = u + w >= g is admissible, so
+        (u, w)_1 >= (f, w)_0 + int q w >= a int w; but (u, w)_1 = -|grad w|^2 + int u w = a int w - ||w||_1^2,
+        so w = 0, whatever holds on the other sides. Where q may be below 0 nothing is known. Where g < a <= u
+        complementarity then gives lambda = 0. u_h obeys no such principle and may touch g there, so that to
+        leave these sides out changes Lambda_H, and the discrete solution with it. Both bounds are guaranteed,
+        by interval arithmetic; a side that they do not decide is not idle.
         """
         sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
         return tuple(side for side in sides if self.enclosed_obstacle.range(side)[1] < self.least)

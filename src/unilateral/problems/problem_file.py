@@ -15,7 +15,7 @@ from unilateral import declarations
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import kinks, number, parse, pos, substituted
 from unilateral.formulas.positive import rounded
-from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon
+from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.problem import Problem, curve
@@ -51,9 +51,24 @@ def load(name: str) -> Problem:
     """The problem declared in a YAML file.
 
     Raises InputError, with the field, for what the schema does not allow, for a polygon that is not simple
-    and anticlockwise, and for f and g that are not finite, not smooth enough, or do not fit together.
+    and anticlockwise, and for f, g and q that are not finite, not smooth enough, or do not fit together.
     """
     return made(declarations.read(Path(name), name), name)
+
+
+def polygon_of(name: str) -> Polygon:
+    """The polygon of that name, or the one in a YAML file, whose field `polygon` is that of a problem.
+
+    Raises InputError as for a problem.
+    """
+    file = None if name in names() else declarations.file_of(name)
+    if file is None:
+        return named(name)
+    declaration = declarations.read(file, name)
+    if not isinstance(declaration, dict) or "polygon" not in declaration:
+        raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
+    found = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
+    return Polygon(found.vertices, file.name)
 
 
 def made(declaration: Any, name: str) -> Problem:
@@ -74,7 +89,8 @@ def made(declaration: Any, name: str) -> Problem:
     free = _free_sides(declaration, polygon, name)
     f = _formula(declaration["f"], f"{name}, field f")
     g = _obstacles(declaration["g"], exact, free, f"{name}, field g")
-    problem = Problem(Path(name).stem, polygon, f, g, free, units)
+    q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{name}, field q")
+    problem = Problem(Path(name).stem, polygon, f, g, free, units, q)
     try:
         scaled_polygon(problem)
     except InputError as error:
@@ -137,13 +153,41 @@ def _obstacles(
     return tuple(found)
 
 
+def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[sympy.Expr, ...]:
+    """q on every side as a formula in x, y; 0 where there is none. One formula is for all free sides."""
+    if isinstance(given, list) and len(given) != n:
+        raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
+    if not isinstance(given, list):
+        formula = _flux(given, where)
+        if formula != 0 and not free:
+            raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
+        return tuple(formula if side in free else sympy.Integer(0) for side in range(n))
+    held = [side for side, text in enumerate(given) if text is not None and side not in free]
+    if held:
+        raise InputError(
+            f"{where}[{held[0]}]: side {held[0]} is not free; write null, or name it in free_sides"
+        )
+    return tuple(_flux(text, f"{where}[{side}]") for side, text in enumerate(given))
+
+
+def _flux(text: object, where: str) -> sympy.Expr:
+    """A formula in x, y that may jump; 0 where there is none."""
+    return _plain(0 if text is None else text, where)
+
+
+def _plain(text: object, where: str) -> sympy.Expr:
+    """A formula in x, y without logarithms and roots."""
+    found = parse(text, ("x", "y"), where)
+    if found.has(sympy.log):
+        raise InputError(f"{where}: log is not allowed here")
+    if _fractional(found):
+        raise InputError(f"{where}: write a fractional power as pos(a, k)")
+    return found
+
+
 def _formula(text: object, where: str) -> sympy.Expr:
     """A formula in x, y whose kinks can be found."""
-    f = parse(text, ("x", "y"), where)
-    if f.has(sympy.log):
-        raise InputError(f"{where}: log is not allowed here")
-    if _fractional(f):
-        raise InputError(f"{where}: write a fractional power as pos(a, k)")
+    f = _plain(text, where)
     for power in sorted(f.atoms(pos), key=str):
         try:
             curve(power.args[0])
@@ -158,7 +202,7 @@ def _fractional(formula: sympy.Expr) -> bool:
 
 
 def _check(problem: Problem, name: str) -> None:
-    """f and g finite, and g the same on both sides of a vertex: else no u in H^1 has that trace.
+    """f, g and q finite, and g the same on both sides of a vertex: else no u in H^1 has that trace.
 
     Their sizes are looked at in the units that are computed in.
     """
@@ -173,6 +217,9 @@ def _check(problem: Problem, name: str) -> None:
         largest = max(largest, *map(abs, obstacle.range(side)))
         _check_size(largest / units.value, unit, f"{name}, field g", f"on side {side}", least=0.0)
     _check_size(largest / units.value, unit, f"{name}, field g", "on all sides")
+    for side in problem.flux_sides:
+        size = max(map(abs, problem.enclosed_flux.range(side))) / units.flux
+        _check_size(size, unit, f"{name}, field q", f"on side {side}")
     for side, before in ((side, (side - 1) % n) for side in constrained):
         end, start, doubt = obstacle.at_vertex(side)
         if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
@@ -183,7 +230,7 @@ def _check(problem: Problem, name: str) -> None:
 
 
 def _check_size(size: float, unit: float, where: str, place: str, least: float = SMALLEST) -> None:
-    """|f| or |g| in the polygon whose area is the square of `unit`."""
+    """|f|, |g| or |q| in the polygon whose area is the square of `unit`."""
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
     if size * max(unit, 1.0) > LARGEST or (size > ZERO and size * min(unit, 1.0) < least):

@@ -1,8 +1,8 @@
-"""Problems whose f and g are functions of one's own, known in points only: nothing is guaranteed for them."""
+"""Problems whose f, g and q are functions of one's own, known in points only: nothing is guaranteed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,9 +17,10 @@ Function = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """(1.1)-(1.2) in the `units` of k and c, with du/dn = 0 in place of (1.2) on `free_sides`.
+    """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
-    `f` takes arrays x, y of one shape and returns that shape; so does `g`, one per side.
+    `f` takes arrays x, y of one shape and returns that shape; so do `g` and `q`, one per side; without any q
+    it is 0.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Sampled:
     g: tuple[Function, ...]
     free_sides: tuple[int, ...] = ()
     units: Units = field(default_factory=Units)
+    q: tuple[Function, ...] = ()
 
     def source(self, points: Array) -> Array:
         """f (...) at points (..., 2); raises InputError where it is no finite number."""
@@ -35,10 +37,17 @@ class Sampled:
 
     def obstacle(self, side: Index, s: Array) -> Array:
         """g (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
+        held = set(range(self.polygon.n_sides)) - {*self.free_sides}
+        return self._on_sides({i: self.g[i] for i in held}, "g", side, s)
+
+    def flux(self, side: Index, s: Array) -> Array:
+        """q (k,) there, 0 on sides that are not free."""
+        return self._on_sides({i: self.q[i] for i in self.free_sides if self.q}, "q", side, s)
+
+    def _on_sides(self, functions: Mapping[int, Function], name: str, side: Index, s: Array) -> Array:
         points, found = self.polygon.at(side, s), np.zeros(len(s))
-        for i in np.unique(side).tolist():
-            if i not in self.free_sides:
-                found[side == i] = values(self.g[i], points[side == i], f"{self.name}, field g[{i}]")
+        for i in np.intersect1d(side, [*functions]).astype(int).tolist():
+            found[side == i] = values(functions[i], points[side == i], f"{self.name}, field {name}[{i}]")
         return found
 
 

@@ -14,8 +14,10 @@ from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import EPS, Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems import flux
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
+from unilateral.problems.flux import Flux
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
@@ -70,6 +72,15 @@ class Scaled:
         least -= 4 * EPS * abs(least)
         return enclosed(self.polygon, self.obstacle_model, self.free_sides, least)
 
+    def flux_model(self, side: Index, t: Model) -> Model:
+        """c^{-1/2} q on intervals of the sides (k,), t the arc length in side lengths, which stays."""
+        return self.of.flux_model(side, t).scaled(1 / self.of.units.flux)
+
+    @cached_property
+    def enclosed_flux(self) -> Flux:
+        """c^{-1/2} q on free sides, enclosed."""
+        return flux.enclosed(self.polygon, self.flux_model, self.of.flux_sides)
+
 
 def scaled_polygon(of: Problem | Sampled) -> Polygon:
     """Raises InputError for one that is too large or too small."""
@@ -94,8 +105,11 @@ def scaled(problem: Case | Problem | Sampled) -> Data | Sampled:
 def _scaled_functions(of: Sampled) -> Sampled:
     """The same with functions; what they refuse is told at the user's points."""
     f = _moved(of, of.f, f"{of.name}, field f", of.units.load)
-    g = tuple(_moved(of, each, f"{of.name}, field g[{i}]", of.units.value) for i, each in enumerate(of.g))
-    return Sampled(of.name, scaled_polygon(of), f, g, of.free_sides)
+    g, q = (
+        tuple(_moved(of, each, f"{of.name}, field {name}[{i}]", unit) for i, each in enumerate(functions))
+        for name, functions, unit in (("g", of.g, of.units.value), ("q", of.q, of.units.flux))
+    )
+    return Sampled(of.name, scaled_polygon(of), f, g, of.free_sides, q=q)
 
 
 def _moved(of: Sampled, function: Function, where: str, unit: float) -> Function:

@@ -1,7 +1,7 @@
 """Constant coefficients: -k lap u + c u = f is (1.1) in other units of length, u and flux.
 
 Let v(X) = k^{1/2} u(x) for X = (c/k)^{1/2} x. Then -lap v + v = k^{1/2} f / c, and u >= g is v >= k^{1/2} g.
-With lambda = k du/dn, dv/dN is c^{-1/2} lambda. For v and w made of u and z
+With lambda = k du/dn, dv/dN is c^{-1/2} lambda, as a given flux is c^{-1/2} q. For v and w made of u and z
 
     (v, w)_1 = k (grad u, grad z)_0 + c (u, z)_0,   <dv/dN, w> = <lambda, z>,
 

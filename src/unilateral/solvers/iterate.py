@@ -1,9 +1,9 @@
-"""The choice of the algorithm, and when it stops."""
+"""The iteration, by the algorithm that is asked for."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,37 +11,8 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.steps import STEPS
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
-
-ALGORITHMS = ("auto", *STEPS, "active_set", "multigrid")
-
-
-@dataclass(frozen=True)
-class Stop:
-    """When and how the iteration ends.
-
-    `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
-    `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is multigrid on
-    large meshes, the active set where S is singular, Nesterov where no rho is given and more than
-    `max_steps` plain steps are predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and
-    a rho without a use.
-    """
-
-    fraction: float = 0.01
-    tolerance: float | None = None
-    max_steps: int = 200_000
-    algorithm: str = "auto"
-    rho: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.algorithm not in ALGORITHMS:
-            known = ", ".join(ALGORITHMS)
-            raise InputError(f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}")
-        if self.algorithm in ("active_set", "multigrid") and self.rho is not None:
-            raise InputError(
-                f"the algorithm {self.algorithm} has no step rho; leave rho out, or take uzawa or nesterov"
-            )
 
 
 def iterate(

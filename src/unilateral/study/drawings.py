@@ -23,10 +23,11 @@ STUDIES = ("adaptive", "algorithm", "cost", "extremes", "sharpness")
 class Drawing(NamedTuple):
     """A figure: `reads` are files of results, and `arguments` what else the module's `table` is given.
 
-    `cases` are the cases that it names.
+    `shows` says what it shows, and `cases` are the cases that it names.
     """
 
     module: str
+    shows: str
     reads: dict[str, str | list[str]]
     arguments: dict[str, Any]
     cases: list[str]
@@ -56,6 +57,7 @@ def _drawing(entry: Fields, scene: str, study: Fields) -> Drawing:
     cases = [*given.get("cases", []), *([given["case"]] if "case" in given else [])]
     return Drawing(
         module=entry["module"],
+        shows=entry["shows"],
         reads={key: _files(files, scene, study["surveys"]) for key, files in entry["reads"].items()},
         arguments={key: _fields(where, scene, study) for key, where in entry["study"].items()} | given,
         cases=list(dict.fromkeys(cases)),

@@ -8,8 +8,10 @@ all before it, which other readers of netCDF pass over.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-from collections.abc import Hashable, Sequence
+import platform
+from collections.abc import Hashable, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -65,8 +67,13 @@ def along_ratio(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
     return table.isel(mesh=xr.DataArray(mesh, dims="run"), partition=xr.DataArray(partition, dims="run"))
 
 
-def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
-    """Write a table as netCDF with its variables described, its provenance, and no time stamp."""
+def save(
+    table: xr.Dataset, path: str | os.PathLike[str], scene: str, parameters: Mapping[str, Any] | None = None
+) -> None:
+    """Write a table as netCDF with its variables described, its provenance, and no time stamp.
+
+    `parameters` are those of the configuration that it was made with; they are kept as JSON.
+    """
     table = table.copy()
     for name, variable in table.variables.items():
         if name in VARIABLES:
@@ -79,7 +86,9 @@ def save(table: xr.Dataset, path: str | os.PathLike[str], scene: str) -> None:
         "history": f"made by unilateral {__version__}",
         "scene": scene,
         "unilateral": __version__,
+        "python": platform.python_version(),
         "libraries": libraries,
+        "parameters": json.dumps(parameters or {}, sort_keys=True),
         "source": SOURCE,
     }
     with replacing(path) as temporary:

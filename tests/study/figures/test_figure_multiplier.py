@@ -1,10 +1,11 @@
 """The figure of the worst multipliers: their table from a made-up survey, and its numbers."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from matplotlib.patches import StepPatch
-from pages import page, said, table
+from pages import drawn, page, said, table
 
 from unilateral.errors import InputError
 from unilateral.study import tables
@@ -46,11 +47,20 @@ def test_multipliers_and_their_beta_are_those_of_the_table():
     betas = [rows["beta"][rows["h_over_H"] == ratio].iloc[0] for ratio in ratios]
     shown = [text.partition("\n")[2] for text in texts if "beta" in text]
     assert shown == [rf"$\beta={beta:.3f}$" if beta else r"$\beta=0$" for beta in betas]
-    names = ["bottom", "right", "top", "left"]
-    assert [text for text in texts if text in names] == names
+    names = [f"side {side}" for side in range(4)]
+    assert [text for text in texts if text.startswith("side")] == names
     for axes, ratio in zip(figure.axes, ratios, strict=True):
         outline = [patch for patch in axes.patches if isinstance(patch, StepPatch)][-1]
         values, edges, _ = outline.get_data()
         of_ratio = rows[rows["h_over_H"] == ratio]
         assert values == pytest.approx(of_ratio["mu"].to_numpy(), rel=1e-12)
         assert edges == pytest.approx([*of_ratio["s"], 4.0])
+
+
+def test_a_polygon_with_other_sides_is_drawn_with_all_of_them():
+    """An L-shape has six, of which the longest are twice as long."""
+    ends = np.array([0, 1, 2, 3, 4, 6, 8])
+    rows = pd.DataFrame({"h_over_H": 0.5, "beta": 0.7, "side": range(6), "s": ends[:-1], "end": ends[1:]})
+    figure, _ = drawn("multiplier", rows.assign(mu=[1, -1, 1, -1, 1, -1]))
+    assert [text for text in said(figure) if text.startswith("side")] == [f"side {k}" for k in range(6)]
+    assert figure.axes[0].get_xlim() == (0, 8)

@@ -5,6 +5,7 @@ from math import sqrt, tanh
 import numpy as np
 import pytest
 from conftest import discrete
+from pages import committed, drawn
 
 from unilateral.discrete import solve
 from unilateral.geometry.polygon import named
@@ -73,3 +74,13 @@ def test_no_contact_has_none():
     boundary = portrait.table("square", "no_contact", "1/8", "1/4")
     assert set(boundary["contact"].dropna()) == {0}
     assert np.all(boundary["computed"][boundary["kind"] == "multiplier"] == 0)
+
+
+def test_the_bar_of_colours_is_as_high_as_the_picture():
+    """Of a solution twice as wide as high, too."""
+    rows = committed("portrait")
+    figure, _ = drawn("portrait", rows.assign(x=2 * rows["x"]))
+    figure.draw_without_rendering()
+    picture, bar = (axes.get_window_extent() for axes in (figure.axes[0], figure.axes[0].child_axes[0]))
+    assert (bar.y0, bar.y1) == pytest.approx((picture.y0, picture.y1))
+    assert picture.height < 0.6 * picture.width

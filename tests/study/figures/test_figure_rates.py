@@ -1,9 +1,12 @@
 """The figure of rates: its table from a made-up study, and its numbers."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
-from pages import LEVELS, page, said, study_errors, table
+from matplotlib.ticker import NullFormatter
+from pages import LEVELS, committed, drawn, page, said, study_errors, table
 
 from unilateral.errors import InputError
 from unilateral.study import tables
@@ -52,7 +55,31 @@ def test_rates_are_those_of_the_table():
     texts, rows = said(page("rates")[0]), table("rates")
     runs = rows.groupby(["case", "norm", "h_over_H"])["rate"].first()
     expected = rows.groupby(["case", "norm"])["expected"].first()
-    numbers = [f"{x:.2f}" if np.isfinite(x) else "–" for x in [*runs, *expected]]
-    assert sorted(t for t in texts if t in {*numbers}) == sorted(numbers)
+    numbers = [f"{x:.2f}" for x in [*runs, *expected] if np.isfinite(x)]
+    assert sorted(t for t in texts if re.fullmatch(r"\d\.\d\d", t)) == sorted(numbers)
+    assert texts.count("exact") == 2
     assert texts.count("no_contact: $\\lambda_H=0$ exactly") == 2
     assert not any("natural: " in text for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("errors", "why"), [(np.nan, "error not computed"), (0.0, "exact"), (0.5, "no asymptotic level")]
+)
+def test_a_case_without_a_rate_says_why(errors, why):
+    """Of one case among others the rates are taken away."""
+    rows = committed("rates")
+    of_case = (rows["case"] == "smooth") & (rows["norm"] == "l2")
+    rows.loc[of_case, ["error", "rate", "expected"]] = [errors, np.nan, np.nan]
+    before, after = said(page("rates")[0]), said(drawn("rates", rows)[0])
+    assert after.count(why) == before.count(why) + 1
+
+
+@pytest.mark.parametrize("share", [1.0, 0.01])
+def test_every_panel_has_two_powers_of_ten_and_labels_at_no_other_number(share):
+    """Labels such as 6 x 10^-4 would reach into the next panel; `share` squeezes the errors' exponents."""
+    rows = committed("rates")
+    rows["error"] = 3e-4 * (rows["error"] / rows["error"].max()) ** share
+    for axes in drawn("rates", rows)[0].axes[1:]:
+        low, high = np.log10(axes.get_ylim())
+        assert np.floor(high + 1e-9) - np.ceil(low - 1e-9) >= 1
+        assert isinstance(axes.yaxis.get_minor_formatter(), NullFormatter)

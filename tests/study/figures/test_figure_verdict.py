@@ -12,7 +12,7 @@ from unilateral.study.judge import claims
 def made(folder, records):
     """The table of these claims."""
     (folder / "claims.json").write_text(
-        json.dumps([{"id": "4.1", "margin": 0.37, **each} for each in records])
+        json.dumps([{"id": "4.1", "title": "a title", "margin": 0.37, **each} for each in records])
     )
     return figure_of_verdicts.table(folder / "claims.json")
 
@@ -48,9 +48,20 @@ def test_the_figure_shows_every_claim():
     panels, rows = page("verdict")[0].axes, table("verdict")
     shown = [float(line.get_xdata()[0]) for axes in panels for line in axes.lines]
     assert shown == pytest.approx(rows["margin"].tolist())
-    named = [label.get_text() for axes in panels for label in axes.get_yticklabels()]
-    assert named == rows["label"].tolist()
+    named = [text.get_text() for axes in panels for text in axes.texts]
+    assert named == rows[["id", "title"]].to_numpy().ravel().tolist()
     places = (len(rows) + 1) // 2
     heights = [[float(line.get_ydata()[0]) for line in axes.lines] for axes in panels]
     assert heights[0] == [*range(places - 1, -1, -1)]
     assert heights[1] == heights[0][: len(rows) - places]
+
+
+def test_ids_titles_and_axes_stand_beside_each_other():
+    """No id runs into its title, and no title into the axis: of a title of twice the length it would."""
+    figure = page("verdict")[0]
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        ids, titles, end = boxes[::2], boxes[1::2], axes.get_window_extent().x0
+        assert max(box.x1 for box in ids) < min(box.x0 for box in titles)
+        assert max(box.x1 for box in titles) < end < max(box.x0 + 2 * box.width for box in titles)

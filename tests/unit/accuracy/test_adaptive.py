@@ -8,7 +8,8 @@ from conftest import DATA, load
 from test_sharp import Manufactured, h1_error
 
 from unilateral.accuracy.budget import bulk
-from unilateral.accuracy.level import SHARE, Goal, refinement_pays
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.level import SHARE, refinement_pays
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.adapted import Adapted
@@ -19,7 +20,7 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import h1_distance
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 FIT = 6

@@ -7,12 +7,12 @@ from conftest import DATA, load
 
 from unilateral.accuracy import plan as of_plan
 from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.level import Goal
+from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import levels
 from unilateral.accuracy.plan import plan
 from unilateral.accuracy.search import search
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 
 def problem(name):

@@ -14,7 +14,8 @@ from conftest import DATA, load
 from unilateral import choice
 from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy.budget import wanted_H
-from unilateral.accuracy.level import SHARE, Goal, standing, unknowable
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.level import SHARE, standing, unknowable
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.adapted import Adapted
@@ -29,7 +30,8 @@ from unilateral.nested import Nested
 from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import Stop, iterate
+from unilateral.solvers.iterate import iterate
+from unilateral.solvers.stop import Stop
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 SMOOTH_AND_CONVEX = ("pentagon", "rectangle_free_sides", "square_all_sides", "triangle")

@@ -8,7 +8,7 @@ import pytest
 from conftest import load
 
 from unilateral.accuracy import watch as of_watch
-from unilateral.accuracy.level import Goal
+from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import ENCLOSING, OutOfBudget, Watch
 from unilateral.errors import BudgetError

@@ -5,6 +5,7 @@ powers of ten and two for A and S. Vertices and numbers in formulas are dyadic, 
 look like in floating point, and conditions such as du/dn = 0 hold exactly.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -42,15 +43,17 @@ class Known(NamedTuple):
 
     def flux_moments(self, mesh):
         """(nb,) the moments of lambda with the boundary hats."""
-        return flux_moments(self.u, mesh)
+        return flux_moments(self.u, mesh, self.problem.free_sides)
 
     def boundary(self, side, s):
-        """(k,) u, du/dn and u - g at places s of the sides; on free sides u - g is 1."""
+        """(k,) u, lambda and u - g at places s of the sides; on free ones du/dn less what is given, and 1."""
         polygon, problem = self.problem.polygon, self.problem
         x, y = polygon.at(side, s).T
         u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
         gap = np.choose(side, compile_numpy([self.u - g for g in problem.g], (X, Y))(x, y))
         flux = np.sum(np.column_stack([u_x, u_y]) * polygon.normals[side], axis=1)
+        if problem.q:
+            flux = flux - np.choose(side, compile_numpy(problem.q, (X, Y))(x, y))
         return u, flux, np.where(np.isin(side, problem.free_sides), 1.0, gap)
 
 
@@ -91,6 +94,20 @@ def known(number):
     moved = tuple(Feature((S * level).xreplace(place), float(S * width)) for level, width in features)
     polygon = Polygon((vertices + np.array(a, dtype=float)) * float(S), f"{family.__name__}_{number}")
     return Known(Problem(polygon.name, polygon, f, g, free), (A * u).xreplace(place), moved)
+
+
+def with_fluxes(number):
+    """The same problem with du/dn given on some sides, in contact before or not: all but one at most."""
+    of, rng = known(number), np.random.default_rng([20, number])
+    vertices, free = of.problem.polygon.vertices, of.problem.free_sides
+    held = np.setdiff1d(np.arange(len(vertices)), free)
+    some = rng.choice(held, rng.integers(1, len(held)) if len(held) > 1 else 0, replace=False).tolist()
+    edges = [[exact(c) for c in edge] for edge in np.roll(vertices, -1, axis=0) - vertices]
+    q = tuple(
+        (y * of.u.diff(X) - x * of.u.diff(Y)) / sympy.sqrt(x**2 + y**2) if side in some else sympy.S.Zero
+        for side, (x, y) in enumerate(edges)
+    )
+    return of._replace(problem=replace(of.problem, free_sides=tuple(sorted([*free, *some])), q=q))
 
 
 def at_a_corner(number, folder):

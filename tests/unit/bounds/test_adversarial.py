@@ -12,7 +12,8 @@ import pytest
 import sympy
 from skfem.quadrature import get_quadrature_tri
 
-from unilateral.accuracy.search import Goal, levels
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.search import levels
 from unilateral.bounds import source
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -40,7 +41,7 @@ class Feature(NamedTuple):
 class Adversary(NamedTuple):
     """A solution u with g = u - gap on the unit square moved by `shift`; `features` of u and g.
 
-    `spoil` is a formula that is 0, added to f.
+    `spoil` is a formula that is 0, added to f. On `free` sides du/dn is 0, or it is given there.
     """
 
     u: sympy.Expr
@@ -49,13 +50,19 @@ class Adversary(NamedTuple):
     free: tuple[int, ...] = ()
     shift: int = 0
     spoil: str = ""
+    with_fluxes: bool = False
 
     def declaration(self):
         f = self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
         a = self.shift
         square = [[a, 0], [a + 1, 0], [a + 1, 1], [a, 1]]
         g = "[" + ", ".join("null" if i in self.free else f'"{self.u - self.gap}"' for i in range(4)) + "]"
-        return f"polygon: {square}\nf: {f}{self.spoil}\ng: {g}\nfree_sides: {[*self.free]}\n"
+        of_x, of_y = self.u.diff(X), self.u.diff(Y)
+        fluxes = [
+            f'"{each}"' if i in self.free else "null" for i, each in enumerate((-of_y, of_x, of_y, -of_x))
+        ]
+        q = f"q: [{', '.join(fluxes)}]\n" if self.with_fluxes else ""
+        return f"polygon: {square}\nf: {f}{self.spoil}\ng: {g}\nfree_sides: {[*self.free]}\n{q}"
 
 
 def true_error(of, mesh, u_h):
@@ -103,17 +110,21 @@ def _squares(mesh, functions, corners, parent, value):
 def least_error_of_lambda(of, level):
     """||lambda - lambda_H||_{-1/2,h}, a lower bound."""
     discrete, mesh = level.solved.discrete, level.solved.discrete.mesh
-    load = flux_moments(of.u, mesh) - coupling(mesh, discrete.partition).T @ level.solved.lambda_H
+    load = flux_moments(of.u, mesh, of.free) - coupling(mesh, discrete.partition).T @ level.solved.lambda_H
     return float(np.sqrt(max(load @ condense(mesh).solve_boundary(load), 0.0)))
 
 
-def flux_moments(u, mesh):
-    """(nb,) the moments of lambda = du/dn with the boundary hats, by 2000 points on every edge."""
+def flux_moments(u, mesh, free=()):
+    """(nb,) the moments of lambda = du/dn, 0 on free sides, with the boundary hats.
+
+    By 2000 points on every edge.
+    """
     slopes, x = compile_numpy([u.diff(X), u.diff(Y)], (X, Y)), (np.arange(2000) + 0.5) / 2000
     start, end = mesh.points[mesh.boundary], mesh.points[np.roll(mesh.boundary, -1)]
     at = start[:, None] + x[:, None] * (end - start)[:, None]
     normals = mesh.polygon.normals[mesh.side]
     flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
+    flux = np.where(np.isin(mesh.side, [*free])[:, None], 0.0, flux)
     first, second = (np.diff(mesh.s) * (flux * shape).mean(axis=1) for shape in (1 - x, x))
     return first + np.roll(second, 1)
 
@@ -201,8 +212,30 @@ def neumann(rng):
     return Adversary(1 + bump, sympy.Integer(3), (feature,), free=tuple(sorted(free)))
 
 
-FAMILIES = {of.__name__: of for of in (peaks, waves, kinks, sides, large, neumann)}
-NUMBER = {"peaks": 10, "waves": 8, "kinks": 10, "sides": 10, "large": 6, "neumann": 6}
+def fluxes(rng):
+    """Given fluxes of any sign beside contact: steep from a peak at side 0, or waves with which edges alias.
+
+    A wave that falls like exp(-w y) has no flux through the sides beside; on the others the bowl's outweighs.
+    """
+    free = (0, *sorted(rng.choice([1, 2, 3], rng.integers(0, 3), replace=False).tolist()))
+    if rng.random() < 0.5:
+        width, a = 10.0 ** rng.uniform(-2.5, -1.3), exact(rng.uniform(0.35, 0.65))
+        b, height = (
+            exact(width * rng.uniform(-1.5, 1.5)),
+            exact(width * rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 2)),
+        )
+        square, w = (X - a) ** 2 + (Y - b) ** 2, exact(width)
+        more, feature = height * sympy.exp(-square / w**2), Feature(sympy.sqrt(square), float(w))
+    else:
+        k = 2 ** int(rng.integers(2, 6)) * int(rng.choice([1, 3, 5]))
+        height = exact(rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 1))
+        more = height / k * sympy.cos(k * sympy.pi * X) * sympy.exp(-k * sympy.pi * Y)
+        feature = Feature(Y, 1.0 / k)
+    return Adversary(bowl(rng) + more, sympy.S.Zero, (feature,), free=free, with_fluxes=True)
+
+
+FAMILIES = {of.__name__: of for of in (peaks, waves, kinks, sides, large, neumann, fluxes)}
+NUMBER = {"peaks": 10, "waves": 8, "kinks": 10, "sides": 10, "large": 6, "neumann": 6, "fluxes": 10}
 RANGE = {name: range(n, n + FUZZ) if FUZZ else range(n) for name, n in NUMBER.items()}
 
 

@@ -22,7 +22,7 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 ORDERS = (
     (skfem.ElementTriRT1(), skfem.ElementDG(skfem.ElementTriP0())),

@@ -62,6 +62,17 @@ def test_products_with_a_field_of_bubbles(spaces):
     assert v @ spaces.load_of_gradients(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
 
 
+def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
+    """By Simpson's rule, which is exact for linear times quadratic functions."""
+    rng, mesh = np.random.default_rng(5), spaces.mesh
+    v, flux = rng.standard_normal(spaces.size), rng.standard_normal((len(mesh.boundary), 2))
+    nodal, bubbles = np.split(v[spaces.of_boundary], 2)
+    ends = np.column_stack([nodal, np.roll(nodal, -1)])
+    middle = (ends.mean(axis=1) + bubbles) * flux.mean(axis=1)
+    exact = np.diff(mesh.s) @ (np.sum(ends * flux, axis=1) + 4 * middle) / 6
+    assert v @ spaces.edge_load(flux) == pytest.approx(exact, rel=1e-12)
+
+
 def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
     nodes, nb = spaces.of_boundary[: len(spaces.mesh.boundary)], len(spaces.mesh.boundary)
     contact = np.random.default_rng(3).random(2 * nb) < 0.5

@@ -8,15 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_problems import at_a_corner, known
+from random_problems import at_a_corner, known, with_fluxes
 from test_adversarial import FUZZ, SIZE, true_errors
 
-from unilateral.accuracy.level import Goal
+from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds import local, source
 from unilateral.bounds.forces import forces
+from unilateral.bounds.given import given
 from unilateral.choice import condensed
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm
@@ -24,9 +25,10 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.structured import natural_kind
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 FORMULAS = range(5 * FUZZ) if FUZZ else (0, 4, 8, 20, 22, 26, 32, 39, 42, 48)
+FLUXES = range(2 * FUZZ) if FUZZ else (0, 1, 2, 7, 20)
 CORNERS = range(FUZZ) if FUZZ else (1,)
 SEARCHES = range(FUZZ) if FUZZ else (4, 8, 22)
 """Numbers of problems: all, or some that take about a second."""
@@ -39,7 +41,11 @@ MOST = 1000
 
 
 def made(kind, number, folder):
-    return known(number) if kind == "formula" else at_a_corner(number, folder)
+    return (
+        {"formula": known, "flux": with_fluxes}[kind](number)
+        if kind != "corner"
+        else at_a_corner(number, folder)
+    )
 
 
 def solutions(problem, rng):
@@ -87,7 +93,8 @@ def outcomes(of, solved, rng):
     moments, on_mesh, to_mesh = of.flux_moments(mesh), condense(mesh), coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in tried])
     for (u_h, lambda_H), error in zip(tried, errors, strict=True):
-        bound = local.local_bound(of_f, g, cells, u_h, lambda_H, problem.free_sides)
+        tau = given(problem.enclosed_flux, mesh)
+        bound = local.local_bound(of_f, g, cells, u_h, lambda_H, problem.free_sides, tau)
         rest = moments - to_mesh @ lambda_H
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         yield bound, error, max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area))
@@ -110,7 +117,8 @@ def _few_pieces(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("kind", "number"), [("formula", n) for n in FORMULAS] + [("corner", n) for n in CORNERS]
+    ("kind", "number"),
+    [("formula", n) for n in FORMULAS] + [("flux", n) for n in FLUXES] + [("corner", n) for n in CORNERS],
 )
 def test_no_bound_is_below_a_true_error(tmp_path, kind, number):
     assert not violations(made(kind, number, tmp_path), np.random.default_rng([17, number]))
@@ -137,9 +145,11 @@ def forces_outside(of, rng, share=1.0):
     return wrong
 
 
-@pytest.mark.parametrize("number", FORMULAS)
-def test_no_force_lies_outside(number):
-    assert not forces_outside(known(number), np.random.default_rng([19, number]))
+@pytest.mark.parametrize(
+    ("kind", "number"), [("formula", n) for n in FORMULAS] + [("flux", n) for n in FLUXES]
+)
+def test_no_force_lies_outside(kind, number):
+    assert not forces_outside(made(kind, number, None), np.random.default_rng([19, number]))
 
 
 def test_a_force_outside_is_noticed():
@@ -183,7 +193,8 @@ def test_the_quadrature_of_the_true_error(number):
 
 
 @pytest.mark.parametrize(
-    ("kind", "number"), [("formula", n) for n in FORMULAS] + [("corner", n) for n in CORNERS]
+    ("kind", "number"),
+    [("formula", n) for n in FORMULAS] + [("flux", n) for n in FLUXES] + [("corner", n) for n in CORNERS],
 )
 def test_the_random_solutions_solve_their_problems(tmp_path, kind, number):
     """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""

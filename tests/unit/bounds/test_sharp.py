@@ -247,9 +247,10 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     spaces, every = quadratic(mesh), np.ones(len(mesh.boundary), dtype=bool)
     away = bounds._away(spaces, of_source, u_h, flux.ends)
     lift, found = lifting.lifting(mesh, problem.enclosed(), u_h, flux, every), []
+    load_of_v = spaces.load(of_source.f_h)
     for most in (1, 50):
         monkeypatch.setattr(bounds, "MOST_STEPS", most)
-        d, phi, _ = bounds._descended(lift, away, of_source.f_h, 0.0)
+        d, phi, _ = bounds._descended(lift, away, load_of_v, 0.0)
         turned = away.turned(phi)
         misfit = bounds.squares(mesh.areas, turned.hats + spaces.gradient(d), turned.bubbles)
         found.append(np.sqrt(misfit.sum()))

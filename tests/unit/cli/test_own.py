@@ -80,13 +80,25 @@ def test_check_shows_coefficients_and_sides_without_contact(run, problem_file_of
     assert "no contact" not in run("check", problem_file_of(f="1", g="0.6", c="2"))[1]
 
 
+def test_check_shows_the_flux_on_free_sides(run, problem_file_of):
+    """q of side 1 is y (1 - y), at most 1/4 at y = 1/2 and on 200 points next to it; side 2 has none."""
+    free = {"g": "[0, null, null, 0]", "free_sides": "[1, 2]", "q": '[null, "y*(1 - y)", null, null]'}
+    out = run("check", problem_file_of(f="1", **free))[1]
+    assert "length 1: free, du/dn = y*(1 - y), from 0 to 0.25\n" in out
+    assert "length 1: free, du/dn = 0\n" in out
+    assert (
+        "length 1: free, k du/dn = y*(1 - y), from" in run("check", problem_file_of(f="1", k="2", **free))[1]
+    )
+
+
 def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     """Numbers 0 to 4, three dashed sides, and g = sin(pi x)/4 along the first side; the same bytes twice."""
-    top, bottom, _ = drawn(problem_file.load(SHELTER)).axes
+    top, bottom, *_ = drawn(problem_file.load(SHELTER)).axes
     assert [text.get_text() for text in top.texts] == list("01234")
     assert [line.get_linestyle() for line in top.lines] == ["-", "-", "--", "--", "--"]
     s, g = bottom.lines[0].get_data()
     assert g == pytest.approx(np.sin(np.pi * s) / 4, abs=1e-12)
+    assert [line.get_linestyle() for line in bottom.lines[:5]] == ["-", "-", "--", "--", "--"]
     pictures = [tmp_path / name for name in ("a.svg", "b.svg")]
     for picture in pictures:
         assert run("check", SHELTER, "--out", str(picture))[0] == 0

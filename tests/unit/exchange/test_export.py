@@ -9,9 +9,11 @@ import pytest
 import xarray as xr
 from conftest import load
 
+import unilateral as ul
 from unilateral.cli import main
 from unilateral.exchange.export import LEVEL_FILES, export
 from unilateral.exchange.formulas import DEFINITIONS, formulas
+from unilateral.exchange.read import exported
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry import mesh_files, polygon
@@ -84,11 +86,13 @@ def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
     level, case = folder / "level_1", load("natural")
     mesh = mesh_files.read(level / "mesh.vtu", case.polygon)
     rule = xr.load_dataset(level / "quadrature.nc")
+    nodes = pd.read_csv(level / "nodes.csv")
     moments = np.zeros((len(mesh.triangles), 3))
     weighted = (rule.weight * rule.f).values[:, None] * rule.barycentric.values
     np.add.at(moments, rule.triangle.values, weighted)
     expected = p1_load(mesh, case_moments(case, mesh))
     np.testing.assert_allclose(p1_load(mesh, moments), expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(nodes.load, expected, rtol=1e-12, atol=1e-14)
     cells = pd.read_csv(level / "partition.csv")
     cell = np.searchsorted(cells.start, rule.s.values, side="right") - 1
     integrals = np.bincount(cell, (rule.boundary_weight * rule.g).values)
@@ -113,6 +117,12 @@ def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
         (("natural", "--mesh", "none.msh"), "there is no file 'none.msh'"),
         (("natural", "--h", "1/4", "--levels", "99"), "99 is more than 12"),
         (("examples/shelter.yaml", "--h", "1/4"), "declares a problem"),
+        (("natural", "--polygon", "lshape", "--h", "1/4"), "is for square, not for 'lshape'"),
+        (("thirds", "--polygon", "lshap", "--h", "1/4"), "did you mean lshape"),
+        (("thirds", "--polygon", "examples/score_scikit_fem.py", "--h", "1/4"), "does not end in .yaml"),
+        (("thirds", "--polygon", "manufactured/thirds.yaml", "--h", "1/4"), "the field polygon is missing"),
+        (("thirds", "--side", "4", "--h", "1/4"), "has the sides 0 to 3, not 4"),
+        (("thirds", "--free-sides", "0", "--h", "1/4"), "has contact on side 0"),
     ],
 )
 def test_bad_input_is_one_error_and_leaves_nothing(arguments, message, tmp_path, capsys):
@@ -121,6 +131,78 @@ def test_bad_input_is_one_error_and_leaves_nothing(arguments, message, tmp_path,
     assert (code, error.count("\n")) == (2, 1)
     assert message in error
     assert not list(tmp_path.iterdir())
+
+
+def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, capsys):
+    """Only lines; and a file without anything, on which meshio gives up in words of its own."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.0]])
+    lines = [("line", np.array([[0, 1], [1, 2], [2, 0]]))]
+    meshio.write(tmp_path / "lines.vtu", meshio.Mesh(corners, lines))
+    meshio.write(tmp_path / "empty.vtk", meshio.Mesh(np.zeros((0, 3)), []))
+    for name, words in (
+        ("lines.vtu", "the file has no triangles"),
+        ("empty.vtk", "not what its ending says"),
+    ):
+        options = ["--mesh", str(tmp_path / name), "--H", "1/2", "--out", str(tmp_path / "out")]
+        assert main(["export", "natural", *options]) == 2
+        error = capsys.readouterr().err
+        assert words in error
+        assert "shape" not in error
+        assert "index" not in error
+
+
+POLYGON = "polygon: [[0, 0], [2, 0], [1/2, 3/2], [-1, 1]]\n"
+
+
+def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
+    """Its files say the polygon and the side; nothing is asked of the free sides, and the case is read again.
+
+    Its own solution of what is read scores without a fault. One that held g on the free sides, too, would be
+    another one where the case has no contact but g were not below u.
+    """
+    (tmp_path / "own.yaml").write_text(POLYGON)
+    options = ["--polygon", str(tmp_path / "own.yaml"), "--free-sides", "2,3", "--h", "1/8", "--H", "1/4"]
+    folder = str(tmp_path / "out")
+    assert main(["export", "thirds", *options, "--levels", "2", "--out", folder]) == 0
+    case, levels = exported(folder)
+    np.testing.assert_array_equal(case.polygon.vertices, [[0, 0], [2, 0], [0.5, 1.5], [-1, 1]])
+    assert (case.side, case.free_sides) == (0, (2, 3))
+    assert "On the sides 2, 3 there is no obstacle" in (tmp_path / "out/README.md").read_text()
+    nodes, cells = (pd.read_csv(f"{folder}/level_1/{name}.csv") for name in ("nodes", "partition"))
+    vertices = case.polygon.starts
+    assert nodes.g[nodes.s == 0].notna().all()  # between side 3, free, and side 0
+    assert nodes.g[nodes.s > vertices[2]].isna().all()
+    assert nodes.g[nodes.s <= vertices[2]].notna().all()
+    assert (cells.g_mean.isna() == cells.side.isin([2, 3])).all()
+    solved = ul.solve(case, H=levels[1].cells.H, mesh=levels[1].mesh)
+    solved.save(tmp_path / "solution.nc")
+    assert main(["score", folder, str(tmp_path / "solution.nc"), "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out.splitlines()[-1])["solutions"]
+    assert (one["faults"], one["level"]) == ([], "level_1")
+    assert one["errors"]["h1"] == pytest.approx(solved.errors.h1, rel=1e-12)
+
+
+def test_a_side_is_where_the_case_is(tmp_path):
+    """`thirds` on side 4 of the L-shape, which is 2 long, has its contact from 1/3 to 7/12 of that."""
+    options = [
+        "--polygon",
+        "lshape",
+        "--side",
+        "4",
+        "--h",
+        "1/4",
+        "--H",
+        "1/2",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(["export", "thirds", *options]) == 0
+    case, _ = exported(tmp_path / "out")
+    t = np.array([0.3, 0.4, 0.57, 0.6])
+    _, flux, _ = case.boundary(np.full(4, 4), 2 * t)
+    assert (flux > 1e-9).tolist() == [False, True, True, False]  # but for rounding
+    problem = json.loads((tmp_path / "out/problem.json").read_text())
+    assert {point["side"] for point in problem["lambda_is_a_fractional_power_at"]} == {4}
 
 
 def test_a_folder_that_is_there_is_not_touched(folder, capsys):

@@ -160,9 +160,9 @@ def test_u_alone_is_scored(scored):
     ("of_u", "of_lambda", "fault"),
     [
         (1, -1, "the multiplier has the wrong sign"),
-        (1, 2, "the multiplier has the wrong scale: 0.5"),
-        (-1, 1, "u has the wrong sign"),
-        (2, 1, "u has the wrong scale: 0.5"),
+        (1, 2, "the multiplier has the wrong scale: 2 times"),
+        (-1, 1, "u, or the load, has the wrong sign"),
+        (2, 1, "u, or the load, has the wrong scale: 2 times"),
     ],
 )
 def test_a_wrong_sign_or_scale_is_named(scored, of_u, of_lambda, fault):
@@ -248,6 +248,9 @@ def spoilt(what, points):
         return pd.concat([table, table.tail(1).assign(u=9.0)])
     if what == "name":
         return table.rename(columns={"u": "v"})
+    if what == "huge":
+        table.loc[7, "u"] = 1e200
+        return table
     table.loc[7, "u" if what == "NaN" else "x"] = np.nan
     return table
 
@@ -258,6 +261,7 @@ def spoilt(what, points):
         ("missing", "1 of the 289 nodes of level_2 are missing"),
         ("mesh", "another mesh"),
         ("NaN", "u is nan at point 7"),
+        ("huge", "u is 1e+200 at point 7"),
         ("place", "point 7 has the place (nan"),
         ("twice", "u has two values at"),
         ("name", "x, y and u are needed"),
@@ -279,11 +283,18 @@ def test_a_file_without_multipliers_is_named(folder, tmp_path, capsys):
     assert "the columns start, end and multiplier are needed" in capsys.readouterr().err
 
 
+def test_every_solution_has_a_file_of_multipliers_or_none(folder, capsys):
+    """One for two solutions could be meant for either."""
+    files = ["--multiplier", "cells.csv"]
+    assert main(["score", str(folder), "a.vtu", "b.vtu", *files]) == 2
+    assert "--multiplier names 1 files for 2 solutions; repeat it" in capsys.readouterr().err
+
+
 def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys):
     own(*FINEST).save(tmp_path / "own.nc")
     with xr.open_dataset(tmp_path / "own.nc") as found:
         found.load().assign(multiplier=-found.multiplier).to_netcdf(tmp_path / "spoilt.nc")
-    assert main(["score", str(folder), str(tmp_path / "spoilt.nc")]) == 0
+    assert main(["score", str(folder), str(tmp_path / "spoilt.nc")]) == 1
     assert "spoilt.nc: the multiplier has the wrong sign" in capsys.readouterr().out
     assert main(["score", str(folder), str(tmp_path / "own.nc"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

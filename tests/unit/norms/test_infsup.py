@@ -20,7 +20,8 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Bounds, dual_norm
-from unilateral.norms.infsup import infsup, of_runs, resolution, worst_multiplier
+from unilateral.norms.infsup import infsup, of_runs, worst_multiplier
+from unilateral.norms.resolution import resolution
 
 RECTANGLE = Polygon(np.array([[0, 0], [1.7, 0], [1.7, 1], [0, 1]]), "rectangle")
 ZERO = 1e-12  # of beta^2: the design's bound where theory says 0; rounding gives 1e-15

@@ -10,6 +10,7 @@ from scipy.linalg import eigh
 from skfem.models.poisson import laplace, mass, unit_load
 from test_dual import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
 
+from unilateral.fem.condense import matrix
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
@@ -22,6 +23,7 @@ from unilateral.norms.oscillation import (
     has_square,
     oscillation_bound,
     trace_constants,
+    value_constants,
 )
 from unilateral.norms.reference import reference_spaces
 
@@ -186,6 +188,37 @@ def test_half_a_wave_per_edge_needs_the_greater_constant():
     assert of_squares == pytest.approx(true * sqrt(used[:n].mean()), rel=5e-3)
     too_small = oscillation_bound(mesh, triangle, squares * used[:, None])[0]
     assert too_small < 0.75 * true * sqrt(used[:n].mean())
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 30.0])
+@pytest.mark.parametrize(
+    "corners", [[(0, 0), (1, 0), (0, 1)], [(0, 0), (1, 0), (3, 0.4)], [(0, 0), (1, 0), (0.5, 6)]]
+)
+def test_the_constant_for_values_on_an_edge(corners, size):
+    """Against the largest quotient over P1 on a triangle refined four times, which is below the best one.
+
+    Three edges share the triangle: three times the constant. Control: a third of it is too small on small
+    triangles, where the best quotient is that of 1, |e|/|T|.
+    """
+    polygon = Polygon(size * np.array(corners, dtype=float), "triangle")
+    mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
+    found = value_constants(mesh, mesh.boundary_triangles) / 3
+    fine = meshes.refine(mesh, 4)
+    A, trace = matrix(fine).toarray(), boundary_mass_of_sides(fine)
+    for side, constant in enumerate(found):
+        best = eigh(trace[side], A, eigvals_only=True)[-1]
+        assert best <= constant
+        if size == 0.01:
+            assert constant / 3 < best
+
+
+def boundary_mass_of_sides(mesh):
+    """(3, n, n) L2 products of traces on the sides."""
+    found, start = np.zeros((3, mesh.n_nodes, mesh.n_nodes)), mesh.boundary
+    end = np.roll(start, -1)
+    for i, j, times in ((start, start, 2), (end, end, 2), (start, end, 1), (end, start, 1)):
+        np.add.at(found, (mesh.side, i, j), times * np.diff(mesh.s) / 6)
+    return found
 
 
 @pytest.mark.parametrize("name", POLYGONS)

@@ -58,8 +58,11 @@ def test_bounds_are_those_of_the_scaled_problem(pair):
 
 
 def test_the_data_of_the_scaled_problem_are_enclosed():
-    """f' = k^{1/2} f / c and g' = k^{1/2} g at the scaled point, by hand; a wrong factor is outside."""
-    problem = ul.Problem(PLATE, f="1 + 500*x*y", g="x*1000", k=9, c="1/4")
+    """f' = k^{1/2} f / c, g' = k^{1/2} g and q' = c^{-1/2} q at the scaled point, by hand.
+
+    A wrong factor is outside.
+    """
+    problem = ul.Problem(PLATE, f="1 + 500*x*y", g="x*1000", free_sides=[2], q="2000*x", k=9, c="1/4")
     data, length = scaled(problem), 6.0
     x, y = np.array([2e-4, 7e-4]), np.array([5e-4, 1e-4])
     point = [affine(basis(2, 3), each / length, np.zeros((2, 2)), (each / length,) * 2) for each in (x, y)]
@@ -71,6 +74,10 @@ def test_the_data_of_the_scaled_problem_are_enclosed():
     lower, upper = data.obstacle_model(np.array([0]), t).range
     assert lower <= 3 * 0.25 <= upper
     assert upper - lower == pytest.approx(0, abs=1e-12)
+    lower, upper = data.flux_model(np.array([2]), t).range
+    assert lower <= 2 * 2 * 0.75 <= upper
+    assert upper - lower == pytest.approx(0, abs=1e-12)
+    assert data.enclosed_flux.range(2) == pytest.approx((0, 4), abs=1e-12)
 
 
 @pytest.mark.parametrize(("k", "c"), [(2, "3000000"), ("1/7", "100000"), (1, "50")])

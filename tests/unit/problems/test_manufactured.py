@@ -1,14 +1,11 @@
 """manufactured/README.md: its example is a case, and what it quotes is what the tool says."""
 
-import re
-
 import pytest
-from conftest import ROOT
+from documents import blocks
 
 from unilateral import cli
 
-TEXT = (ROOT / "manufactured/README.md").read_text()
-EXAMPLE, QUOTED = (block for _, block in re.findall(r"^```(\w*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL))
+EXAMPLE, QUOTED = (block.text for block in blocks("manufactured/README.md"))
 SLIPS = [
     ("+ pos(t - 4/5, 2)", "- pos(t - 4/5, 2)"),
     ("elsewhere: 1/25", "elsewhere: 1/20"),

@@ -11,7 +11,7 @@ from conftest import load
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import parse
 from unilateral.geometry.polygon import square
-from unilateral.problems import obstacle, problem_file
+from unilateral.problems import obstacle, piecewise, problem_file
 from unilateral.problems.atoms import T
 
 
@@ -108,7 +108,7 @@ def test_what_takes_too_many_pieces_is_known_less_well(monkeypatch):
     """A wave of length 1/1000 with 100 pieces: up to its height; control: with more of them."""
     wave = OnBottom("sin(2000*pi*t)")
     assert enclosed(wave, FREE).doubt.max() < 1e-8
-    monkeypatch.setattr(obstacle, "MOST_PIECES", 100)
+    monkeypatch.setattr(piecewise, "MOST_PIECES", 100)
     assert enclosed(wave, FREE).doubt.max() >= 1
 
 

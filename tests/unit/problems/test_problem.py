@@ -17,7 +17,8 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
-from unilateral.solvers.iterate import Stop, iterate
+from unilateral.solvers.iterate import iterate
+from unilateral.solvers.stop import Stop
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 
@@ -166,6 +167,25 @@ REFUSED = [
     ),
     ({"free_sides": "[4]"}, ", field free_sides: the polygon has the sides 0 to 3, not 4"),
     ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
+    ({"q": "x"}, ", field q: no side is free; name those with a given flux in free_sides"),
+    (
+        {"free_sides": "[1]", "q": "[null, 1, x, null]"},
+        r", field q\[2\]: side 2 is not free; write null, or name it in free_sides",
+    ),
+    ({"free_sides": "[1]", "q": "[1, 2]"}, ", field q: 2 formulas for 4 sides; give one for all, or one per"),
+    ({"free_sides": "[1]", "q": "1/(y - 1/3)"}, ", field q: it is not finite on side 1, or no bound can be"),
+    ({"free_sides": "[0]", "q": "pos(x, -1/4)"}, ", field q: "),
+    ({"free_sides": "[1]", "q": "sqrt(y)"}, r", field q: write a fractional power as pos\(a, k\)"),
+    ({"free_sides": "[1]", "q": "log(y + 1)"}, ", field q: log is not allowed here"),
+    (
+        {"free_sides": "[1]", "q": "[null, z, null, null]"},
+        r", field q\[1\]: 'z' is unknown; known are x, y, pi",
+    ),
+    ({"free_sides": "[1]", "q": "true"}, ", field q: it is True; it has to be the flux k du/dn, one formula"),
+    (
+        {"free_sides": "[1]", "q": "1e150*y"},
+        r", field q: it is as large as 1e\+150 on side 1, and squares",
+    ),
     ({"polygon": "[[0, 0], [0, 1], [1, 0]]"}, ", field polygon: .* clockwise; list its vertices anticlock"),
     (
         {"polygon": "[[0, 0], [1, 0]]"},

@@ -19,6 +19,8 @@ from unilateral.study.figures import style
 
 WHITE_READS_BETTER = 0.179  # the luminance at which black and white contrast equally (WCAG 2.1, 1.4.3)
 DIAGONALS = (0.5, 1.0, 2.0)
+DASH = np.array([[-0.11, -0.11], [0.11, 0.11]])
+"""From the corner of a cell, along its diagonal."""
 BLANK: style.Look = {"fc": "white", "ec": "0.8", "hatch": "////"}
 
 
@@ -116,11 +118,11 @@ def _short(error: float) -> str:
 
 
 def _diagonal(axes: Axes, places: list[list[int]], ratio: float) -> None:
-    """The line of a constant h/H through its cells, seen between their numbers, named at the fine end."""
+    """Dashes where cells of the same h/H touch, away from their numbers; the ratio at the fine end."""
     if len(places) < 2:
         return
-    (j, i), (last_j, last_i) = places[0], places[-1]
-    end, halo = (last_j + 0.5, last_i + 0.5), [withStroke(linewidth=2, foreground="white")]
-    axes.plot([j - 0.5, end[0]], [i - 0.5, end[1]], color="black", lw=0.8, clip_on=False, path_effects=halo)
+    halo = [withStroke(linewidth=2.4, foreground="white")]
+    for corner in np.array(places) + 0.5:
+        axes.plot(*(corner + DASH).T, color="black", lw=1.1, clip_on=False, zorder=4, path_effects=halo)
     beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL, "va": "top"}
-    axes.annotate(f"${style.as_fraction(ratio)}$", end, (2, -1), **beside)
+    axes.annotate(f"${style.as_fraction(ratio)}$", corner, (3, -3), **beside)

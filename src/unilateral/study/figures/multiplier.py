@@ -1,4 +1,4 @@
-"""The multipliers that the mesh sees worst, along the boundary of the square."""
+"""The multipliers that the mesh sees worst, along the boundary."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MaxNLocator
 
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.study import tables
 from unilateral.study.figures import style
 
-SIDES = ("bottom", "right", "top", "left")
 STRIP, GAP, LEFT, FOOT = 2.15, 0.45, 1.25, 1.1
 
 
@@ -44,7 +43,7 @@ def _worst(of: xr.Dataset, ratio: float) -> pd.DataFrame:
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """The worst mu in P0(T_H) over arc length, a strip for each h/H, with its beta.
 
-    Columns: h_over_H, beta, side (0 to 3), and for each cell, from s to end, mu (largest absolute value 1).
+    Columns: h_over_H, beta, side, and for each cell, from s to end, mu (largest absolute value 1).
     """
     strips = [rows.sort_values("s") for _, rows in style.read(csv_path).groupby("h_over_H")]
     with style.figure_in(svg_path, FOOT + len(strips) * (STRIP + GAP) + 0.15) as figure:
@@ -53,7 +52,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             axes = style.axes_at(figure, LEFT, bottom, width, STRIP)
             _steps(axes, rows)
             ends = rows.groupby("side").agg(start=("s", "min"), end=("end", "max"))
-            names = SIDES if i == len(strips) - 1 else ()
+            names = [f"side {side}" for side in ends.index] if i == len(strips) - 1 else ()
             style.sides(axes, ends, names, 1.06, color="black", lw=1.0)
             axes.tick_params(labelbottom=i == 0)
             if i == 0:
@@ -69,7 +68,7 @@ def _steps(axes: Axes, rows: pd.DataFrame) -> None:
     axes.axhline(0, color="0.4", lw=0.5)
     axes.set(xlim=(edges[0], edges[-1]), ylim=(-1.15, 1.15), yticks=(-1, 0, 1), ylabel=r"$\mu$")
     axes.yaxis.set_label_coords(-0.055, 0.5)
-    axes.xaxis.set_major_locator(MultipleLocator(0.5))
+    axes.xaxis.set_major_locator(MaxNLocator(9))
     ratio, beta = rows[["h_over_H", "beta"]].iloc[0]
     text = f"$h/H={style.as_fraction(ratio, 16)}$\n" + rf"$\beta={f'{beta:.3f}' if beta else '0'}$"
     axes.text(1.025, 0.5, text, transform=axes.transAxes, va="center", linespacing=1.7)

@@ -128,7 +128,7 @@ def _solution(figure: Figure, mesh: pd.DataFrame, trace: pd.DataFrame) -> None:
     axes.tick_params(length=5)
     axes.locator_params(nbins=4, steps=[1, 2, 5, 10])
     axes.spines[:].set_visible(False)
-    bar = figure.colorbar(filled, cax=style.axes_at(figure, 6.6, 1.15, 0.25, 5.15))
+    bar = figure.colorbar(filled, cax=axes.inset_axes((1.04, 0, 0.05, 1)))
     bar.ax.set_title("$u_h$", fontsize=9.5, pad=5)
     bar.locator = MaxNLocator(7)
     style.plain_bar(bar)

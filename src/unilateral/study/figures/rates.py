@@ -83,7 +83,7 @@ def _error_lines(axes: Axes, rows: pd.DataFrame, cases: dict[str, int], ratios: 
                 axes.plot(part["h"], part["error"], **_marker(i, bool(asymptotic)))
     axes.text(0.04, 0.965, "\n".join(exact), transform=axes.transAxes, va="top", fontsize=style.SMALL)
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (3 if exact else 1))
+    axes.set_ylim(*style.whole_decades(low, high * (3 if exact else 1)))
 
 
 def _line(i: int) -> style.Look:
@@ -135,9 +135,20 @@ def _rate_columns(
         key.plot([start, start + 0.5], [y, y], **_line(i))
         key.plot([start + 0.25], [y], **_marker(i, True))
         observed = [of_case.loc[of_case["h_over_H"] == ratio, "rate"] for ratio in ratios]
+        if of_case["rate"].isna().all():
+            key.text(right, y, _without_rate(of_case), **text)
+            continue
         for x, column in zip([*places, right], [*observed, of_case["expected"]], strict=True):
             known = column.dropna()
             key.text(x, y, f"{known.iloc[0]:.2f}" if len(known) else "–", **text)
+
+
+def _without_rate(of_case: pd.DataFrame) -> str:
+    """Why a case has no rate in a norm."""
+    known = of_case["error"].dropna()
+    if known.empty:
+        return "error not computed"
+    return "exact" if (known == 0).all() else "no asymptotic level"
 
 
 def _names(key: Axes, cases: dict[str, int]) -> None:

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from unilateral.errors import InputError
 from unilateral.files import replacing
@@ -128,7 +128,14 @@ def over_sizes(axes: Axes, sizes: pd.Series, every: int = 1) -> None:
     axes.set_xlim(sizes.min() / 1.3, sizes.max() * 1.3)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_locator(LogLocator(numticks=20))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     light_grid(axes)
+
+
+def whole_decades(low: float, high: float) -> tuple[float, float]:
+    """The limits of a logarithmic axis; where they hold less than two powers of 10, the next ones outside."""
+    first, last = np.ceil(np.log10(low)), np.floor(np.log10(high))
+    return (low, high) if last > first else (10.0 ** (first - 1), 10.0 ** (last + 1))
 
 
 def sides(axes: Axes, ends: pd.DataFrame, names: Sequence[str], height: float, **line: Any) -> None:

@@ -6,12 +6,15 @@ import re
 
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from unilateral.study.figures import style
 from unilateral.study.judge import records
 
 ROW, ABOVE, BELOW = 0.42, 1.6, 1.7
 """Centimetres: of a row, of the legend, of the axis and the note."""
+IDS, WORDS, SCALE = 1.25, 5.3, 2.75
+"""Centimetres: of the ids, with the titles, of the axis."""
 KINDS = {
     "holds": ("o", style.COLOURS[0]),
     "holds, and is sharp": ("s", style.COLOURS[2]),
@@ -34,10 +37,10 @@ BEGINNINGS = {
 
 
 def table(claims: style.FilePath) -> pd.DataFrame:
-    """One row per claim: label, kind of its verdict, margin, within the limits of the axis."""
+    """One row per claim: id, title, kind of its verdict, margin, within the limits of the axis."""
     found = pd.DataFrame(records.read(claims))
     margin = found["margin"].astype(float).fillna(records.LEAST).clip(records.LEAST, records.PLENTY)
-    return pd.DataFrame({"label": found["id"], "kind": found["verdict"].map(_kind), "margin": margin})
+    return found[["id", "title"]].assign(kind=found["verdict"].map(_kind), margin=margin)
 
 
 def _kind(verdict: str) -> str:
@@ -50,15 +53,15 @@ def _kind(verdict: str) -> str:
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """A row per claim, its margin on a logarithmic axis, its mark what was found.
 
-    Columns: label (the claim), kind (of the verdict), margin (relative, within the axis).
+    Columns: id and title of the claim, kind (of the verdict), margin (relative, within the axis).
     """
     data = style.read(csv_path)
     half = (len(data) + 1) // 2
     height = ROW * half + ABOVE + BELOW
     least, most = data["margin"].min(), data["margin"].max()
     with style.figure_in(svg_path, height) as figure:
-        for left, rows in ((1.6, data[:half]), (10.1, data[half:])):
-            axes = style.axes_at(figure, left, BELOW, 6.6, ROW * half)
+        for left, rows in ((0.1, data[:half]), (8.8, data[half:])):
+            axes = style.axes_at(figure, left + WORDS, BELOW, SCALE, ROW * half)
             _panel(axes, rows, half)
             axes.set_xlim(least / 1.6, most * 1.6)
         marks = {kind: mark for kind, mark in KINDS.items() if kind in set(data["kind"])}
@@ -67,18 +70,30 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             for kind, (mark, colour) in marks.items()
         ]
         style.legend(figure, handles, 0.1, height, ncols=3, borderpad=None, borderaxespad=None)
-        note = f"Margins below {least:g} and above {most:g} are drawn there; "
-        style.note(figure, note + "counts that have to be 0 have none.")
+        ends = f"below {least:g} and above {most:g} they are drawn there"
+        told = f"Margins are relative to what is required; {ends}; counts that have to be 0 have none."
+        style.note(figure, told)
 
 
 def _panel(axes: Axes, rows: pd.DataFrame, places: int) -> None:
     """The rows from the top of so many places."""
     heights = [places - 1 - k for k in range(len(rows))]
+    beside: style.Look = {
+        "transform": axes.get_yaxis_transform(),
+        "fontsize": style.SMALL,
+        "va": "center_baseline",
+    }
     for y, row in zip(heights, rows.itertuples(), strict=True):
         marker, colour = KINDS[row.kind]
         axes.plot(row.margin, y, marker, color=colour, ms=5.5, mec="white", mew=0.5)
-    axes.set_yticks(heights, rows["label"])
+        for left, text in ((0, row.id), (IDS, row.title)):
+            axes.text((left - WORDS) / SCALE, y, text, **beside)
+    axes.set_yticks(heights, [])
+    axes.tick_params(left=False)
     axes.set_ylim(-0.7, places - 0.3)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(100))
+    axes.xaxis.set_minor_locator(LogLocator(10))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     style.light_grid(axes)
-    axes.set_xlabel("margin, relative to what is required")
+    axes.set_xlabel("relative margin")

@@ -61,11 +61,13 @@ class Results(dict[str, xr.Dataset]):
 class Claim:
     """A statement: where it stands, what the study says if the check passes, and how it is checked.
 
-    `section` is where this study reports it; `reads` names the tables it depends on; `control` spoils one.
+    `title` says it in a few words, for figures; `section` is where this study reports it; `reads` names
+    the tables it depends on; `control` spoils one.
     """
 
     id: str
     section: str
+    title: str
     statement: str
     where: str
     verdict: str
@@ -105,6 +107,7 @@ class Judgement:
         record = {
             "id": claim.id,
             "section": claim.section,
+            "title": claim.title,
             "statement": claim.statement,
             "where": claim.where,
             "scene": sorted({name.split("/")[0] for name in claim.reads}),

@@ -20,10 +20,12 @@ def holds(verdict: str) -> bool:
     return not verdict.startswith((FAILS, UNJUDGED))
 
 
-def read(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
-    """The records of `results/claims.json`. Raises StorageError for a file that is damaged."""
+def read(path: str | os.PathLike[str]) -> Any:
+    """What is stored as JSON, such as the records of `results/claims.json`.
+
+    Raises StorageError for a file that is damaged.
+    """
     try:
-        found: list[dict[str, Any]] = json.loads(Path(path).read_text(encoding="utf-8"))
+        return json.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError:
         raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
-    return found

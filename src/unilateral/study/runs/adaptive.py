@@ -27,11 +27,12 @@ from unilateral.geometry.partition import Partition, from_points, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import infsup, resolution
+from unilateral.norms.infsup import infsup
+from unilateral.norms.resolution import resolution
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 Row = dict[str, float]
 

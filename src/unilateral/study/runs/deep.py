@@ -22,7 +22,7 @@ from unilateral.norms.dual import errors
 from unilateral.norms.exact import cell_means
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 BLOCK = 1 << 16
 """Nodes at which u is evaluated together."""

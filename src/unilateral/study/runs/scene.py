@@ -23,7 +23,7 @@ from unilateral.norms.exact import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 PER_RUN = (
     "h1_error",

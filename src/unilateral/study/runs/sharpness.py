@@ -29,7 +29,7 @@ from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
 from unilateral.problems.harmonic import harmonic
-from unilateral.solvers.iterate import Stop
+from unilateral.solvers.stop import Stop
 
 START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
 END = sympy.Rational(3, 2)

@@ -16,7 +16,8 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import InfSup, Resolution, infsup, resolution, worst_multiplier
+from unilateral.norms.infsup import InfSup, infsup, worst_multiplier
+from unilateral.norms.resolution import Resolution, resolution
 from unilateral.study.runs.families import Spec, meshes_of
 
 OF_PAIR = ("h", "h_over_H", *Resolution._fields, *InfSup._fields)

@@ -7,12 +7,14 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from unilateral.formulas.formula import real
+from unilateral.norms.resolution import RULE
 from unilateral.study.text import (
     adaptive_tables,
     benchmark_tables,
     cost_tables,
     error_tables,
     extremes_tables,
+    score_tables,
     verdicts,
 )
 from unilateral.study.text.sources import Sources
@@ -50,7 +52,7 @@ def collect(told: Sources) -> dict[str, str]:
     frames = verdicts.claims_tables(told.claims) | {
         "rates": error_tables.rates(told.rates, real(study["judged_ratio"], "judged_ratio")),
         "beta": error_tables.beta(told.pairs, ratios),
-        "correlations": error_tables.correlations(told.pairs, infsup["rule"]["smallest_angle"]),
+        "correlations": error_tables.correlations(told.pairs, RULE.smallest_angle),
         "floors": error_tables.floors(of["floors"]),
         "totals": error_tables.totals(told.totals),
         "adapted": adaptive_tables.finest(of["adapted"], of["adapted_rates"]),
@@ -66,6 +68,7 @@ def collect(told: Sources) -> dict[str, str]:
         "benchmarks": benchmark_tables.solvers(of["benchmarks"]),
         "benchmark-phases": benchmark_tables.phases(of["benchmarks"]),
         "benchmark-problems": benchmark_tables.problems(of["benchmarks"]),
+        "scores": score_tables.solvers(told.scores),
         "figures": figures(study["figures"]),
     }
     return {name: markdown(frame) for name, frame in frames.items()}

@@ -33,10 +33,22 @@ def fill(
     blocks: Mapping[str, str],
     claims: Mapping[str, bool],
 ) -> None:
-    """Fill in a document, in place; `claims` says of each claim whether it holds.
+    """Fill in a document, in place. Raises InputError as `filled` does, and leaves the file as it is."""
+    text = filled(path, numbers, blocks, claims)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
-    Raises InputError, and leaves the file as it is, for a mark that is not closed, or at the start of a line;
-    for an unknown name; for a format that does not fit; and for a sentence whose claim does not hold.
+
+def filled(
+    path: str | Path,
+    numbers: Mapping[str, formats.Value],
+    blocks: Mapping[str, str],
+    claims: Mapping[str, bool],
+) -> str:
+    """The text of a document, filled in; `claims` says of each claim whether it holds.
+
+    Raises InputError for a mark that is not closed, or at the start of a line; for an unknown name; for a
+    format that does not fit; and for a sentence whose claim does not hold.
     """
     try:
         given = Path(path).read_text(encoding="utf-8")
@@ -44,9 +56,7 @@ def fill(
         raise InputError(f"{path} is listed as a document, and is no text in UTF-8 ({fault})") from None
     text = _numbers(str(path), given, numbers)
     _check(str(path), text, claims)
-    text = _blocks(str(path), text, blocks)
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    return _blocks(str(path), text, blocks)
 
 
 def without_marks(text: str) -> str:

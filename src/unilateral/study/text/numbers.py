@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from unilateral.formulas.formula import real
+from unilateral.norms.resolution import RULE
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.runs.cost.variants import REFRESH
@@ -33,10 +35,10 @@ def collect(told: Sources) -> dict[str, Value]:
     of, H_over_h, coarsest = told.tables, told.H_over_h, told.coarsest
     return flat(
         {
-            "study": told.study,
+            "study": {**told.study, "infsup": {"rule": RULE._asdict()}},
             "claims": {each["id"]: {"observed": each["observed"]} for each in told.claims}
             | {"all": len(told.claims)},
-            "beta": beta(told.pairs, **told.study["infsup"]["rule"]) | uniform_beta(told.pairs),
+            "beta": beta(told.pairs, *RULE) | uniform_beta(told.pairs),
             "cost": recommended(of["case"], H_over_h, coarsest)
             | {
                 "enough_times": trade.ENOUGH,
@@ -47,13 +49,20 @@ def collect(told: Sources) -> dict[str, Value]:
                 "precision": in_precision(of["precision"]),
             },
             "totals": totals(told.totals["corners"]),
-            "adapted": adaptive_tables.beta(
-                of["adapted_beta"], told.study["infsup"]["rule"]["smallest_angle"]
-            ),
+            "adapted": adaptive_tables.beta(of["adapted_beta"], RULE.smallest_angle),
             "extremes": outcomes(of["extremes"]),
             "benchmarks": benchmark_tables.numbers(of["benchmarks"]),
+            "scores": {name: real(told.scores[name].iloc[0], name) for name in ("h", "H")},
+            "whole": {"cores": told.whole["cores"]}
+            | {name: taken(told.whole[name]) for name in ("solver", "study", "tests")},
         }
     )
+
+
+def taken(measured: Mapping[str, float]) -> Group:
+    """Minutes, and GB of memory and of the disk, from seconds and MB."""
+    sizes = {name: measured[name] / 1024 for name in ("memory", "disk") if name in measured}
+    return {"minutes": measured["seconds"] / 60, **sizes}
 
 
 def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:

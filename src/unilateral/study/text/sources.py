@@ -32,14 +32,19 @@ TABLES = (
 
 
 class Sources(NamedTuple):
-    """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta."""
+    """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta.
+
+    `scores` has what other solvers' solutions score, `whole` what an installation and the study take.
+    """
 
     tables: Mapping[str, xr.Dataset]
     rates: Mapping[str, xr.Dataset]
     totals: Mapping[str, xr.Dataset]
     pairs: pd.DataFrame
+    scores: pd.DataFrame
     claims: Sequence[Mapping[str, Any]]
     study: Mapping[str, Any]
+    whole: Mapping[str, Any]
 
     @property
     def H_over_h(self) -> float:
@@ -59,7 +64,9 @@ def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
         for what, scenes in (("rates", "judged"), ("totals", "bounded"))
     )
     of = {name: tables.load(paths[name]) for name in TABLES}
-    return Sources(of, rates, totals, pd.read_csv(paths["pairs"]), records.read(paths["claims"]), study)
+    pairs, scores = (pd.read_csv(paths[name]) for name in ("pairs", "scores"))
+    claims, whole = (records.read(paths[name]) for name in ("claims", "whole"))
+    return Sources(of, rates, totals, pairs, scores, claims, study, whole)
 
 
 def write(values: Mapping[str, Any], path: str | os.PathLike[str]) -> None:

@@ -1,4 +1,4 @@
-"""A paper in Markdown as HTML, by pandoc, and as PDF, by typst from pandoc's Typst (extra `study`)."""
+"""A paper or a page in Markdown as HTML, by pandoc, and as PDF, by typst (extra `study`)."""
 
 from __future__ import annotations
 
@@ -33,16 +33,24 @@ def typeset(
     for what pandoc or typst complain of: an unknown citation or link, a picture, a formula or a letter that
     they cannot set, a formula wider than the text.
     """
-    page = _converted(
-        paper, "html", numbers, page_template, "--mathml", "--embed-resources", "--toc", "--toc-depth=2"
-    )
-    printed = _compiled(paper, _converted(paper, "typst", numbers, print_template))
+    text = Path(paper).read_text(encoding="utf-8")
+    page = page_of(text, paper, numbers, page_template)
+    printed = _compiled(paper, _converted(text, paper, "typst", numbers, print_template))
     with replacing(html) as new_html, replacing(pdf) as new_pdf:
         new_html.write_text(page, encoding="utf-8")
         new_pdf.write_bytes(printed)
 
 
-def _converted(paper: str | Path, to: str, numbers: str | Path, template: str | Path, *options: str) -> str:
+def page_of(text: str, paper: str | Path, numbers: str | Path, template: str | Path) -> str:
+    """A text in Markdown as one HTML page with its contents at the top; `paper` is the file of the text."""
+    return _converted(
+        text, paper, "html", numbers, template, "--mathml", "--embed-resources", "--toc", "--toc-depth=2"
+    )
+
+
+def _converted(
+    text: str, paper: str | Path, to: str, numbers: str | Path, template: str | Path, *options: str
+) -> str:
     arguments = [
         "--standalone",
         f"--template={template}",
@@ -56,9 +64,8 @@ def _converted(paper: str | Path, to: str, numbers: str | Path, template: str | 
         "--fail-if-warnings",
         *options,
     ]
-    text = marks.without_marks(Path(paper).read_text(encoding="utf-8"))
     try:
-        return pypandoc.convert_text(text, to, format="markdown", extra_args=arguments)
+        return pypandoc.convert_text(marks.without_marks(text), to, format="markdown", extra_args=arguments)
     except RuntimeError as error:
         said = " ".join(NOISE.sub("", str(error)).split())
         raise InputError(f"{paper} was not typeset: pandoc says {said}") from error

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from unilateral.norms.dual import Gram
+from unilateral.norms.resolution import fine, steep
 from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, all_of, along_ratio, forms, worst
 
 
@@ -89,18 +90,14 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Evid
     return worst(found, "the largest C", most, False)
 
 
-def local_rule(
-    tables: Tables, scenes: Sequence[str], cell_over_edge: float, smallest_angle: float, least: float
-) -> Evidence:
-    """The smallest beta where edges are short against their cells and triangles are not flat."""
+def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:
+    """The smallest beta where edges are short against their cells and triangles are not flat, by RULE."""
     found = {}
     for scene in scenes:
         data = tables[f"{scene}/infsup"]
-        fine = (data["cell_over_edge"] >= cell_over_edge * (1 - 1e-9)) & (
-            data["smallest_angle"] >= smallest_angle
-        )
-        if fine.any():
-            found[scene] = float(data["beta_lower"].where(fine).min())
+        kept = fine(data["cell_over_edge"].values) & steep(data["smallest_angle"].values)
+        if kept.any():
+            found[scene] = float(data["beta_lower"].values[kept].min())
     return worst(found, "the smallest beta", least, True)
 
 

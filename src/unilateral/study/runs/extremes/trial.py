@@ -10,8 +10,9 @@ import numpy as np
 
 from unilateral.errors import InputError
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.iterate import Stop, iterate
+from unilateral.solvers.iterate import iterate
 from unilateral.solvers.steps import STEPS
+from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.study.runs.extremes.outcome import NO_TOOL, REFUSED, WRONG, Budget, Row, Verdict, judge
 from unilateral.study.runs.extremes.problem import Array, Problem

@@ -1,0 +1,90 @@
+"""`make score`: the drivers in examples/, each on some cases, scored; writes benchmarks/scores.csv.
+
+A driver whose package is not there is skipped, and it is said so.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import chdir
+from itertools import zip_longest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from benchmarks import plan
+from benchmarks.plan import FOLDER, ROOT
+from unilateral import api
+from unilateral.errors import InputError
+from unilateral.exchange import score as scores
+from unilateral.exchange.export import export
+from unilateral.exchange.read import exported, foreign
+from unilateral.files import replacing
+from unilateral.formulas.formula import real
+
+DIGITS = 4
+"""That are stored: more of them depend on the processor."""
+
+
+def solutions(python: str, driver: Path, case: str) -> list[tuple[str, str | None]]:
+    """What a driver writes for the exported folder of that name: files of u, with one of multipliers if any.
+
+    Raises InputError with what the driver says if it fails.
+    """
+    done = subprocess.run([python, str(driver), case], capture_output=True, text=True)
+    if done.returncode:
+        raise InputError(f"{driver.name} ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
+    of_u, of_lambda = (sorted(map(str, Path().glob(f"{case}*{end}.csv"))) for end in ("_?", "_cells"))
+    return list(zip_longest(of_u, of_lambda))
+
+
+def scored(python: str, driver: Path, name: str, sizes: dict[str, Any]) -> dict[str, Any]:
+    """How a driver does on a case: ratios on the finest level, the rates beside this project's, a verdict."""
+    h, H, levels = real(sizes["h"], "h"), real(sizes["H"], "H"), sizes["levels"]
+    case = api.case(name)
+    with TemporaryDirectory() as folder, chdir(folder):
+        export(case, api.KINDS["structured"](case.polygon, h * 2 ** (levels - 1)), H, levels, name)
+        known, meshes = exported(name)
+        given = [foreign(meshes, *files) for files in solutions(python, driver, name)]
+    found = [scores.score(known, each) for each in given]
+    rates, finest = scores.rates(known, found), min(found, key=lambda each: each.given.level.mesh.h)
+    row: dict[str, Any] = {"case": name, "h": sizes["h"], "H": sizes["H"], "multiplier": finest.given.kind}
+    for norm, rate in rates.items():
+        ratio = scores.error_in(finest.errors, norm) / scores.error_in(finest.own, norm)
+        row |= {f"{norm}_over_own": ratio, f"{norm}_rate": rate.observed, f"{norm}_own_rate": rate.own}
+    return row | {"faults": sum(len(each.faults) for each in found), "verdict": scores.verdict(found, rates)}
+
+
+def rows(given: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """A row per case and driver whose package is there."""
+    for solver, driver in given["scores"]["drivers"].items():
+        lacking = plan.missing(given, solver)
+        if lacking:
+            print(f"score: {lacking}", file=sys.stderr)
+            continue
+        for case in given["scores"]["cases"]:
+            print(f"{solver}: {case}", flush=True)
+            python = plan.interpreter(given, solver)
+            yield {"solver": solver, **scored(python, ROOT / driver, case, given["scores"])}
+
+
+def main() -> int:
+    """Writes the table."""
+    try:
+        table = pd.DataFrame(rows(plan.read(FOLDER / "benchmarks.yaml")))
+    except InputError as fault:
+        print(f"score: {fault}", file=sys.stderr)
+        return fault.exit_code
+    numbers = table.select_dtypes("float").map(lambda x: float(np.format_float_scientific(x, DIGITS - 1)))
+    with replacing(FOLDER / "scores.csv") as temporary:
+        table.assign(**numbers).to_csv(temporary, index=False)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""The pages that `make docs` builds with Sphinx, from Markdown and the library's docstrings.
+
+The folder of sources is the project's, so that a link between files is right here and where the repository is
+shown. Nothing on a page comes from a network.
+"""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+from unilateral import __version__  # noqa: E402
+
+project = "unilateral"
+author = project_copyright = "The unilateral developers"
+version = release = __version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "rendering"]
+root_doc = "docs/index"
+include_patterns = ["docs/*.md", "manufactured/*.md", "benchmarks/*.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+exclude_patterns = [".*", "build", "dist", "results", "src", "tests"]
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+myst_url_schemes = {"http": None, "https": None, "paper": "../paper.html{{path}}"}
+highlight_language = "none"
+smartquotes = False
+
+autodoc_member_order = "bysource"
+aliases = ["Array", "ArrayLike", "Formula", "Function", "Given", "Index"]
+autodoc_type_aliases = {name: name for name in aliases}
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 90
+nitpicky = True
+others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "sympy", "xarray", "xr"]
+nitpick_ignore_regex = [("py:.*", rf"({'|'.join(others)})\..*"), ("py:class", "|".join(["Figure", *aliases]))]
+
+html_theme = "furo"
+html_title = f"unilateral {release}"
+html_math_renderer = "mathml"
+html_static_path = ["static"]
+html_css_files = ["pages.css"]
+paper = HERE.parent / "results/paper"
+typeset_paper = str(paper) if (paper / "paper.html").exists() else ""
+html_extra_path = ["site", *filter(None, [typeset_paper])]
+html_copy_source = False
+html_show_search_summary = False

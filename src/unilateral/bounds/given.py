@@ -1,0 +1,130 @@
+"""The flux tau that is given on free sides (q in problem files), on the boundary edges of a mesh.
+
+On an edge e tau is a piecewise polynomial p up to a function rho, of which bounds of ||rho||_e and of its
+integral are known (`problems.flux`). tau~ is the L2 projection of p onto linear functions: int tau~ psi is
+int p psi for all hats psi. What tau~ leaves of tau is p - tau~, which is orthogonal to linear functions, rho
+less its mean, and the mean of rho. For the first two see `oscillation`: with ||p - tau~||_e + ||rho||_e on
+triangles, and the sum of both with their constants on squares. Of the third, T the triangle at e,
+
+    |int rho| |mean_e v| <= |int rho| |e|^{-1/2} ||v||_e <= |int rho| (C/|e|)^{1/2} ||v||_{1,T},
+
+    ||v||_e^2 <= C ||v||_{1,T}^2,    C = |e|/|T| (1 + (1 + a^2)^{1/2})/2,
+
+a the greater distance of the vertex off e from the ends of e, by the divergence theorem with the field
+x - vertex.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.fem.p1 import linear_parts
+from unilateral.formulas.taylor import EPS
+from unilateral.geometry.mesh import Mesh
+from unilateral.norms.oscillation import (
+    MEAN_FREE_ON_SQUARE,
+    ON_SQUARE,
+    has_square,
+    trace_constants,
+    value_constants,
+)
+from unilateral.problems.flux import Flux
+from unilateral.problems.piecewise import ORDER
+
+ROUNDING = 64 * EPS
+"""Of |p| on an edge: that of its moments, and so much again for every interval there."""
+
+
+class Given(NamedTuple):
+    """tau~ by its values `ends` (nb, 2) at the ends of the edges, and what it leaves of tau.
+
+    The dual norm of that is at most the sum of the roots of the rows' sums of `squares` (2, nb); of `doubts`
+    (2, nb) if tau were p, which are 0 but for that.
+    """
+
+    ends: Array
+    squares: Array
+    doubts: Array
+
+    @property
+    def distance(self) -> float:
+        """A bound of the norm of tau - tau~ in the dual of H^1."""
+        return _norm(self.squares)
+
+    @property
+    def unknown(self) -> float:
+        """What of that is tau - p."""
+        return _norm(self.doubts)
+
+
+def nothing(mesh: Mesh) -> Given:
+    """No flux is given."""
+    nb = len(mesh.boundary)
+    return Given(np.zeros((nb, 2)), *np.zeros((2, 2, nb)))
+
+
+def given(flux: Flux, mesh: Mesh) -> Given:
+    """That of a problem; infinite where the flux has no bound."""
+    if not flux.given.any():
+        return nothing(mesh)
+    cuts = np.union1d(mesh.s, flux.points)
+    middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
+    piece = flux.on(middle)
+    here = flux.given[piece]
+    middle, half, piece = middle[here], half[here], piece[here]
+    edge, (nodes, weights) = _edges(mesh, middle), np.polynomial.legendre.leggauss(ORDER + 1)
+    s, weight = middle[:, None] + half[:, None] * nodes, half[:, None] * weights
+    p, x = flux.at(piece[:, None], s)[0], (s - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
+    ends = linear_parts(mesh, edge, x, weight, p)
+    away = p - ends[edge, :1] * (1 - x) - ends[edge, 1:] * x
+    left = np.sqrt(np.bincount(edge, np.sum(weight * away**2, axis=1), len(ends)))
+    norm, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
+    rounding = _rounding(flux, mesh, edge, np.abs(p).max(axis=1))
+    norm, integral = norm + np.sqrt(np.diff(mesh.s)) * rounding, integral + np.diff(mesh.s) * rounding
+    return Given(ends, *(_squares(mesh, rest, norm, integral) for rest in (left, np.zeros_like(left))))
+
+
+def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) -> tuple[Array, Array]:
+    """(nb,), (nb,) bounds of ||rho||_e and its integral, from intervals (K,) of edges.
+
+    Within its reach of a place where two pieces meet, on either side of it, rho may be the jump there.
+    """
+    at, jumps = flux.points[flux.jumps > 0], flux.jumps[flux.jumps > 0]
+    before, after = (_edges(mesh, at + off) for off in (-flux.reach, flux.reach))
+    apart, nb = before != after, len(mesh.boundary)
+    edge = np.concatenate([edge, before, after[apart]])
+    length = np.append(length, np.full(len(edge) - len(length), 2 * flux.reach))
+    size = np.concatenate([doubt, jumps, jumps[apart]])
+    square, integral = (np.bincount(edge, length * size**power, nb).astype(float) for power in (2, 1))
+    return np.sqrt(square), integral
+
+
+def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
+    """(nb,) that of tau~, from |p| on intervals (K,); places, and so the edges' lengths, are rounded, too."""
+    largest = np.zeros(len(mesh.boundary))
+    np.maximum.at(largest, edge, size)
+    terms = 1 + np.bincount(edge, minlength=len(largest))
+    return np.asarray(largest * (ROUNDING * terms + flux.reach / np.diff(mesh.s)))
+
+
+def _squares(mesh: Mesh, left: Array, norm: Array, integral: Array) -> Array:
+    """(2, nb) as in `Given`, from ||p - tau~||, a bound of ||rho||, and one of the integral of rho."""
+    triangle, lengths, square = mesh.boundary_triangles, np.diff(mesh.s), has_square(mesh)
+    on_square = math.sqrt(ON_SQUARE) * left + math.sqrt(MEAN_FREE_ON_SQUARE) * norm
+    on_triangle = np.sqrt(trace_constants(mesh, triangle)) * (left + norm)
+    of_mean = np.sqrt(value_constants(mesh, triangle) / lengths) * integral
+    on_squares = np.where(square, np.sqrt(lengths) * on_square, 0.0)
+    return np.stack([on_squares, np.where(square, 0.0, on_triangle) + of_mean]) ** 2
+
+
+def _edges(mesh: Mesh, s: Array) -> Index:
+    """(k,) the boundary edges on which arc lengths (k,) lie."""
+    return np.clip(np.searchsorted(mesh.s, s) - 1, 0, len(mesh.boundary) - 1)
+
+
+def _norm(squares: Array) -> float:
+    return float(np.sqrt(squares.sum(axis=1)).sum())

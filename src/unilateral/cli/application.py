@@ -1,0 +1,89 @@
+"""The command `unilateral`: its commands, each imported when it is chosen, and its completion."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+
+import click
+
+from unilateral.cli.command import CODES, Command, said
+from unilateral.cli.streams import load, say
+from unilateral.errors import InputError
+
+NAME = "unilateral"
+COMPLETE = "_UNILATERAL_COMPLETE"
+"""Set by a shell that asks for completions, as click names it."""
+COMMANDS = {
+    "solve": "solve one problem, with its errors",
+    "init": "write a commented problem file to begin with",
+    "check": "show what is understood of a problem file",
+    "cases": "list the manufactured cases, or show one with its formulas",
+    "export": "write a case as files for another solver",
+    "score": "judge another solver's solutions of such files",
+    "infsup": "tell whether a mesh and a partition of one's own are stable",
+    "claims": "judge the paper's statements by the study's results",
+}
+"""A module each in `commands`."""
+
+
+class Application(Command, click.Group):
+    """The group of all commands."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        found: click.Command = getattr(load(f"unilateral.cli.commands.{name}"), name)
+        found.short_help = COMMANDS[name]
+        return found
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        super().format_options(ctx, formatter)
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        say(f"{NAME} {load('unilateral').__version__}")
+        ctx.exit()
+
+
+application = Application(
+    NAME,
+    help="Mixed finite elements for unilateral problems, verified.",
+    params=[
+        click.Option(
+            ["--version"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_version,
+            help="show the version and exit",
+        )
+    ],
+    examples=("unilateral solve natural --accuracy 0.1", "unilateral solve --help"),
+    codes=tuple(CODES),
+    no_args_is_help=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run what the arguments say; the exit code. Raises InputError for arguments that do not fit."""
+    if COMPLETE in os.environ:
+        from click.shell_completion import shell_complete
+
+        return shell_complete(application, {}, NAME, COMPLETE, os.environ[COMPLETE])
+    begin = time.perf_counter()
+    try:
+        with application.make_context(NAME, [*arguments], obj=begin) as context:
+            return int(application.invoke(context))
+    except click.exceptions.Exit as end:  # after --help and --version
+        return end.exit_code
+    except click.UsageError as error:
+        raise InputError(said(error)) from None

@@ -1,0 +1,34 @@
+"""The command `unilateral claims`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from unilateral.cli.command import argument, command, option
+from unilateral.cli.parameters import FOLDER, as_json
+from unilateral.cli.streams import load, say
+
+CLAIM_FAILS = 1
+
+
+@command(
+    "claims", examples=("unilateral claims", "unilateral claims 4.12"), codes=(0, CLAIM_FAILS, 2, 4, 130)
+)
+@argument("claim", metavar="[ID]", required=False, help="explain this one, such as 4.12")
+@option("--results", type=FOLDER, metavar="FOLDER", default="results", help="default results")
+@as_json
+def claims(claim: str | None, results: str, json: bool) -> int:
+    """Judge the paper's statements by the study's results, in the folder that `make` writes."""
+    judge = load("unilateral.study.judge.claims")
+    found = judge.judge(judge.Results(results), [judge.find(claim)] if claim else None)
+    if json:
+        say(load("unilateral.certificate").text({"claims": [_record(each) for each in found]}))
+    else:
+        say(judge.explanation(found[0]) if claim else judge.summary(found))
+    return 0 if all(each.holds for each in found) else CLAIM_FAILS
+
+
+def _record(judgement: Any) -> dict[str, Any]:
+    """As stored, and whether it holds; the number that was required without its sign."""
+    required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
+    return judgement.record() | {"required": required, "holds": judgement.holds}

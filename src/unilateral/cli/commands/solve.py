@@ -1,0 +1,151 @@
+"""The command `unilateral solve`."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from unilateral.accuracy.goal import MAX_SECONDS, NORMS
+from unilateral.cli.command import argument, command, option
+from unilateral.cli.parameters import (
+    CASE,
+    COUNT,
+    FILE,
+    FOLDER,
+    POLYGON,
+    POSITIVE,
+    SIDES,
+    Choice,
+    Name,
+    as_json,
+)
+from unilateral.cli.streams import load
+from unilateral.solvers.stop import ALGORITHMS, Stop
+
+OF_ACCURACY = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "max_memory"}
+KINDS = ("structured", "unstructured")
+sizes, goal, domain, method = (
+    partial(option, heading=heading)
+    for heading in ("On given sizes", "Up to an accuracy", "Domain and multipliers", "Iteration")
+)
+
+
+@command(
+    "solve",
+    examples=(
+        "unilateral solve natural --h 1/16 --H 1/8",
+        "unilateral solve natural --accuracy 0.1 --json",
+    ),
+    codes=(0, 2, 3, 4, 130),
+)
+@argument("problem", type=CASE, help="a case's name, or a YAML file that declares a case or a problem")
+@as_json
+@option(
+    "-o",
+    "--output",
+    type=FILE,
+    metavar="FILE",
+    multiple=True,
+    help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png or .pdf; may be repeated",
+)
+@option("--out", type=FOLDER, metavar="FOLDER", help="the same in a folder, with all that is useful")
+@option("--sharp", is_flag=True, help="slower bounds, mostly nearer to the errors, above all of lambda")
+@sizes("--h", type=POSITIVE, metavar="EDGE", help="mesh size on the boundary, such as 1/64")
+@sizes("--H", "H", type=POSITIVE, metavar="CELL", help="size of the multiplier's cells, such as 1/32")
+@sizes("--tolerance", type=POSITIVE, metavar="T", help="of the algebraic bound (default 1 % of the errors)")
+@goal(
+    "--accuracy",
+    type=POSITIVE,
+    metavar="A",
+    help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C keeps the best so far",
+)
+@goal(
+    "--absolute",
+    is_flag=True,
+    help="the accuracy is the largest error itself, not a part of the norm; may be 1 and more",
+)
+@goal("--dry-run", is_flag=True, help="only say what it will take: unknowns, seconds, MB, and what meshes")
+@goal(
+    "--norm",
+    type=Choice(NORMS),
+    default=NORMS[0],
+    help="of u in H1 (default) or of lambda in H^(-1/2)",
+)
+@goal("--max-unknowns", type=COUNT, metavar="N", help="on the finest mesh (default: what the memory allows)")
+@goal(
+    "--max-seconds",
+    type=POSITIVE,
+    metavar="S",
+    default=MAX_SECONDS,
+    help=f"then the best so far is kept, with its bound (default {MAX_SECONDS:g})",
+)
+@goal(
+    "--max-memory",
+    type=POSITIVE,
+    metavar="MB",
+    help="the same for the memory of this process (default: what is free)",
+)
+@domain(
+    "--polygon",
+    type=POLYGON,
+    metavar="NAME|FILE",
+    help="of a case: a named one, or that of a problem file (default: the first it is for)",
+)
+@domain("--side", type=int, metavar="I", help="on which a case is put (default 0)")
+@domain("--free-sides", type=SIDES, metavar="I,J,...", help="of a case: sides without contact, as free ones")
+@domain(
+    "--leave-out-idle-sides",
+    is_flag=True,
+    help="of a problem: no multipliers on sides that provably carry no contact",
+)
+@domain(
+    "--mesh",
+    type=Name(lambda: KINDS),
+    metavar="KIND|FILE",
+    help="structured, unstructured (default: structured where there is one, and with --accuracy refined "
+    "where it pays), or a file with triangles",
+)
+@method(
+    "--algorithm",
+    type=Choice(ALGORITHMS),
+    metavar="NAME",
+    default="auto",
+    help=f"{', '.join(ALGORITHMS)} (default auto: multigrid on large meshes, else uzawa)",
+)
+@method("--rho", type=POSITIVE, metavar="STEP", help="Uzawa's step (default 1.9 / lambda_max(S))")
+@method(
+    "--max-steps",
+    type=COUNT,
+    metavar="N",
+    default=Stop.max_steps,
+    help=f"of uzawa and its faster kinds (default {Stop.max_steps})",
+)
+@click.pass_context
+def solve(ctx: click.Context, **options: Any) -> int:
+    """Solve one problem, on given sizes --h and --H or up to an --accuracy that is then guaranteed."""
+    _check_alternatives(ctx, options)
+    return int(load("unilateral.cli.solve").run(SimpleNamespace(**options, begin=ctx.obj)))
+
+
+def _check_alternatives(ctx: click.Context, options: dict[str, Any]) -> None:
+    """Raises UsageError unless the options are those of given sizes, or those of an accuracy."""
+    given = {name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    if options["accuracy"] is None:
+        needed = ("h", "H") if options["mesh"] in (None, *KINDS) else ("H",)
+        missing = [name for name in needed if name not in given]
+        if missing:
+            named = " and ".join(f"--{name}" for name in needed)
+            ctx.fail(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
+        wrong, why = given & OF_ACCURACY, "is only for --accuracy"
+    else:
+        if options["accuracy"] >= 1 and not options["absolute"]:
+            ctx.fail(
+                "argument --accuracy: it is relative and must be below 1, such as 1e-2, unless --absolute"
+            )
+        wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
+    for name in sorted(wrong):
+        ctx.fail(f"--{name.replace('_', '-')} {why}")

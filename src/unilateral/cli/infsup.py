@@ -1,0 +1,136 @@
+"""The command `unilateral infsup`: the constants of Lemma 3.1 for a mesh and a partition of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from unilateral import api
+from unilateral.arrays import Array, Index
+from unilateral.certificate import text
+from unilateral.choice import check_condensed, check_size
+from unilateral.cli.streams import say
+from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition_files import read
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.infsup import infsup
+from unilateral.norms.resolution import RULE, boundary_angles, fine, of_cells, resolution, steep
+from unilateral.problems.problem_file import polygon_of
+
+LISTED = 10
+"""Cells that break the rule, and triangles, up to which text names them."""
+MOST_CELLS = 100_000
+"""On a side."""
+CELL = (
+    "    cell {cell} on side {side}, s = {start:.6g} to {end:.6g}: "
+    "{edges:.4g} edges, {cell_over_edge:.4g} times the longest of them"
+)
+TRIANGLE = "    triangle {triangle} at ({x:.6g}, {y:.6g}): {angle:.4g} degrees"
+
+
+def run(
+    mesh: str | None, h: float | None, polygon: str | None, cells: str | None, H: float | None, json: bool
+) -> int:
+    """Print what is found; the exit code."""
+    of = _mesh(mesh, h, polygon_of(polygon) if polygon else None)
+    found = record(of, _cells(of.polygon, cells or "", H))
+    say(text(found) if json else "\n".join(lines(found)))
+    return 0
+
+
+def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:
+    """The mesh in the file, or else the one of that size."""
+    if file is not None:
+        if not Path(file).is_file():
+            raise InputError(f"argument --mesh: there is no file '{file}'")
+        return api.mesh(file, polygon)
+    if polygon is None or h is None:
+        raise InputError("--h needs --polygon")
+    check_size(polygon, h)
+    return api.KINDS[natural_kind(polygon)](polygon, h)
+
+
+def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
+    """Equal cells of that size, or so many on every side, or those of a file."""
+    if H is not None:
+        return partitions.uniform(polygon, H)
+    if not given.isdecimal():
+        return read(given, polygon)
+    if not 1 <= int(given) <= MOST_CELLS:
+        raise InputError(f"argument --cells: {given} must lie between 1 and {MOST_CELLS}")
+    return Partition(polygon, polygon.divided(np.full(polygon.n_sides, int(given))))
+
+
+def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
+    """For programs. Raises InputError where more memory is needed than is free."""
+    check_condensed(mesh, cells)
+    constants = infsup(mixed_spaces(condense(mesh), cells).operator, dual_norm(cells).gram().p0)
+    return {
+        "polygon": mesh.polygon.name,
+        "vertices": mesh.polygon.vertices.tolist(),
+        "h": mesh.h,
+        "H": cells.H,
+        "unknowns": mesh.n_nodes,
+        "multipliers": cells.n_cells,
+        **constants._asdict(),
+        **resolution(mesh, cells)._asdict(),
+        "rule": _rule(mesh, cells),
+    }
+
+
+def _rule(mesh: Mesh, cells: Partition) -> dict[str, Any]:
+    """The local rule, whether it is kept, and which cells and triangles break it."""
+    coarse, flat = _coarse(cells, *of_cells(mesh, cells)), _flat(mesh, *boundary_angles(mesh))
+    return {**RULE._asdict(), "kept": not (coarse or flat), "cells": coarse, "triangles": flat}
+
+
+def _coarse(cells: Partition, edges: Array, over_longest: Array, _: Array) -> list[dict[str, float]]:
+    """The cells with edges that are too long, by their numbers and arc lengths."""
+    wrong = np.flatnonzero(~fine(over_longest))
+    s = cells.points
+    columns = (wrong, cells.side[wrong], s[wrong], s[wrong + 1], edges[wrong], over_longest[wrong])
+    names = ("cell", "side", "start", "end", "edges", "cell_over_edge")
+    return [dict(zip(names, each, strict=True)) for each in zip(*(c.tolist() for c in columns), strict=True)]
+
+
+def _flat(mesh: Mesh, triangles: Index, angles: Array) -> list[dict[str, float]]:
+    """The triangles with small angles, by their numbers and centroids."""
+    wrong = np.flatnonzero(~steep(angles))
+    x, y = mesh.points[mesh.triangles[triangles[wrong]]].mean(axis=1).T
+    columns = (triangles[wrong], x, y, angles[wrong])
+    names = ("triangle", "x", "y", "angle")
+    return [dict(zip(names, each, strict=True)) for each in zip(*(c.tolist() for c in columns), strict=True)]
+
+
+def lines(found: dict[str, Any]) -> Iterator[str]:
+    """For readers."""
+    rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
+    beta = f"between {found['beta_lower']:.4f} and {found['beta_upper']:.4f}, guaranteed"
+    if found["beta_upper"] == 0:
+        beta = "0: lambda_H may not be unique; take larger cells or shorter edges"
+    broken = f"BROKEN by {len(rule['cells'])} cells and {len(rule['triangles'])} triangles"
+    rows = {
+        "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
+        "beta in H^(-1/2)": beta,
+        "beta_0 in L2": f"{found['beta_0']:.4f}",
+        "edges per cell": f"{found['edges_per_cell']:.4g} at least",
+        "cell over edge": f"{found['cell_over_edge']:.4g} at least (rule: {rule['cell_over_edge']})",
+        "boundary angles": f"{angle:.4g} degrees at least (rule: {rule['smallest_angle']})",
+        "local rule": "kept" if rule["kept"] else broken,
+    }
+    yield f"{found['polygon']}: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
+    yield from (f"  {name:17} {value}" for name, value in rows.items())
+    for what, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):
+        yield from (what.format(**each) for each in wrong[:LISTED])
+        if len(wrong) > LISTED:
+            yield f"    and {len(wrong) - LISTED} more; --json has all"

@@ -1,0 +1,116 @@
+"""What u leaves of the equation (u, v)_1 = (f, v) on V_h, in the dual norm of V_h: an error of u in H1.
+
+On functions v that are 0 on the boundary it is what a linear solver left. On the others it is what a
+multiplier of the same discrete problem has to be, exactly: discretisation errors are no part of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.discrete import Discrete
+from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.problems.case import Case
+
+
+class Fit(NamedTuple):
+    """`factor` times the right load is nearest to a load, and `left` is how far, in the dual norm.
+
+    `size` is the norm of the right one.
+    """
+
+    factor: float
+    left: float
+    size: float
+
+    @property
+    def misfit(self) -> float:
+        """How far the load is from the right one."""
+        return math.hypot(self.left, (self.factor - 1) * self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """Of u (n,) on a `discrete` problem, with a load (n,)."""
+
+    discrete: Discrete
+    u: Array
+    load: Array
+
+    @cached_property
+    def values(self) -> Array:
+        """A u - f (n,)."""
+        return np.asarray(self.discrete.spaces.condensed.A @ self.u - self.load)
+
+    @cached_property
+    def boundary(self) -> Array:
+        """(nb,) <lambda_h, phi_j> of the multiplier that u's boundary values have: A_3 (u - A^{-1} f)."""
+        condensed, boundary = self.discrete.spaces.condensed, self.discrete.mesh.boundary
+        return np.asarray(condensed.A_3 @ (self.u - condensed.solve(self.load))[boundary])
+
+    def nearer_to(self, load: Array) -> Array:
+        """(nb,) that, or the reactions A u - f, which differ by what is left inside: the nearer to `load`."""
+        reactions = self.values[self.discrete.mesh.boundary]
+        return min((self.boundary, reactions), key=lambda right: self.norm(load - right))
+
+    @cached_property
+    def inside(self) -> float:
+        """sup over the v of V_h that are 0 on the boundary."""
+        return math.sqrt(max(float(self._inner(self.values[:, None])[0, 0]), 0.0))
+
+    @cached_property
+    def fit(self) -> Fit:
+        """By which factor A u is nearest to f inside."""
+        A_u = self.discrete.spaces.condensed.A @ self.u
+        products = self._inner(np.column_stack([A_u, self.load]))
+        factor = float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
+        left = Residual(self.discrete, self.u, factor * self.load).inside
+        return Fit(factor, left, math.sqrt(max(float(products[1, 1]), 0.0)))
+
+    def _inner(self, loads: Array) -> Array:
+        """(k, k) products of loads (n, k) in that norm: A_II^{-1}, of the inner nodes, comes from A^{-1}."""
+        condensed, boundary = self.discrete.spaces.condensed, self.discrete.mesh.boundary
+        inner = loads.copy()
+        inner[boundary] = 0.0
+        x = condensed.solve(inner)
+        return np.asarray(inner.T @ x - x[boundary].T @ (condensed.A_3 @ x[boundary]))
+
+    def worst(self) -> tuple[float, ...]:
+        """The place of the inner node at which the equation holds least."""
+        of_node = np.abs(self.values) / np.sqrt(self.discrete.spaces.condensed.A.diagonal())
+        of_node[self.discrete.mesh.boundary] = 0.0
+        return tuple(self.discrete.mesh.points[of_node.argmax()].tolist())
+
+    def norm(self, load: Array) -> float:
+        """sup over V_h of a boundary load (nb,): ||mu||_{-1/2,h}."""
+        return math.sqrt(max(self.product(load, load), 0.0))
+
+    def product(self, one: Array, other: Array) -> float:
+        """Of boundary loads (nb,), of which that norm comes."""
+        return float(one @ self.discrete.spaces.condensed.solve_boundary(other))
+
+    def fitted(self, load: Array, right: Array) -> Fit:
+        """By which factor a boundary load (nb,) is nearest to the right one; 0 where that is 0."""
+        square = self.product(right, right)
+        factor = self.product(load, right) / square if square > 0 else 0.0
+        return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))
+
+
+def residual(case: Case, discrete: Discrete, u: Array) -> Residual:
+    """Of u (n,) and the exported load, or that of f's nodal values if that is nearer but for a factor."""
+    mass = stiffness_and_mass(discrete.mesh)[1]
+    loads = [discrete.load, mass @ case.source(discrete.mesh.points)]
+    found = [Residual(discrete, u, load) for load in loads if np.isfinite(load).all()]
+    return min(found, key=lambda of: of.fit.left)
+
+
+def flux_load(discrete: Discrete) -> Array:
+    """<lambda, phi_j> (nb,) of a case's lambda."""
+    assert discrete.exact is not None
+    return discrete.exact.ritz.flux_load

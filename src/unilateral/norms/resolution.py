@@ -1,0 +1,86 @@
+"""How finely a mesh resolves a partition, and the local rule under which beta is bounded below."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, overlay
+from unilateral.geometry.plane import cross
+
+ROUND_OFF = 1e-9
+
+
+class Rule(NamedTuple):
+    """The least H_i over the longest edge that meets cell i, and angle in degrees, of `Resolution`."""
+
+    cell_over_edge: float
+    smallest_angle: float
+
+
+RULE = Rule(cell_over_edge=2, smallest_angle=20)
+"""That the numbers support: the study judges it as the claim S.local."""
+
+
+class Resolution(NamedTuple):
+    """How finely a mesh resolves a partition; the smallest over the cells T_i of each.
+
+    `edges_per_cell` counts boundary edges, parts as fractions; `cell_over_edge` is H_i over the longest edge
+    that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i; `smallest_angle` is that
+    of the triangles at the boundary, in degrees.
+    """
+
+    edges_per_cell: float
+    cell_over_edge: float
+    nodes_per_cell: int
+    smallest_angle: float
+
+
+class OfCells(NamedTuple):
+    """The same measures of every cell, (m,) each."""
+
+    edges: Array
+    over_longest: Array
+    nodes: Array
+
+
+def resolution(mesh: Mesh, partition: Partition) -> Resolution:
+    """The measures of h/H that a cell of T_H sees."""
+    edges, over_longest, nodes = (float(each.min()) for each in of_cells(mesh, partition))
+    return Resolution(edges, over_longest, int(nodes), float(boundary_angles(mesh)[1].min()))
+
+
+def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
+    """The measures of each cell."""
+    points, cell, edge = overlay(partition.points, mesh.s)
+    lengths = np.diff(mesh.s)
+    edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
+    longest = np.zeros(partition.n_cells)
+    np.maximum.at(longest, cell, lengths[edge])
+    inside = np.bincount(cell, minlength=partition.n_cells) - 1
+    return OfCells(edges.astype(float), partition.lengths / longest, inside.astype(float))
+
+
+def boundary_angles(mesh: Mesh) -> tuple[Index, Array]:
+    """(k,) the triangles with two or three nodes on the boundary, (k,) their smallest angles in degrees."""
+    at = np.flatnonzero(np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2)
+    a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
+    sides = [b - a, c - b, a - c]
+    angles = [
+        np.arctan2(np.abs(cross(p, q)), -np.sum(p * q, axis=1))
+        for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
+    ]
+    return at, np.degrees(np.min(angles, axis=0))
+
+
+def fine(cell_over_edge: Array) -> Mask:
+    """Whether the rule allows these values of H_i over the longest edge, up to round-off."""
+    return np.asarray(cell_over_edge >= RULE.cell_over_edge * (1 - ROUND_OFF))
+
+
+def steep(angles: Array) -> Mask:
+    """Whether the rule allows these angles, in degrees."""
+    return np.asarray(angles >= RULE.smallest_angle)

@@ -1,0 +1,16 @@
+"""The names of the cases that come with the program."""
+
+from __future__ import annotations
+
+from importlib import resources
+from importlib.resources.abc import Traversable
+
+
+def folder() -> Traversable:
+    """Where their YAML files are."""
+    return resources.files("unilateral.manufactured")
+
+
+def names() -> list[str]:
+    """In alphabetical order."""
+    return sorted(entry.name[:-5] for entry in folder().iterdir() if entry.name.endswith(".yaml"))

@@ -1,0 +1,182 @@
+"""Functions on the sides of a polygon, enclosed: polynomials on pieces of sides, and how far off these are.
+
+Every side is halved until a function is a polynomial on each piece up to a tolerance near round-off
+(`taylor`), so that no peak of it can hide; at a kink or a jump pieces become short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.geometry.curves import Singular
+from unilateral.geometry.polygon import Polygon
+
+SideModel = Callable[[Index, Model], Model]
+"""A function on intervals of the sides (k,), from the arc length in side lengths."""
+ORDER = 7
+SHARP = 1e-12
+"""Of what a function varies by above the least value that counts: how far it may be from the polynomial."""
+FLOOR = 1e-13
+"""Of its size on a piece: its rounding, which no shorter piece takes away."""
+IN_VAIN = 4.0
+"""Times the rounding at a point: a piece on which a function is known that well is not cut."""
+MOST_PIECES = 60_000
+SHORTEST = 2.0**-44
+"""Of a side."""
+PLACES = 8.0
+"""Units in the last place of the perimeter: by how much rounding moves places."""
+SIGNS = np.where(np.arange(ORDER + 1) % 2, -1.0, 1.0)
+"""Of the powers at -1."""
+
+
+class Pieces(NamedTuple):
+    """Intervals [start, end] (k,) of sides (k,) in side lengths, with c (m, k), rad and range (k,) there."""
+
+    side: Index
+    start: Array
+    end: Array
+    c: Array
+    rad: Array
+    lower: Array
+    upper: Array
+
+    def of(self, kept: Mask | Index) -> Pieces:
+        side, start, end = self.side[kept], self.start[kept], self.end[kept]
+        return Pieces(side, start, end, self.c[:, kept], self.rad[kept], self.lower[kept], self.upper[kept])
+
+    @property
+    def ordered(self) -> Pieces:
+        """Along the boundary."""
+        return self.of(np.lexsort([self.start, self.side]))
+
+    def points(self, polygon: Polygon) -> Array:
+        """(k + 1,) the arc lengths of their ends, if they are ordered."""
+        return np.append(
+            polygon.starts[self.side] + self.start * polygon.lengths[self.side], polygon.perimeter
+        )
+
+    def rounding(self, points: Array) -> Array:
+        """(k,) that of the polynomials at places that are rounded."""
+        sizes, moved = np.abs(self.c), PLACES * np.spacing(points[-1]) / np.diff(points)
+        return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(ORDER + 1) @ sizes * moved)
+
+
+@dataclass(frozen=True, eq=False)
+class Piecewise:
+    """Between arc lengths `points`[i] and `points`[i + 1] a function is near the polynomial c[:, i].
+
+    It is within `doubt`[i] of it; the variable is -1 and 1 at the ends. `lower` and `upper` (k,) bound the
+    function there. Sides without a function have one piece each, with -inf for both.
+    """
+
+    polygon: Polygon
+    points: Array
+    side: Index
+    c: Array
+    doubt: Array
+    lower: Array
+    upper: Array
+
+    def at(self, piece: Index, s: Array) -> tuple[Array, Array]:
+        """The polynomials and their derivatives (...) on pieces (...) at arc lengths s (...)."""
+        half = 0.5 * (self.points[1:] - self.points[:-1])[piece]
+        sigma = np.clip((s - self.points[piece]) / half - 1, -1.0, 1.0)
+        value, slope = np.zeros_like(sigma), np.zeros_like(sigma)
+        for k in range(ORDER, -1, -1):
+            slope = slope * sigma + value
+            value = value * sigma + self.c[k][piece]
+        return value, slope / half
+
+    def on(self, s: Array) -> Index:
+        """The pieces (...) on which the arc lengths s (...) of the perimeter lie."""
+        return np.clip(np.searchsorted(self.points, s, side="right") - 1, 0, len(self.side) - 1)
+
+    def range(self, side: int) -> tuple[float, float]:
+        """Bounds of the function on a side."""
+        here = self.side == side
+        return float(self.lower[here].min()), float(self.upper[here].max())
+
+
+def in_pieces(
+    polygon: Polygon,
+    model: SideModel,
+    without: Sequence[int],
+    least: float = -np.inf,
+    cuts: Iterable[Singular] = (),
+    shortest: Array | float = SHORTEST,
+) -> Pieces:
+    """The function on all sides but those `without`, in order; below `least` it is known less well.
+
+    It takes fewer pieces if these begin and end at the points where it is known not to be smooth. No piece
+    that is as short as the `shortest`, of each side (n,) or of all, is cut.
+    """
+    side, start, end = _first_intervals(polygon, without, cuts)
+    done, left = [_empty(np.array(without, dtype=np.intp))], MOST_PIECES
+    limit = np.broadcast_to(shortest, polygon.n_sides)
+    while len(side):
+        now, left = _on_intervals(model, side, start, end), left - len(side)
+        wide = _too_wide(_together([now, *done]), least)[: len(side)] & (end - start > limit[side])
+        if wide.any():
+            wide[wide] = ~_only_rounded(model, now.of(wide))
+        if 2 * np.count_nonzero(wide) > left:
+            wide[:] = False
+        done.append(now.of(~wide))
+        middle = 0.5 * (start + end)
+        side, start, end = (
+            np.concatenate([first[wide], second[wide]])
+            for first, second in ((side, side), (start, middle), (middle, end))
+        )
+    return _together(done).ordered
+
+
+def _first_intervals(
+    polygon: Polygon, without: Sequence[int], cuts: Iterable[Singular]
+) -> tuple[Index, Array, Array]:
+    """The other sides, cut at those points: the sides (k,), starts and ends (k,)."""
+    inner = {(point.side, point.t) for point in cuts if 0 < point.t < 1}
+    held = np.setdiff1d(np.arange(polygon.n_sides), without).tolist()
+    ends = sorted(
+        {(side, t) for side in held for t in (0.0, 1.0)} | {each for each in inner if each[0] in held}
+    )
+    side, t = np.array([i for i, _ in ends], dtype=np.intp), np.array([t for _, t in ends])
+    within = side[1:] == side[:-1]
+    return side[:-1][within], t[:-1][within], t[1:][within]
+
+
+def _only_rounded(model: SideModel, pieces: Pieces) -> Mask:
+    """Where it is hardly better known in the middle of a piece than on all of it: shorter are in vain."""
+    middle = 0.5 * (pieces.start + pieces.end)
+    at_points = _on_intervals(model, pieces.side, middle, middle)
+    return np.asarray(pieces.rad <= IN_VAIN * at_points.rad)
+
+
+def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:
+    t = affine(basis(1, ORDER), 0.5 * (start + end), 0.5 * (end - start)[None], (start, end))
+    found = model(side, t)
+    return Pieces(side, start, end, found.c, found.rad, *found.range)
+
+
+def _together(pieces: Sequence[Pieces]) -> Pieces:
+    return Pieces(*(np.concatenate(each, axis=-1) for each in zip(*pieces, strict=True)))
+
+
+def _too_wide(pieces: Pieces, least: float) -> Mask:
+    """Where it is not known up to SHARP times its spread above `least`, or its depth below."""
+    held = np.isfinite(pieces.lower)
+    at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
+    floor = max(least, float(at_centre[held].min(initial=np.inf)))
+    scale = np.maximum(at_centre[held].max(initial=-np.inf) - floor, floor - pieces.lower)
+    return np.asarray(~(pieces.rad <= np.maximum(SHARP * scale, FLOOR * size)))
+
+
+def _empty(side: Index) -> Pieces:
+    """The pieces of sides without a function."""
+    zero = np.zeros(len(side))
+    low = np.full(len(side), -np.inf)
+    return Pieces(side, zero, zero + 1, np.zeros((ORDER + 1, len(side))), zero, low, low)

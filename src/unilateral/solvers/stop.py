@@ -1,0 +1,39 @@
+"""Which algorithm iterates, and when it stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from unilateral.errors import InputError, meant
+
+ALGORITHMS = ("auto", "uzawa", "nesterov", "barzilai_borwein", "newton", "active_set", "multigrid")
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When and how the iteration ends.
+
+    `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
+    `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is multigrid on
+    large meshes, the active set where S is singular, Nesterov where no rho is given and more than
+    `max_steps` plain steps are predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and
+    a rho without a use.
+    """
+
+    fraction: float = 0.01
+    tolerance: float | None = None
+    max_steps: int = 200_000
+    algorithm: str = "auto"
+    rho: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.algorithm not in ALGORITHMS:
+            known = ", ".join(ALGORITHMS)
+            raise InputError(
+                f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}"
+                + meant(self.algorithm, ALGORITHMS)
+            )
+        if self.algorithm in ("active_set", "multigrid") and self.rho is not None:
+            raise InputError(
+                f"the algorithm {self.algorithm} has no step rho; leave rho out, or take uzawa or nesterov"
+            )

@@ -1,0 +1,65 @@
+"""What the study made, by which rule, from which parameters, with which versions; and checksums of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+from importlib.metadata import requires, version
+from pathlib import Path
+from typing import Any
+
+from unilateral import __version__
+from unilateral.files import replacing
+
+OF_THE_MACHINE = "timings.nc"
+"""The end of the names of files that hold seconds and memory: no two runs make the same."""
+
+
+def write(
+    made: Mapping[str, Iterable[str]],
+    study: Mapping[str, Any],
+    manifest: str | os.PathLike[str],
+    sums: str | os.PathLike[str],
+) -> None:
+    """The manifest (JSON) of the files that each rule made, and their sums as `sha256sum -c` reads them.
+
+    `study` is the configuration. Files that depend on the machine are left out, so that two runs with one
+    result have one manifest.
+    """
+    files = [
+        {"path": path, "rule": rule, **_content(Path(path))}
+        for rule, paths in made.items()
+        for path in paths
+        if not path.endswith(OF_THE_MACHINE)
+    ]
+    told = {"versions": versions(), "parameters": digest(study), "files": files}
+    lines = [f"{file['sha256']}  {file['path']}\n" for file in files]
+    with replacing(manifest) as new_manifest, replacing(sums) as new_sums:
+        new_manifest.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        new_sums.write_text("".join(lines), encoding="utf-8")
+
+
+def _content(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    return {"bytes": len(content), "sha256": sha256(content).hexdigest()}
+
+
+def digest(study: Mapping[str, Any]) -> str:
+    """The SHA-256 of the configuration as JSON with sorted keys."""
+    return sha256(json.dumps(study, sort_keys=True).encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Of this package, of Python, and of the packages that pyproject.toml names for the study."""
+    named = [entry for entry in requires("unilateral") or [] if _is_for_the_study(entry)]
+    packages = sorted(re.split(r"[^\w.-]", entry)[0] for entry in named)
+    own = {"unilateral": __version__, "Python": platform.python_version()}
+    return own | {name: version(name) for name in packages}
+
+
+def _is_for_the_study(entry: str) -> bool:
+    return "extra ==" not in entry or re.search(r"extra == ['\"]study['\"]", entry) is not None

@@ -1,0 +1,71 @@
+"""A solution as tables: the cells of the boundary, and all of it by the CF conventions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+LONG_NAMES = {
+    "u": "u_h at the nodes",
+    "x": "x of the nodes",
+    "y": "y of the nodes",
+    "triangles": "nodes of the triangles, from 0",
+    "side": "side of the polygon, from 0",
+    "start": "arc length of the start of the cell",
+    "end": "arc length of the end of the cell",
+    "x_start": "x of the start of the cell",
+    "y_start": "y of the start of the cell",
+    "x_end": "x of the end of the cell",
+    "y_end": "y of the end of the cell",
+    "multiplier": "lambda_H on the cell",
+    "gap": "mean of u_h - g on the cell",
+}
+
+
+def of_cells(partition: Partition, multiplier: Array, gap: Array) -> pd.DataFrame:
+    """A row per cell: its side, its ends' arc lengths and places, lambda_H (m,), the mean of u_h - g (m,)."""
+    import pandas as pd
+
+    s, (start, end) = partition.points, partition.ends
+    return pd.DataFrame(
+        {
+            "side": partition.side,
+            "start": s[:-1],
+            "end": s[1:],
+            **dict(zip(("x_start", "y_start"), start.T, strict=True)),
+            **dict(zip(("x_end", "y_end"), end.T, strict=True)),
+            "multiplier": multiplier,
+            "gap": gap,
+        }
+    )
+
+
+def dataset(mesh: Mesh, u_h: Array, cells: pd.DataFrame, attributes: dict[str, float]) -> xr.Dataset:
+    """u_h (n,) on its mesh, and the columns of `of_cells`, by the CF conventions."""
+    import xarray as xr
+
+    columns = {str(name): ("cell", column.to_numpy()) for name, column in cells.items()}
+    found = xr.Dataset(
+        {
+            "u": ("node", u_h),
+            "triangles": (("triangle", "corner"), mesh.triangles.astype(np.int32)),
+            **columns,
+            "side": ("cell", cells["side"].to_numpy(dtype=np.int32)),
+        },
+        {"x": ("node", mesh.points[:, 0]), "y": ("node", mesh.points[:, 1])},
+        attrs={"Conventions": "CF-1.8", "title": "Solution of a unilateral boundary problem", **attributes},
+    )
+    for name, variable in found.variables.items():
+        variable.attrs = {"long_name": LONG_NAMES[str(name)], "units": "1"}
+        if name not in ("multiplier", "gap"):
+            variable.encoding["_FillValue"] = None
+    return found

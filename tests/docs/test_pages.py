@@ -1,0 +1,235 @@
+"""The pages that `make docs` builds: without a warning, whole, complete, and right in a browser."""
+
+import inspect
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from conftest import ROOT
+
+import unilateral as ul
+
+NARROW = (400, 900)
+WITH_FRACTIONS = ("docs/index.html", "docs/method.html", "docs/tutorial.html")
+FETCHED = {"src", "srcset", "poster", "data", "background"}
+IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
+
+
+def built(folder, sources=ROOT, *options):
+    """What `make docs` runs, into that folder."""
+    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", "docs", *options, str(sources), str(folder)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("docs")
+    run = built(folder)
+    assert (run.returncode, run.stderr) == (0, "")
+    return folder
+
+
+class Page(HTMLParser):
+    """Its anchors, what it links to, and what is fetched with it."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.anchors, self.links, self.fetched, self.style = set(), [], [], False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        of = {name: value or "" for name, value in attributes}
+        self.style = tag == "style"
+        self.anchors |= {of[name] for name in ("id", "name") if name in of}
+        self.fetched += [of[name].split()[0] for name in FETCHED & {*of} if of[name]]
+        self.fetched += in_styles(of.get("style", ""))
+        if "href" in of:
+            into = self.links if tag in ("a", "area") or of.get("rel") in ("next", "prev") else self.fetched
+            into.append(of["href"])
+
+    def handle_data(self, data):
+        if self.style:
+            self.fetched += in_styles(data)
+
+
+def in_styles(text):
+    return [first or second for first, second in IN_STYLES.findall(text)]
+
+
+def faults(site):
+    """What pages and styles fetch from elsewhere, and links within the folder that lead nowhere.
+
+    The paper is a page that others make; links into it are looked at.
+    """
+    pages = {file: Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")}
+    styles = {file: in_styles(file.read_text(encoding="utf-8")) for file in site.rglob("*.css")}
+    own = {file: page for file, page in pages.items() if file.name != "paper.html"}
+    fetched = [(file, url) for file, page in own.items() for url in page.fetched]
+    fetched += [(file, url) for file, urls in styles.items() for url in urls]
+    links = [(file, url) for file, page in own.items() for url in page.links if not is_elsewhere(url)]
+    inside = [(file, url) for file, url in fetched if not (is_elsewhere(url) or url.startswith("data:"))]
+    return [f"{file.name} fetches {url}" for file, url in fetched if is_elsewhere(url)] + [
+        f"{file.name} leads to {url}" for file, url in links + inside if not leads(pages, file, url)
+    ]
+
+
+def is_elsewhere(url):
+    return urlsplit(url).scheme in ("http", "https", "mailto") or bool(urlsplit(url).netloc)
+
+
+def leads(pages, file, url):
+    """Whether there is such a file, with such an anchor."""
+    of = urlsplit(url)
+    target = (file.parent / unquote(of.path)).resolve() if of.path else file
+    of_page = pages.get(target)
+    return target.is_file() and (not of.fragment or (of_page and unquote(of.fragment) in of_page.anchors))
+
+
+def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
+    assert len([*site.rglob("*.html")]) > 15
+    assert faults(site) == []
+
+
+def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
+    run = built(tmp_path, ROOT, "-D", "typeset_paper=")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert faults(tmp_path) == []
+    links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
+    assert "paper.html" in links
+    assert not any(link.startswith("../paper.html") for link in links)
+
+
+def test_links_of_the_repository_to_what_is_no_page_are_text(tmp_path):
+    """A folder, and Markdown that is no page; what is not there at all is refused, see below."""
+    (tmp_path / "sources/docs").mkdir(parents=True)
+    (tmp_path / "sources/README.md").write_text("# Other\n")
+    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home)"
+    (tmp_path / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n")
+    run = built(tmp_path / "pages", tmp_path / "sources")
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "pages/docs/index.html").read_text(encoding="utf-8")
+    assert "<p>a folder, another text, <a " in text
+
+
+SPOILT = {
+    '<link rel="stylesheet" href="https://example.invalid/a.css">': "fetches https://example.invalid/a.css",
+    '<script src="//example.invalid/a.js"></script>': "fetches //example.invalid/a.js",
+    '<img srcset="http://example.invalid/a.png 2x">': "fetches http://example.invalid/a.png",
+    "<style>@import 'https://example.invalid/b.css';</style>": "fetches https://example.invalid/b.css",
+    "<p style='background: url(https://example.invalid/c.png)'>": "fetches https://example.invalid/c.png",
+    '<img src="none.png">': "leads to none.png",
+    '<a href="none.html">none</a>': "leads to none.html",
+    '<a href="#none">none</a>': "leads to #none",
+    '<a href="other.html#none">none</a>': "leads to other.html#none",
+    '<a href="other.html#there">a</a><a href="https://example.invalid">b</a><img src="data:,">': None,
+}
+
+
+@pytest.mark.parametrize(("spoilt", "fault"), SPOILT.items())
+def test_a_page_that_fetches_or_leads_nowhere_is_found(tmp_path, spoilt, fault):
+    """Control; the last one has no fault."""
+    (tmp_path / "page.html").write_text(f"<!doctype html><p>{spoilt}")
+    (tmp_path / "other.html").write_text("<!doctype html><p id=there>")
+    assert faults(tmp_path) == ([f"page.html {fault}"] if fault else [])
+
+
+def test_a_font_from_elsewhere_is_found_in_a_style(tmp_path):
+    """Control."""
+    (tmp_path / "a.css").write_text('@font-face { src: url("https://example.invalid/font.woff2") }')
+    assert faults(tmp_path) == ["a.css fetches https://example.invalid/font.woff2"]
+
+
+DIRECTIVE = "```{{eval-rst}}\n.. {}\n```"
+BROKEN = {
+    "[nowhere](nowhere.md)": "nowhere",
+    "[part](#nowhere)": "nowhere",
+    DIRECTIVE.format("autofunction:: unilateral.nothing"): "nothing",
+    DIRECTIVE.format(
+        "autoclass:: unilateral.accuracy.level.Level\n   :members: goal\n   :undoc-members:"
+    ): "Goal",
+}
+
+
+@pytest.mark.parametrize(("text", "told"), BROKEN.items())
+def test_a_page_with_a_fault_is_not_built(tmp_path, text, told):
+    """Control: a link, an anchor, a name that is not there, and a type without a description."""
+    (tmp_path / "sources/docs").mkdir(parents=True)
+    (tmp_path / "sources/docs/index.md").write_text(f"# Spoilt\n\n{text}\n")
+    run = built(tmp_path / "pages", tmp_path / "sources")
+    assert run.returncode != 0
+    assert told in run.stderr
+
+
+def documented():
+    """The names that users are told of: the public ones, and a solution's attributes."""
+    of = ul.Solution
+    members = [name for name, each in vars(of).items() if name[0] != "_" and inspect.getdoc(each)]
+    table = (ROOT / "docs/python.md").read_text().partition("A solution has")[2].partition("\n\n`s.save`")[0]
+    told = re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)))
+    assert len(told) > 12
+    return {f"unilateral.{name}" for name in ul.__all__} | {
+        f"unilateral.Solution.{name}" for name in [*members, *told]
+    }
+
+
+def test_all_documented_names_are_on_the_page_of_the_library(site):
+    page = Page((site / "docs/api.html").read_text(encoding="utf-8"))
+    assert documented() - page.anchors == set()
+
+
+def test_all_variables_of_tables_are_on_their_page(site):
+    text = (site / "docs/tables.html").read_text(encoding="utf-8")
+    names = re.findall(
+        r"^(\w+): \[", (ROOT / "src/unilateral/study/variables.yaml").read_text(), re.MULTILINE
+    )
+    assert len(names) > 100
+    assert [name for name in names if f">{name}</span>" not in text] == []
+
+
+def test_pages_are_quiet_in_a_browser(browser, site):
+    """No error on the console, no request to another machine, nothing wider than a narrow window."""
+    for file in sorted({*site.rglob("*.html")} - {site / "paper.html"}):
+        page = browser.open(file, NARROW)
+        assert (page.errors, page.elsewhere, browser.overflow()) == ([], [], 0), file.name
+
+
+@pytest.mark.parametrize(("word", "found"), [("multiplier", "The method"), ("xylophone", "did not match")])
+def test_the_search_finds_words(browser, site, word, found):
+    """Without a server, too; control: a word that is nowhere."""
+    page = browser.open(site / "search.html", query=f"?q={word}")
+    assert (page.errors, page.elsewhere) == ([], [])
+    assert browser.shows("#search-results", found)
+
+
+def laid_out(browser):
+    """Whether every formula has a height, and a fraction more than a letter."""
+    formulas, fractions, letters = map(browser.heights, (".math math", ".math mfrac", ".math mi"))
+    return bool(formulas) and min(formulas) > 0 and min(fractions, default=0) > 1.5 * min(letters)
+
+
+@pytest.mark.parametrize("name", WITH_FRACTIONS)
+def test_formulas_are_laid_out(browser, site, name):
+    browser.open(site / name)
+    assert laid_out(browser)
+
+
+FRACTION = "<div class=math><math><mfrac><mi>a</mi><mi>b</mi></mfrac></math></div>"
+
+
+@pytest.mark.parametrize(
+    ("text", "right"),
+    [
+        (FRACTION, True),
+        ("<style>math { display: none }</style>" + FRACTION, False),
+        ("<div class=math><math><mi>a</mi></math></div>", False),
+        ("<div class=math>a/b</div>", False),
+    ],
+)
+def test_formulas_that_are_not_laid_out_are_found(browser, tmp_path, text, right):
+    """Control: hidden, without a fraction, and no MathML."""
+    (tmp_path / "page.html").write_text(f"<!doctype html>{text}")
+    browser.open(tmp_path / "page.html")
+    assert laid_out(browser) == right

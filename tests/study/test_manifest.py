@@ -1,0 +1,89 @@
+"""The manifest: what it tells of files, and that it is that of the stored results."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from conftest import ROOT
+
+from unilateral.study import manifest
+
+ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+"""The SHA-256 of "abc", an example of FIPS 180-4."""
+
+
+def checked(folder):
+    """What `sha256sum` says of the files, without this project."""
+    return subprocess.run(
+        ["sha256sum", "-c", "--quiet", "results/SHA256SUMS"], cwd=folder, capture_output=True, text=True
+    )
+
+
+@pytest.fixture
+def written(tmp_path, monkeypatch):
+    """A study of two rules; writes its manifest and returns it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").mkdir()
+    for name in ("errors.nc", "timings.nc", "claims.json"):
+        (tmp_path / "results" / name).write_text("abc")
+
+    def write(study):
+        made = {"solve": ["results/errors.nc", "results/timings.nc"], "claims": ["results/claims.json"]}
+        manifest.write(made, study, tmp_path / "results/manifest.json", tmp_path / "results/SHA256SUMS")
+        return (tmp_path / "results/manifest.json").read_bytes()
+
+    return write
+
+
+def test_files_are_told_with_rule_size_and_sum(written):
+    assert json.loads(written({}))["files"] == [
+        {"path": "results/errors.nc", "rule": "solve", "bytes": 3, "sha256": ABC},
+        {"path": "results/claims.json", "rule": "claims", "bytes": 3, "sha256": ABC},
+    ]
+
+
+def test_a_changed_file_is_found_without_this_project(written, tmp_path):
+    written({})
+    assert checked(tmp_path).returncode == 0
+    (tmp_path / "results/claims.json").write_text("abd")
+    found = checked(tmp_path)
+    assert (found.returncode, found.stdout) == (1, "results/claims.json: FAILED\n")
+
+
+def test_two_runs_with_one_result_have_one_manifest(written, tmp_path):
+    """Seconds and memory change from run to run; a parameter, and a result, make another manifest."""
+    first = written({"h": "1/8", "H": "1/4"})
+    (tmp_path / "results/timings.nc").write_text("other seconds")
+    assert written({"H": "1/4", "h": "1/8"}) == first
+    assert written({"h": "1/8", "H": "1/2"}) != first
+    (tmp_path / "results/errors.nc").write_text("other errors")
+    assert written({"h": "1/8", "H": "1/4"}) != first
+
+
+def test_versions_are_those_of_what_the_study_needs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = [*project["dependencies"], *project["optional-dependencies"]["study"]]
+    names = {re.match(r"[\w.-]+", each)[0] for each in needed}
+    assert manifest.versions().keys() == names | {"unilateral", "Python"}
+    assert manifest.versions()["unilateral"] == project["version"]
+
+
+def test_the_stored_manifest_is_that_of_the_results():
+    found = checked(ROOT)
+    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
+
+
+def test_the_stored_manifest_names_every_file_and_its_rule():
+    """Those that Snakemake knows of, but those of the machine, the manifest, and what is told of it."""
+    command = [sys.executable, "-m", "snakemake", "--summary"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    rows = [line.split("\t") for line in told.splitlines()[1:]]
+    known = {(row[0], row[2]) for row in rows if not re.search(r"timings\.nc$", row[0])}
+    files = json.loads((ROOT / "results/manifest.json").read_text())["files"]
+    assert {(file["path"], file["rule"]) for file in files} == {
+        (path, rule) for path, rule in known if rule not in ("manifest", "pages")
+    }
+    assert len(files) > 100

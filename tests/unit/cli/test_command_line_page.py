@@ -1,0 +1,104 @@
+"""docs/command-line.md: every command, option, exit code and JSON field is there, and nothing else."""
+
+import json
+import re
+
+import click
+import pytest
+from conftest import ROOT, certified, load
+
+from unilateral.cli import main
+from unilateral.cli.application import COMMANDS, application
+from unilateral.cli.cases import polygon_record
+from unilateral.cli.command import CODES
+from unilateral.study.judge import claims
+from unilateral.study.judge.checks.evidence import Unjudged
+from unilateral.study.judge.claims import Judgement
+
+TEXT = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
+CONTEXT = click.Context(application)
+SECTIONS = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", TEXT, re.MULTILINE | re.DOTALL))
+
+
+def command_of(name):
+    return application.get_command(CONTEXT, name)
+
+
+def tables(text, head):
+    """The rows of all tables whose first column has that head."""
+    found = re.findall(rf"^\| {head}.*? \|.*\n\|---.*\n((?:\|.*\n)+)", text, re.MULTILINE)
+    return [
+        tuple(cell.replace(r"\|", "|").strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1])
+        for table in found
+        for row in table.splitlines()
+    ]
+
+
+def fields(name):
+    """Those of --json of a command, as documented."""
+    return [field for row in tables(SECTIONS[name], "field") for field in re.findall(r"`(\w+)`", row[0])]
+
+
+def test_there_is_a_section_for_every_command():
+    assert list(SECTIONS) == [*COMMANDS, "Completion", "The study"]
+    assert tables(TEXT, "command") == [(f"[`{name}`](#{name})", what) for name, what in COMMANDS.items()]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_is_listed_and_no_other(name):
+    """With its placeholder, as in help."""
+    documented = [row[0] for row in tables(SECTIONS[name], "option")]
+    assert documented == [f"`{param.get_help_record(CONTEXT)[0]}`" for param in command_of(name).params]
+
+
+def test_no_option_is_spoken_of_that_does_not_exist():
+    known = {opt for name in COMMANDS for param in command_of(name).params for opt in param.opts}
+    assert set(re.findall(r"(?<![\w-])--[A-Za-z][\w-]*", TEXT)) <= known | {"--help", "--version"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_exit_codes_of_a_command_are_its_own(name):
+    (listed,) = re.findall(r"^Exit codes: (.*)\.$", SECTIONS[name], re.MULTILINE)
+    assert listed == ", ".join(map(str, command_of(name).codes))
+
+
+def test_the_meaning_of_exit_codes_is_that_of_help():
+    """But for what is said in more words after a colon or a comma."""
+    documented = {row[0]: row[1] for row in tables(TEXT, "exit code")}
+    assert list(documented) == [str(code) for code in CODES]
+    for code, meaning in CODES.items():
+        assert documented[str(code)].replace(",", "").startswith(meaning)
+
+
+def printed(capsys, *arguments):
+    assert main([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_fields_of_solve(capsys):
+    sizes = ("--h", "1/4", "--H", "1/2")
+    assert fields("solve") == list(printed(capsys, "solve", "full_contact", *sizes))
+    plan = printed(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
+    (said,) = re.findall(r"With `--dry-run` there are (.*?)\.$", SECTIONS["solve"], re.MULTILINE | re.DOTALL)
+    assert re.findall(r"`(\w+)`", said) == list(plan)
+
+
+def test_the_fields_of_cases(capsys):
+    found = printed(capsys, "cases", "natural")
+    assert set(fields("cases")) == set(found) | set(found["polygons"][0])
+    (said,) = re.findall(r"^In the list of all cases polygons have .*$", TEXT, re.MULTILINE)
+    listed = re.findall(r"`(\w+)`", said)
+    assert listed == list(polygon_record(load("natural"), certified("natural")))
+
+
+def test_the_fields_of_infsup(capsys):
+    found = printed(capsys, "infsup", "--polygon", "square", "--h", "1/4", "--H", "1/2")
+    assert set(fields("infsup")) == set(found)
+
+
+def test_the_fields_of_claims():
+    """Of a claim that is not judged; the fields are the same as of others."""
+    record = Judgement(claims.find("4.12"), Unjudged("no results")).record()
+    first, *others = fields("claims")
+    assert first == "claims"
+    assert set(others) == {*record, "required", "holds"}

@@ -1,0 +1,152 @@
+"""`unilateral infsup`: the library's constants, and the local rule's verdict."""
+
+import json
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import coupled
+
+from unilateral.cli import main
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh_files import write
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.infsup import infsup
+
+SQUARE = ("--polygon", "square")
+
+
+@pytest.fixture
+def run(capsys):
+    """The exit code, and what is printed on standard output and error."""
+    return lambda *arguments: (main(["infsup", *arguments]), *capsys.readouterr())
+
+
+@pytest.fixture
+def found(run):
+    """What is printed as JSON, and nothing else."""
+
+    def finding(*arguments):
+        code, out, err = run(*arguments, "--json")
+        assert (code, err, out.count("\n")) == (0, "", 1)
+        return json.loads(out)
+
+    return finding
+
+
+def test_the_constants_are_the_library_s(run, found):
+    """At H = 2h on the square; the rule is kept, and beta is above the 0.7 of claim S.local."""
+    told = found(*SQUARE, "--h", "1/16", "--H", "1/8")
+    expected = infsup(coupled("square", 16, 8).operator, dual_norm(uniform(square(), 1 / 8)).gram().p0)
+    for name, value in expected._asdict().items():
+        assert told[name] == pytest.approx(value, rel=1e-9), name
+    assert told["beta_lower"] >= 0.7
+    assert (told["edges_per_cell"], told["cell_over_edge"]) == (2, 2)
+    assert told["smallest_angle"] == pytest.approx(45)
+    assert told["rule"] == {
+        "cell_over_edge": 2,
+        "smallest_angle": 20,
+        "kept": True,
+        "cells": [],
+        "triangles": [],
+    }
+    _, out, _ = run(*SQUARE, "--h", "1/16", "--H", "1/8")
+    between = f"between {expected.beta_lower:.4f} and {expected.beta_upper:.4f}, guaranteed"
+    assert f"  beta in H^(-1/2)  {between}\n" in out
+    assert "  local rule        kept\n" in out
+
+
+def test_a_mesh_and_cells_of_one_s_own(found, tmp_path):
+    """The same pair from files, by so many cells a side, and by their arc lengths in any order."""
+    write(structured(square(), 1 / 8), tmp_path / "own.msh")
+    ends = np.arange(17) / 4
+    rows = [f"{start},{end}" for start, end in pairwise(ends)]
+    (tmp_path / "cells.csv").write_text("\n".join(["start,end", *reversed(rows)]))
+    expected = found(*SQUARE, "--h", "1/8", "--H", "1/4")
+    for cells in ("4", str(tmp_path / "cells.csv")):
+        told = found("--mesh", str(tmp_path / "own.msh"), "--cells", cells)
+        for name in ("beta_lower", "beta_upper", "beta_0", "unknowns", "multipliers", "cell_over_edge"):
+            assert told[name] == pytest.approx(expected[name], rel=1e-9), name
+        assert told["vertices"] == [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+def test_the_cells_that_break_the_rule_are_named(run, found, tmp_path):
+    """By hand: side 0 has 2 edges for 4 cells, half an edge in each; the other sides have 8."""
+    s = np.concatenate([[0, 0.5], 1 + np.arange(24) / 8])
+    write(meshes.with_boundary(square(), s), tmp_path / "own.msh")
+    pair = ("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
+    cells = found(*pair)["rule"]["cells"]
+    assert [each["cell"] for each in cells] == [0, 1, 2, 3]
+    assert [each["start"] for each in cells] == [0, 0.25, 0.5, 0.75]
+    assert all((each["side"], each["edges"], each["cell_over_edge"]) == (0, 0.5, 0.5) for each in cells)
+    out = run(*pair)[1]
+    assert "BROKEN by 4 cells and" in out
+    assert "    cell 1 on side 0, s = 0.25 to 0.5: 0.5 edges, 0.5 times the longest of them\n" in out
+
+
+def test_the_triangles_that_break_the_rule_are_named(run, found, tmp_path):
+    """One triangle of the height 1/10 over its side 1, by hand; each side is an edge and a cell."""
+    thin = Polygon(np.array([[0, 0], [1, 0], [1, 0.1]]), "thin")
+    write(meshes.from_arrays(thin, thin.vertices, [[0, 1, 2]]), tmp_path / "thin.vtu")
+    told = found("--mesh", str(tmp_path / "thin.vtu"), "--cells", "1")
+    (flat,) = told["rule"]["triangles"]
+    assert flat["angle"] == told["smallest_angle"] == pytest.approx(math.degrees(math.atan(0.1)))
+    assert (flat["triangle"], flat["x"], flat["y"]) == (0, pytest.approx(2 / 3), pytest.approx(1 / 30))
+    assert len(told["rule"]["cells"]) == 3
+    out = run("--mesh", str(tmp_path / "thin.vtu"), "--cells", "1")[1]
+    assert "BROKEN by 3 cells and 1 triangles" in out
+    assert "    triangle 0 at (0.666667, 0.0333333): 5.711 degrees\n" in out
+
+
+def test_where_beta_is_0_it_is_said_and_long_lists_are_cut(run):
+    """More cells than boundary nodes: 32 and 16, by the dimension of V_h on the boundary."""
+    code, out, _ = run(*SQUARE, "--h", "1/4", "--H", "1/8")
+    assert code == 0
+    assert "  beta in H^(-1/2)  0: lambda_H may not be unique" in out
+    assert out.count("    cell ") == 10
+    assert "    and 22 more; --json has all\n" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "infsup needs either --mesh or --h; see 'unilateral infsup --help'"),
+        (("--h", "1/4", "--mesh", "own.msh", "--H", "1"), "infsup needs either --mesh or --h"),
+        (("--h", "1/4"), "infsup needs either --cells or --H"),
+        (("--h", "1/4", "--H", "1"), "--h needs --polygon"),
+        (("--mesh", "none.msh", "--H", "1"), "argument --mesh: there is no file 'none.msh'"),
+        ((*SQUARE, "--h", "1/4", "--cells", "0"), "argument --cells: 0 must lie between 1 and 100000"),
+        ((*SQUARE, "--h", "1/4", "--cells", "none.csv"), "none.csv cannot be read: No such file"),
+        ((*SQUARE, "--h", "1e-7", "--H", "1"), "unknowns on 'square', which take at least"),
+        ((*SQUARE, "--h", "1/4", "--cells", "99999"), "of them on the boundary, take about"),
+    ],
+)
+def test_bad_arguments_are_one_error(run, arguments, message):
+    code, out, err = run(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("start,stop\n0,1", "the columns start and end are needed, a row per cell"),
+        ("start,end\n0,x", "the columns start and end are needed, a row per cell"),
+        ("", "the columns start and end are needed, a row per cell"),
+        ("start,end\n0,1\n1.5,4", "a cell ends at s = 1, the next begins at 1.5; cells have to follow"),
+        ("start,end\n0,1\nnan,4", "a cell ends at s = 1, the next begins at nan"),
+        ("start,end\n0,1\n1,2\n2,4", "vertex 3 of polygon 'square', at arc length 3, is missing"),
+        ("start,end\n0,1\n1,2\n2,3\n3,5", "point 4 (5) is out of order"),
+    ],
+)
+def test_a_file_of_cells_that_is_none_is_refused(run, tmp_path, rows, message):
+    file = tmp_path / "cells.csv"
+    file.write_text(rows)
+    code, out, err = run(*SQUARE, "--h", "1/4", "--cells", str(file))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"{file}: " in err
+    assert message in err

@@ -1,0 +1,139 @@
+"""`score --html`: one page that holds what is told, and asks for nothing else."""
+
+import re
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from conftest import discrete, load
+
+from unilateral.cli import main
+from unilateral.discrete import solve
+from unilateral.exchange.page import page
+from unilateral.exchange.read import Foreign, Level
+from unilateral.exchange.score import holds, rates, score, verdict
+from unilateral.exchange.trace import constant
+
+VERDICT = "reaches the proved rates"
+NAMES = ("natural", "no_contact", "rough")
+
+
+@cache
+def scored(name, with_multiplier=True):
+    """This project's own solutions on h = 1/8, 1/16 of that case, as if another solver had them."""
+    found = []
+    for k, n in enumerate((8, 16)):
+        of = discrete(name, n, n // 2)
+        solved = solve(of)
+        mu = constant(of.partition, solved.lambda_H) if with_multiplier else None
+        level = Level(f"level_{k}", of.mesh, of.partition)
+        found.append(score(load(name), Foreign("file", level, solved.u_h, mu, "constant on cells")))
+    return found
+
+
+def written(name, found):
+    return page(load(name), found, rates(load(name), found))
+
+
+class Seen(HTMLParser):
+    """Tags, the texts of cells, and whatever an element asks for."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.cells, self.asked, self.open = [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+        self.asked += [
+            v for k, v in attributes if k in ("src", "href", "xlink:href", "data") and v[:1] != "#"
+        ]
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "td":
+            self.cells.append(data)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("with_multiplier", [True, False])
+def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
+    """Also where errors are 0 or NaN, or lambda infinite. A script or a font elsewhere would be asked for."""
+    found = scored(name, with_multiplier)
+    text = written(name, found)
+    seen = Seen(text)
+    assert (seen.open, seen.asked, seen.tags.count("svg")) == ([], [], 2)
+    assert not {"script", "link", "iframe", "img"} & set(seen.tags)
+    assert not re.search(r"url\((?!#)|@import", text)
+    assert f"{found[-1].errors.h1:.4g}" in seen.cells
+    assert ("-" in seen.cells) == (not with_multiplier or name == "rough")
+    assert verdict(found, rates(load(name), found)) in text
+    assert "nan" not in seen.cells
+
+
+def test_a_page_is_the_same_twice():
+    """No clock and no random numbers."""
+    assert written("natural", scored("natural")) == written("natural", scored("natural"))
+
+
+def test_faults_and_names_are_told_as_text():
+    """A file's name may hold what HTML takes for markup."""
+    one = scored("natural")[-1]
+    spoilt = replace(one, faults=["<lambda, v> & more"], given=replace(one.given, file="<b>.csv"))
+    text = written("natural", [spoilt])
+    assert "<li>&lt;b&gt;.csv: &lt;lambda, v&gt; &amp; more</li>" in text
+    assert "faults were found" in text
+
+
+def test_what_holds():
+    """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
+    found, case = scored("natural"), load("natural")
+    assert holds(found, rates(case, found))
+    assert not holds([replace(found[0], faults=["wrong"]), found[1]], rates(case, found))
+    same = [replace(each, errors=found[0].errors) for each in found]
+    assert not holds(same, rates(case, same))
+
+
+def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, capsys):
+    """A wrong ending is told before anything is scored, as is a solution that cannot be."""
+    folder = str(tmp_path / "natural")
+    assert main(["export", "natural", "--h", "1/8", "--H", "1/4", "--out", folder]) == 0
+    solution = str(tmp_path / "solution.vtu")
+    assert main(["solve", "natural", "--h", "1/8", "--H", "1/4", "-o", solution]) == 0
+    capsys.readouterr()
+    assert main(["score", folder, solution, "--html", str(tmp_path / "page.pdf")]) == 2
+    out, error = capsys.readouterr()
+    assert (out, ".html" in error) == ("", True)
+    assert main(["score", folder, str(tmp_path / "none.vtu"), "--html", str(tmp_path / "page.html")]) == 2
+    assert not (tmp_path / "page.html").exists()
+    assert main(["score", folder, solution, "--html", str(tmp_path / "page.html")]) == 0
+    assert "no fault was found" in (tmp_path / "page.html").read_text()
+
+
+def test_g_along_the_boundary_is_that_of_the_case():
+    """u - g at the nodes of the exact u is the case's gap; on the page it is drawn by `obstacle`."""
+    from unilateral.exchange.held import obstacle
+
+    case, mesh = load("natural"), discrete("natural", 8, 4).mesh
+    u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
+    np.testing.assert_allclose(u - obstacle(case, mesh), gap, atol=1e-14)
+
+
+def test_chromium_shows_it_without_errors_and_without_a_network(browser, tmp_path):
+    """As a reader sees it: both pictures have a height, and nothing is asked for elsewhere."""
+    (tmp_path / "page.html").write_text(written("natural", scored("natural")))
+    seen = browser.open(tmp_path / "page.html")
+    assert (seen.title, seen.errors, seen.elsewhere) == ("natural: " + VERDICT, [], [])
+    assert len(seen.requested) == 1
+    assert [height > 100 for height in browser.heights("svg")] == [True, True]
+    assert browser.overflow() == 0

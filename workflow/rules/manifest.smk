@@ -1,0 +1,39 @@
+# Every file of the study by the rule that makes it -> what was made, from what and with what.
+
+# Snakemake makes a file anew that is missing only if it is a target, or if what follows from it is made anew.
+MADE = {
+    **files_by_rule(JUDGED),
+    "floors": expand(rules.floors.output, scene=config["floors"]),
+    "totals": expand(rules.totals.output, scene=config["totals"]["scenes"]),
+    "survey": expand(rules.survey.output, survey=SURVEYS),
+    "sharpness": rules.sharpness.output,
+    "adaptive": rules.adaptive.output,
+    "algorithm": rules.algorithm.output,
+    "cost_runs": [*rules.cost.input.runs, *rules.cost.input.timed],
+    "cost": rules.cost.output,
+    "extremes": rules.extremes.output,
+    "claims": rules.claims.output,
+    "numbers": rules.numbers.output,
+    "figure": FIGURES,
+    "documents": DOCUMENTS,
+    "paper": rules.paper.output,
+}
+
+
+rule manifest:
+    input:
+        code("write_manifest"),
+        **MADE,
+    output:
+        manifest="results/manifest.json",
+        sums="results/SHA256SUMS",
+    log:
+        "results/logs/manifest.log",
+    resources:
+        **asked("manifest"),
+    params:
+        study=config,
+    message:
+        "The manifest of all results"
+    script:
+        "../scripts/write_manifest.py"

@@ -1,0 +1,37 @@
+# What `snakemake --report` shows beside the figures and the paper, as pages.
+
+
+report: "../report/study.rst"
+
+
+PAGES = {
+    "claims": "Every claim, judged",
+    "rates": "Rates, observed and expected",
+    "provenance": "Versions, parameters",
+}
+
+
+rule pages:
+    input:
+        code("typeset_pages"),
+        numbers="results/numbers.json",
+        blocks="results/blocks.json",
+        claims="results/claims.json",
+        manifest="results/manifest.json",
+        parameters=PARAMETERS,
+        texts=expand("workflow/report/{page}.md", page=PAGES),
+        filter="workflow/paper/numbers.lua",
+        template="workflow/paper/paper.html",
+    output:
+        pages=[
+            report(f"results/report/{page}.html", category="Tables", labels={"table": shows})
+            for page, shows in PAGES.items()
+        ],
+    log:
+        "results/logs/pages.log",
+    resources:
+        **asked("pages"),
+    message:
+        "The pages of the report"
+    script:
+        "../scripts/typeset_pages.py"

@@ -1,0 +1,21 @@
+"""The report's pages: texts with marks, filled in and typeset."""
+
+from job import run
+
+from unilateral.files import replacing
+from unilateral.study.judge import records
+from unilateral.study.text import marks, provenance, verdicts
+from unilateral.study.text.typesetting import page_of
+
+
+def main(numbers, blocks, claims, manifest, parameters, texts, filter, template, pages):
+    known = records.read(blocks) | provenance.blocks(records.read(manifest), parameters)
+    holding = verdicts.holding(records.read(claims))
+    for text, page in zip(texts, pages, strict=True):
+        told = marks.filled(text, records.read(numbers), known, holding)
+        with replacing(page) as temporary:
+            temporary.write_text(page_of(told, text, filter, template), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    run(main, snakemake)

@@ -1,0 +1,28 @@
+"""`make report`: Snakemake's report of the study, in which large results open in every browser, too."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from unilateral.files import replacing
+
+PARTS = Path(__file__).parent / "report"
+
+
+def main(target):
+    with replacing(target) as report:
+        options = ["--report", report, "--report-stylesheet", PARTS / "style.css"]
+        made = subprocess.run(
+            [sys.executable, "-m", "snakemake", *options], stderr=subprocess.PIPE, text=True
+        )
+        if made.returncode:
+            print(made.stderr, end="", file=sys.stderr)
+            sys.exit(made.returncode)
+        head, body, rest = report.read_text(encoding="utf-8").rpartition("</body>")
+        script = f"<script>\n{(PARTS / 'large.js').read_text(encoding='utf-8')}</script>\n"
+        report.write_text(head + script + body + rest, encoding="utf-8")
+    print(f"The report is in {target}; open it in a browser.")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
