@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from string import Template
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 CONFIGURATION = Path(__file__).with_name("slurm.conf")
@@ -30,9 +31,9 @@ PATIENCE = 30
 def missing() -> str:
     """What lacks for a Slurm, in a sentence; nothing if all is there."""
     lacking = [name for name in (*DAEMONS, "sbatch") if not shutil.which(name, path=_path())]
-    return f"there is no {', '.join(lacking)} here; Debian's packages slurm-wlm and munge have them" * bool(
-        lacking
-    )
+    if not lacking:
+        return ""
+    return f"there is no {', '.join(lacking)} here; Debian's packages slurm-wlm and munge have them"
 
 
 @contextlib.contextmanager
@@ -85,14 +86,12 @@ def _configured(folder: Path) -> Path:
         values = {
             "FOLDER": folder,
             "USER": getpass.getuser(),
+            "HOST": socket.gethostname().partition(".")[0],
             "CONTROL_PORT": first.getsockname()[1],
             "NODE_PORT": second.getsockname()[1],
         }
-    text = CONFIGURATION.read_text(encoding="utf-8").replace("HOST", socket.gethostname().partition(".")[0])
-    for name, value in values.items():
-        text = text.replace(name, str(value))
     path = folder / "slurm.conf"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(Template(CONFIGURATION.read_text(encoding="utf-8")).substitute(values), encoding="utf-8")
     return path
 
 

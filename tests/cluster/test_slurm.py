@@ -3,6 +3,7 @@
 Where there is no Slurm these tests are skipped, and say so.
 """
 
+import re
 import subprocess
 import sys
 
@@ -59,6 +60,18 @@ def test_the_cluster_makes_the_tables_of_a_local_run_byte_for_byte(node, tmp_pat
     made = {path.name: path.read_bytes() for path in (remote / "results/quick").iterdir()}
     assert tables.keys() == made.keys()
     assert {name for name in tables if tables[name] != made[name]} == {"timings.nc"}
+
+
+def test_the_whole_study_can_be_planned_with_the_profiles_groups(node, tmp_path):
+    """No group waits for a job that waits for that group. Control: with the ledger in it, one does."""
+    project = copy_project(tmp_path)
+    code, said = snakemake(project, node, *PROFILE, "-n")
+    assert code == 0, said
+    assert set(re.findall(r"Group job (\w+)", said)) == {"surveys", "judging", "figures", "telling"}
+    waiting = ("--groups", *(f"{rule}=telling" for rule in ("claims", "numbers", "documents", "paper")))
+    code, said = snakemake(project, node, *PROFILE, *waiting, "-n")
+    assert code == 1
+    assert "Error in group telling" in said
 
 
 def test_a_job_that_fails_ends_snakemake_with_the_jobs_log(node, tmp_path):
