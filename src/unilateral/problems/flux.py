@@ -15,8 +15,8 @@ from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.piecewise import PLACES, SHORTEST, SIGNS, Pieces, Piecewise, SideModel, in_pieces
 
-CUT = 0.382
-"""Of a side, where it is cut first: a jump at a half or a quarter is in the middle of no piece.
+CUT = (3 - 5**0.5) / 2
+"""Of a side, where it is cut first: then no jump that is written as a fraction is in the middle of a piece.
 
 There it would be taken for rounding, which no shorter piece takes away.
 """

@@ -56,7 +56,7 @@ def test_q_is_within_its_doubt_of_the_polynomials(text):
     assert len(found.doubt) <= 1500
 
 
-@pytest.mark.parametrize("at", ["1/3", "1/2", "1/4", "0.3", "0.5 + 1e-14"])
+@pytest.mark.parametrize("at", ["1/3", "1/2", "1/4", "0.3", "0.191", "0.382", "0.5 + 1e-14"])
 def test_a_jump_costs_nothing_but_short_pieces(at):
     """In L2 a millionth of it: half of the jump on a piece of 1e-12. Control: the doubt there is that half.
 
