@@ -196,7 +196,7 @@ REFUSED = [
         "number, at least 1, at most 9",
     ),
     (
-        ("study", " cases: [natural, thirds]\n", " cases: [natural, reentrant]\n"),
+        ("study", "    cases: [natural, thirds]\n", "    cases: [natural, reentrant]\n"),
         "workflow/config/study.yaml, field scenes.quick.cases[1]: case 'reentrant' is for lshape, not for "
         "'square'",
     ),
