@@ -55,7 +55,7 @@ fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `mak
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }
 	uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
-	    --all-extras pyproject.toml --output-file requirements.txt.tmp
+	    --extra study --extra docs --extra dev pyproject.toml --output-file requirements.txt.tmp
 	mv requirements.txt.tmp requirements.txt
 
 clean:  ## remove results/ and build/

@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
@@ -31,9 +32,11 @@ PATIENCE = 30
 def missing() -> str:
     """What lacks for a Slurm, in a sentence; nothing if all is there."""
     lacking = [name for name in (*DAEMONS, "sbatch") if not shutil.which(name, path=_path())]
-    if not lacking:
-        return ""
-    return f"there is no {', '.join(lacking)} here; Debian's packages slurm-wlm and munge have them"
+    if lacking:
+        return f"there is no {', '.join(lacking)} here; Debian's packages slurm-wlm and munge have them"
+    if not find_spec("snakemake_executor_plugin_slurm"):
+        return "Snakemake's executor for Slurm is not installed; docs/cluster.md says how"
+    return ""
 
 
 @contextlib.contextmanager
