@@ -1,0 +1,29 @@
+"""What an installation takes: memory of a process and its children, and the disk."""
+
+import subprocess
+import sys
+
+import pytest
+
+from benchmarks import whole
+
+HOLD = "import time; held = b'x' * {mb} * 2**20; time.sleep(1)"
+MB = 200
+
+
+def test_the_memory_is_that_of_a_command_and_its_children():
+    """Two processes hold 200 MB each at one time; Python itself takes some 10."""
+    child = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {HOLD.format(mb=MB)!r}]); "
+    found = whole.measured([sys.executable, "-c", child + HOLD.format(mb=MB)])
+    assert 2 * MB <= found["memory"] < 2 * MB + 100
+
+
+def test_a_command_that_fails_is_no_measurement():
+    with pytest.raises(subprocess.CalledProcessError):
+        whole.measured([sys.executable, "-c", "raise SystemExit(1)"])
+
+
+def test_the_disk_counts_files_in_folders_too(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder/file").write_bytes(b"x" * 3 * whole.MB)
+    assert whole.disk(tmp_path) == pytest.approx(3, abs=0.1)  # blocks of the file system
