@@ -24,7 +24,7 @@ from unilateral.problems.problem import Problem
 PICTURES = (".svg", ".png", ".pdf")
 FREE, HELD = "tab:gray", "tab:blue"
 ROUND_OFF = 1e-12
-POINTS = 200
+POINTS = 201
 """Of a side, at which g is drawn; and along x and y those of f."""
 
 
@@ -88,13 +88,16 @@ def _given(problem: Problem, side: int) -> sympy.Expr:
 
 
 def _along(problem: Problem, formula: sympy.Expr, side: int) -> Array:
-    """(POINTS,) values along a side, its ends included."""
+    """(POINTS,) values along a side, its ends and its middle included."""
     t = np.linspace(0, problem.polygon.lengths[side], POINTS)
     return compile_numpy([formula], (X, Y))(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
 
 
 def _formula(formula: sympy.Expr, between: tuple[float, float]) -> str:
-    """With its least and largest values, where it is more than a number; rounding of 0 is not shown."""
+    """With its least and largest values, where it is more than a number; rounding of 0 is not shown.
+
+    Those of f are guaranteed, those on sides are seen at POINTS points.
+    """
     if formula.is_number:
         return shown(formula)
     size = max(map(abs, between))

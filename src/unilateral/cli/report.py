@@ -42,7 +42,7 @@ def table(found: dict[str, Any], bounds: Bounds | None) -> str:
         rows |= _errors(found, unique)
     if bounds is not None:
         rows["guaranteed"] = f"{ERROR['h1']} <= {bounds.u:.4e}, {ERROR['hm12']} <= {bounds.multiplier:.4e}"
-        adds = f"f and g enclosed, which adds {bounds.unknown:.1e}"
+        adds = f"f, g and q enclosed, which adds {bounds.unknown:.1e}"
         rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
     rows |= _contact(found["contact"])
     for name, force in (found["forces"] or {}).items():

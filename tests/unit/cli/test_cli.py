@@ -249,7 +249,7 @@ def test_an_accuracy_of_a_case(run, solve_json):
     assert sum(int(level[5]) for level in levels) == found["iterations"]
     assert re.search(rf"  certified: .* <= {found['total_bound']:.4e} = 0.0\d+ of \|\|u\|\|_1 >= ", out)
     (line,) = re.findall(r"  the guarantee rests on +(.*)", out)
-    assert re.fullmatch(r"f and g enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
+    assert re.fullmatch(r"f, g and q enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
 
 
 def test_an_absolute_accuracy(run, solve_json):
