@@ -27,14 +27,14 @@ PLACES = [
     ("workflow/config/rates.yaml", "  cases:\n", RATES),
     ("workflow/config/study.yaml", "\nscenes:\n", SCENE),
     ("workflow/config/study.yaml", "\nsurveys:\n", SURVEY),
-    ("src/unilateral/study/judge/ledger.yaml", "scenes: [betasquare", ", mysurvey"),
+    ("src/unilateral/study/judge/ledger/beyond.yaml", "scenes: [betasquare", ", mysurvey"),
     (
         "src/unilateral/study/figures/my_figure.py",
         "",
         (ROOT / "src/unilateral/study/figures/multiplier.py").read_text(),
     ),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
-    ("src/unilateral/study/judge/ledger.yaml", "", "\n" + CLAIM),
+    ("src/unilateral/study/judge/ledger/beyond.yaml", "", "\n" + CLAIM),
     ("src/unilateral/study/runs/extremes/contact.py", "", KIND),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]

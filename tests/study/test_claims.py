@@ -75,7 +75,7 @@ ENTRY = {
 def test_an_entry_that_is_no_claim_is_told_by_its_id(changed, said):
     """Control: as it was it is one."""
     assert claims.declared(ENTRY).id == "4.x"
-    with pytest.raises(InputError, match=rf"^ledger\.yaml, claim '4\.x': {said}"):
+    with pytest.raises(InputError, match=rf"^ledger, claim '4\.x': {said}"):
         claims.declared({**ENTRY, **changed})
 
 

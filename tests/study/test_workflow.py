@@ -19,7 +19,7 @@ from conftest import ROOT, copy_project
 
 from unilateral.errors import StorageError
 from unilateral.study import drawings, tables
-from unilateral.study.judge import claims
+from unilateral.study.judge import claims, ledger
 
 WORKFLOW = ROOT / "workflow"
 SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
@@ -289,7 +289,7 @@ def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, modul
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
     data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
-    assert data == {"case.schema.yaml", "ledger.yaml", "polygons.yaml", "variables.yaml"}
+    assert data == {"case.schema.yaml", "polygons.yaml", "variables.yaml", *ledger.FILES}
 
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):

@@ -2,9 +2,9 @@ import re
 from functools import cache
 from pathlib import Path
 
-from unilateral.declarations import own
 from unilateral.study import resources
 from unilateral.study.drawings import drawings, shown
+from unilateral.study.judge.ledger import entries
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]
@@ -115,7 +115,7 @@ def claimed():
     """The tables that the ledger's claims read."""
     names = [
         name.format(scene=scene)
-        for claim in own(Path("src/unilateral/study/judge/ledger.yaml"))["claims"]
+        for claim in entries()
         for name in claim["reads"]
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]

@@ -1,10 +1,10 @@
 """The ledger: every statement of the paper, a check on the study's results, and a verdict.
 
-The statements are declared in `ledger.yaml`; `checks` holds what is measured. A check gives an observed
-number and the one it has to reach or to stay below; its margin is what is left, relative to the latter. A
-claim whose margin is not negative gets the verdict that the ledger declares for that case, any other one
-fails. Where a precondition of the check does not hold the claim is not judged, for that reason, and does not
-hold either. A control is a spoilt result on which the check has to fail.
+The statements are declared in `ledger`, in a file for each section; `checks` holds what is measured. A check
+gives an observed number and the one it has to reach or to stay below; its margin is what is left, relative
+to the latter. A claim whose margin is not negative gets the verdict that the ledger declares for that case,
+any other one fails. Where a precondition of the check does not hold the claim is not judged, for that
+reason, and does not hold either. A control is a spoilt result on which the check has to fail.
 """
 
 from __future__ import annotations
@@ -14,16 +14,15 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from unilateral.declarations import own
 from unilateral.errors import InputError
 from unilateral.study.judge.checks import adaptive, algorithm, cost, estimates, extremes, rates, stability
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
+from unilateral.study.judge.ledger import entries
 from unilateral.study.judge.records import FAILS, UNJUDGED
 from unilateral.study.tables import load
 
@@ -133,9 +132,8 @@ def _numbers(evidence: Evidence) -> dict[str, Any]:
 
 @cache
 def ledger() -> tuple[Claim, ...]:
-    """All claims, in the order of the paper. Raises InputError for an entry that is none."""
-    entries = own(resources.files("unilateral.study.judge") / "ledger.yaml")["claims"]
-    return tuple(declared(entry) for entry in entries)
+    """All claims, section by section. Raises InputError for an entry that is none."""
+    return tuple(declared(entry) for entry in entries())
 
 
 def declared(entry: Mapping[str, Any]) -> Claim:
@@ -147,10 +145,10 @@ def declared(entry: Mapping[str, Any]) -> Claim:
     try:
         claim = Claim(**fields)
     except TypeError as error:
-        raise InputError(f"ledger.yaml, claim '{entry['id']}': {error}") from None
+        raise InputError(f"ledger, claim '{entry['id']}': {error}") from None
     module, _, function = claim.check.partition(".")
     if not hasattr(CHECKS.get(module), function):
-        raise InputError(f"ledger.yaml, claim '{claim.id}': there is no check '{claim.check}'")
+        raise InputError(f"ledger, claim '{claim.id}': there is no check '{claim.check}'")
     return claim
 
 
