@@ -35,6 +35,18 @@ def test_the_table_of_rates():
     assert table.values.tolist() == [["square", *first], ["square", *second], ["again", *first]]
 
 
+def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
+    """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
+    other = made_up().isel(case=[0])
+    other["rate"][0, :, 0, 2] = 0.75
+    table = error_tables.rates_by_case({"square": made_up(), "again": other}, 0.5)
+    first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
+    assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
+    unknown = made_up().isel(case=[0])
+    unknown["verdict"][:] = "not judged"
+    assert error_tables.rates_by_case({"square": unknown}, 0.5).empty
+
+
 def made_up_pairs():
     """Two families at H/h = 2 and 4, and three other pairs, two of them with flat triangles."""
     rows = [

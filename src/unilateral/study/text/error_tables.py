@@ -20,6 +20,7 @@ MEASURES = {
     "edges_per_cell": "fewest boundary edges in a cell",
     "cell_over_edge": "smallest $H_i$ over the longest edge at it",
 }
+NOTHING = "–"
 ROUNDED = 1e-4
 """Relative, of the numbers in a committed table."""
 
@@ -52,6 +53,32 @@ def _rate(of: xr.Dataset) -> str:
     suffix = "" if verdict == "holds" else f", **{verdict}**"
     counted = "1 pair" if pairs == 1 else f"{pairs} pairs"
     return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({counted}){suffix}"
+
+
+def rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per case, the smallest rates of all scenes; none of a case that is nowhere judged."""
+    rows = []
+    for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
+        of = {
+            name: found.sel(case=case, h_over_H=ratio)
+            for name, found in scenes.items()
+            if case in found["case"]
+        }
+        shown_of = {
+            TITLES[norm]: _smallest([found.sel(norm=norm) for found in of.values()]) for norm in NORMS
+        }
+        if set(shown_of.values()) != {NOTHING}:
+            rows.append({"case": f"`{case}`", "scenes": ", ".join(of)} | shown_of)
+    return pd.DataFrame(rows)
+
+
+def _smallest(found: Sequence[xr.Dataset]) -> str:
+    judged = [of for of in found if of["verdict"].item() in ("holds", "fails")]
+    if not judged:
+        return "exact" if found[0]["verdict"].item() == "exact" else NOTHING
+    failed = any(of["verdict"].item() == "fails" for of in judged)
+    expected = max(float(of["expected"]) for of in judged)
+    return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
 
 
 FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
