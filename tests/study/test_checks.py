@@ -472,7 +472,7 @@ def test_the_abstract_bound_by_hand(E, L, c, observed):
 
 def runs(**changed):
     """Two runs of equal numbers, H = 1/4 and 1/16, but for those of the second that are `changed`."""
-    of = over(RUN, h1_error=0.125, l2_error=1.25, hm12_best=0.125, hm12_discrete=0.1)
+    of = over(RUN, h1_error=0.125, l2_error=1.25, hm12_best=0.125, discrete_error=0.1)
     of |= over(RUN, hm12_error_lower=0.5, hm12_error_upper=0.625)
     of |= over(("case", "partition"), projection_error=0.25, consistency=0.046875)
     of |= over(("case", "mesh"), ritz_error=0.25, u_norm=1.0)

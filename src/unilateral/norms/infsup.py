@@ -62,8 +62,8 @@ def of_runs(errors: xr.Dataset) -> xr.Dataset:
     known = (beta > 0) & (upper > ZERO * errors["u_norm"])
     right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
     found = {
-        "norm_ratio_lower": errors["hm12_discrete"] / upper,
-        "norm_ratio_upper": errors["hm12_discrete"] / errors["hm12_error_lower"],
+        "norm_ratio_lower": errors["discrete_error"] / upper,
+        "norm_ratio_upper": errors["discrete_error"] / errors["hm12_error_lower"],
         "lemma_4_3": upper / right,
     }
     order = ("case", "mesh", "partition")

@@ -164,7 +164,7 @@ def runs(hm12, h1_error, beta=(0.5, 0.5)):
     """A table of one run with the bounds hm12, of which 0.9 is the discrete norm, and the distance 0.1."""
     grid, run = ("mesh", "partition"), ("case", "mesh", "partition")
     values = {"hm12_error_lower": hm12[0], "hm12_error_upper": hm12[1], "h1_error": h1_error}
-    values |= {"hm12_discrete": 0.9, "hm12_best": 0.1}
+    values |= {"discrete_error": 0.9, "hm12_best": 0.1}
     of_pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}
     table = {name: (run, [[[value]]]) for name, value in values.items()}
     table |= {name: (grid, [[value]]) for name, value in of_pair.items()}
