@@ -17,6 +17,7 @@ from unilateral.study.judge.checks import (
     cost,
     estimates,
     evidence,
+    exponents,
     extremes,
     rates,
     stability,
@@ -377,6 +378,117 @@ def test_surfaces_are_judged_on_their_two_finest_pairs():
     assert made_is(-0.125, rates.surface, surfaces(), "table", "l2", 0.25, [1.0], 0.1)
     assert made_is(-0.0625, rates.surface, surfaces(), "table", "l2", 0.5, [1.0], 0.1)
     assert made_is(-0.75, rates.surface, surfaces(), "table", "l2", 0.25, [1.0, 2.0], 0.1)
+
+
+def powers(changed=(), **variables):
+    """Errors H^(1 + alpha) over alpha = -1/4, 1/4, 1/2 and gamma = 1/10, 1, and `changed` ones.
+
+    Those are factors by places (level, alpha, gamma). Predicted is 1 + alpha, left by the proof half that of
+    gamma more.
+    """
+    H, alpha, gamma = 0.5 ** np.arange(2, 6), np.array([-0.25, 0.25, 0.5]), np.array([0.1, 1.0])
+    error = np.tile(H[:, None, None] ** (1 + alpha[:, None]), (1, 1, 2))
+    for place, factor in changed:
+        error[place] *= factor
+    of = over(("norm", "level", "alpha", "gamma"), error=np.stack([error, error]))
+    of |= over(("norm", "alpha"), predicted=np.stack([1 + alpha, 1 + alpha]))
+    left = 0.5 * (1 + alpha[:, None] + gamma)
+    of |= over(("norm", "alpha", "gamma"), left_by_proof=np.stack([left, left])) | variables
+    return table(of, norm=["hm12", "discrete"], alpha=alpha, gamma=gamma, H=("level", H))
+
+
+LOWER = (np.s_[-1, 1, 0], 2**0.75)
+"""Over three pairs the rate is lower by 1/4 at alpha = 1/4, gamma = 1/10."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "observed"),
+    [
+        ([], 0.0),
+        ([LOWER], -0.25),
+        ([(np.s_[:, 0], 9)], 0.0),
+        ([(np.s_[1:3], 9)], 0.0),
+        ([(-1, NAN)], "not known"),
+    ],
+)
+def test_D_has_its_rate_over_all_levels_for_alpha_above_0(changed, observed):
+    """What is between the ends does not count, nor what is at alpha = -1/4."""
+    assert made_is(observed, exponents.theorem_2, powers(changed), "table", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "tolerance", "observed"),
+    [([], 0.1, (0.25, True)), ([], 0.125, (0.25, True)), ([], 0.15, (0.575, True)),
+     ([LOWER], 0.1, (0.25, True)), ([LOWER, LOWER], 0.1, (0.075, False))],
+)  # fmt: skip
+def test_D_is_compared_with_the_other_proof_where_both_are_apart(changed, tolerance, observed):
+    """At gamma = 1 they are 1/8 and 1/4 apart, at 1/10 0.575 and 0.7."""
+    assert made_is(observed, exponents.beyond_consistency, powers(changed), "table", tolerance)
+
+
+HELD = (np.s_[:2, 1, 1], 0.5)
+"""On the coarser levels; so the rate at gamma = 1 is lower at a pair, that of the largest error is not."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "least", "most"),
+    [([], 0.1, 0.0), ([HELD], 0.1, 0.0), ([(np.s_[-1, 1, 1], 2**0.25)], -0.15, 0.0),
+     ([(np.s_[:2], 0.5)], -0.9, 0.0), ([(np.s_[-1, 2], 0.5)], 0.1, 1.0),
+     ([(-1, NAN)], "not known", "not known")],
+)  # fmt: skip
+def test_the_largest_error_over_gamma_is_judged_on_the_last_pairs(changed, least, most):
+    given = powers(changed)
+    assert made_is(least, exponents.theorem_4, given, "table", {"hm12": 0.1})
+    assert made_is(most, exponents.attained, given, "table", {"hm12": 2.0}, 0.1)
+
+
+def test_rates_are_attained_up_to_an_alpha():
+    given = powers([(np.s_[-1, 2], 0.5)])
+    assert made_is((0.0, True), exponents.attained, given, "table", {"hm12": 0.25}, 0.1)
+
+
+def test_t_may_lack_its_logarithm():
+    """At alpha = 1/2 log_2 of (1 + ln 32)/(1 + ln 16), at 1/4 nothing; the first pair does not count."""
+    rate = np.array([[0, 0, 0], [0, 1.125, 1.5], [0, 1.25, 1.5]])
+    lacking = powers(t_rate=(("pair", "alpha"), rate))
+    assert made_is((-0.125, False), exponents.superclose, lacking, "table", 0.1)
+    rate[1, 1], rate[2, 2] = 2, 1.25
+    lacking = powers(t_rate=(("pair", "alpha"), rate))
+    taken = math.log2((1 + math.log(32)) / (1 + math.log(16)))
+    assert made_is(min(0, taken - 0.25), exponents.superclose, lacking, "table", 0.1)
+
+
+@pytest.mark.parametrize(("alpha", "power"), [(0.25, 0), (0.5, 1), (0.9, 0.5), (INF, 0.5)])
+def test_the_ritz_projection_may_lack_its_logarithm(alpha, power):
+    """Errors h^2, over the last factor of 4; 3/2 + alpha is expected, and 2 at most."""
+    h = 0.5 ** np.arange(1, 6)
+    of = over(("case", "mesh"), ritz_boundary_error=[[9, 9, *h[2:] ** 2]])
+    given = table(of, case=["c"], h=("mesh", h))
+    taken = power * math.log((1 + math.log(32)) / (1 + math.log(8))) / math.log(4)
+    expected = 2 - min(2, 1.5 + alpha) + taken
+    assert made_is(expected, exponents.proposition_3, given, ["a"], {"c": alpha, "e": 1.0}, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "observed"),
+    [({}, 1.0), ({"ritz_means": 0.25, "consistency": 0.5}, 1.25), ({"discrete_error": 5.0}, 2.0),
+     ({"beta_lower": 0.0}, "nothing of which"), ({"discrete_error": 0.0}, "nothing of which")],
+)  # fmt: skip
+def test_lemma_1_by_hand(changed, observed):
+    """m = 1, k = min(0.5/0.5, 9/0.5) = 1, c = 1/4: D^2 = D + (1 + D) + 1/4 at D = 5/2.
+
+    With k = 0.25/0.5 and c = 1/2 it is at 2. beta counts from above. Where beta or D is 0 nothing is judged.
+    """
+    values = {"discrete_error": 2.5, "ritz_means": 9.0, "beta_lower": 0.4, "beta_upper": 0.5, "beta_0": 0.5}
+    values |= {"ritz_error": 0.5, "u_norm": 1.0, "consistency": 0.25} | changed
+    of = over(RUN, **{name: [[[values[name]]]] for name in ("discrete_error", "ritz_means")})
+    of |= over(
+        ("mesh", "partition"), **{name: [[values[name]]] for name in ("beta_lower", "beta_upper", "beta_0")}
+    )
+    of |= over(("case", "mesh"), **{name: [[values[name]]] for name in ("ritz_error", "u_norm")})
+    of |= over(("case", "partition"), consistency=[[values["consistency"]]])
+    forms = forms_of([0, 0, 0, 0, 1.0], 5 * [9.0])
+    assert made_is(observed, exponents.lemma_1, table(forms | of, case=["c"], H=("partition", [1.0])), ["a"])
 
 
 def test_rates_of_the_consistency_term_may_not_be_lower_either():

@@ -93,6 +93,7 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
     falling: list[tuple[Place, list[Any]]] = [
         *((("scenes", name, "H"), scene["H"]) for name, scene in scenes.items()),
         (("sharpness", "H"), study["sharpness"]["H"]),
+        (("sharpness", "fixed", "H"), study["sharpness"]["fixed"]["H"]),
         (("deep", "h"), study["deep"]["h"]),
         (("cost", "stops"), study["cost"]["stops"]),
     ]

@@ -20,7 +20,16 @@ from typing import Any
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.study.judge.checks import adaptive, algorithm, cost, estimates, extremes, rates, stability
+from unilateral.study.judge.checks import (
+    adaptive,
+    algorithm,
+    cost,
+    estimates,
+    exponents,
+    extremes,
+    rates,
+    stability,
+)
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
 from unilateral.study.judge.ledger import entries
 from unilateral.study.judge.records import FAILS, UNJUDGED
@@ -38,6 +47,7 @@ CHECKS = {
     "algorithm": algorithm,
     "cost": cost,
     "estimates": estimates,
+    "exponents": exponents,
     "extremes": extremes,
     "rates": rates,
     "stability": stability,
