@@ -53,7 +53,7 @@ def test_the_dimension_counts_intervals(keep):
     Control: l^{-1} of them, as where nothing is removed, would be too many.
     """
     for generations in (3, 5):
-        lengths = {b - a for a, b in family(generations, keep, Q(1, 1000)).divided()[2]}
+        lengths = {b - a for a, b in family(generations, keep).divided()[2]}
         assert len(lengths) == 1
         size = float(lengths.pop() / Q(3, 4))
         assert size ** -family(1, keep).dimension == pytest.approx(2**generations, rel=1e-12)
