@@ -809,6 +809,45 @@ def test_the_local_rule_asks_for_short_edges_and_no_flat_triangles(ratios, angle
     assert made_is(expected, stability.local_rule, table(of), ["a"], 0.7)
 
 
+@pytest.mark.parametrize(
+    ("deltas", "ratios", "angles", "expected"),
+    [
+        ([0.5, 0.5, 0.5], [1.0, 1, 1], [45.0, 45, 45], 0.3),
+        ([0.5, 0.25, 0.1], [1.0, 1, 1], [45.0, 45, 45], 0.6 / 0.75),
+        ([0.5, 0.25, 0.5], [1.0, 1, 10.1], [45.0, 45, 45], 0.6 / 0.75),
+        ([0.5, 0.25, 0.5], [10.0, 1, 1], [45.0, 20, 19.9], 0.6 / 0.75),
+        ([0.5, 0, 0], [1.0, 1, 1], [45.0, 45, 45], 0.9),
+        ([0.0, 0, 0], [1.0, 1, 1], [45.0, 45, 45], "nothing of which to find the smallest beta_lower"),
+    ],
+)
+def test_the_rule_of_inner_nodes_asks_for_delta_comparable_cells_and_no_flat_triangles(
+    deltas, ratios, angles, expected
+):
+    """beta is 0.9, 0.6, 0.3; over 4 delta (1 - delta), which is 1, 0.75, 0.36 at 1/2, 1/4, 1/10."""
+    of = over(PAIRS, beta_lower=[[0.9, 0.6, 0.3]], delta=[deltas], alpha_1=[ratios], smallest_angle=[angles])
+    assert made_is(expected, stability.inner_nodes, table(of), ["a"], "beta_lower", 0.5, 10.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("deltas", "expected"),
+    [([0.5, 0.32], 2.0), ([0.5, 0.0], 2.0), ([0.125, 0.32], 6.25), ([0.0, 0.0], "nothing of which")],
+)
+def test_the_pairing_is_judged_where_every_cell_has_an_inner_node(deltas, expected):
+    """alpha_1 = 3: the bound, (delta/2)^{3/2}, is 1/8 at 1/2, 0.064 at 0.32, 1/64 at 1/8."""
+    found = [[0.25 if delta else np.nan for delta in deltas]]
+    found[0][1] = 0.4 if deltas[1] else np.nan
+    of = over(PAIRS, pairing=found, delta=[deltas], alpha_1=[[3.0, 3.0]])
+    assert made_is(expected, stability.pairing, table(of), ["a"])
+
+
+@pytest.mark.parametrize(("last", "expected"), [(0.2, 0.0), (0.1, 1.0), (0.4, 1.0)])
+def test_near_the_ends_beta_falls_with_the_cells_from_both_sides(last, expected):
+    """beta of 0.4 at delta = H = 1/2 and of 0.2 at 1/4 is of the order 1; so it is at the least delta."""
+    beta = [[0.4, 9.0], [9.0, last], [0.3, 0.15]]
+    of = over(PAIRS, beta_lower=beta, delta=np.outer([0.5, 0.25, 0.01], [1, 1]))
+    assert made_is(expected, stability.near_ends, table(of, H=("partition", [0.5, 0.25])), "a", 0.1)
+
+
 @pytest.mark.parametrize(("edges", "expected"), [(2.0, 0.5), (3.0, "with 3 edges in every cell is not")])
 def test_edges_alone_are_judged_where_every_cell_has_them(edges, expected):
     of = table(over(PAIRS, beta_upper=[[0.25, 0.5]], edges_per_cell=[[1.0, 2 - 1e-10]]))

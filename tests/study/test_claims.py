@@ -113,6 +113,10 @@ BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own cont
     ("F.norm", "square/errors", "hm12_error_upper", {"factor": 0.9, "at": {"mesh": 0}}),
     ("F.total", "corners/totals", "total_index_lambda", {"factor": 0.1}),
     ("S.local", "betasquare/infsup", "cell_over_edge", {"value": 3.0}),
+    ("T.ends", "betanode/infsup", "beta_lower", {"factor": 0.9, "at": {"partition": -1}}),
+    ("T.node", "betasquare/infsup", "beta_lower", {"factor": 0.69}),
+    ("T.node0", "betaneedle/infsup", "smallest_angle", {"value": 30.0}),
+    ("T.pair", "betaslit/infsup", "pairing", {"factor": 0.1}),
 ]
 
 
@@ -195,7 +199,8 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
 
 
 def test_the_rule_for_beta_is_the_library_s_and_judged_on_every_survey():
-    assert set(LEDGER["S.local"].parameters["scenes"]) == set(STUDY["surveys"])
+    for claim in ("S.local", "T.node", "T.node0", "T.pair"):
+        assert set(LEDGER[claim].parameters["scenes"]) == set(STUDY["surveys"])
     for claim in ("S.local", "A.beta"):
         assert f"{RULE.smallest_angle}°" in LEDGER[claim].statement
         assert RULE.cell_over_edge == 2
@@ -242,7 +247,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
         table = results()[name].copy(deep=True)
         changed[name] = table.assign(beta_lower=table["beta_0"], beta_upper=table["beta_0"])
     monkeypatch.setattr(Gram, "p0", property(shortcut))
-    assert failing(changed) == {"3.1a", "3.5", "S.local", "A.beta"}
+    assert failing(changed) == {"3.1a", "3.5", "S.local", "T.node", "A.beta"}
 
 
 def made_up(observed, required, at_least):

@@ -117,6 +117,14 @@ def test_defaults_are_filled_in():
         ("surveys.betasquare.mesh", "equal"),
         ("surveys.betathin.polygon", [[0, 0], [0, 1], [1, 0]]),
         ("surveys.betaworst.edges_per_cell", [2]),
+        ("surveys.betanode.edges_per_cell", [2]),
+        ("surveys.betanode.deltas", REMOVED),
+        ("surveys.betanode.deltas", [0.6]),
+        ("surveys.betanode.deltas", ["2/3"]),
+        ("surveys.betanode.deltas", []),
+        ("surveys.betanode.mesh", {"kind": "inner", "ends": False}),
+        ("surveys.betanode.mesh", {"kind": "inner", "spread": 2}),
+        ("surveys.betasquare.deltas", ["1/2"]),
         ("algorithm.shares", ["1/2"]),
         ("scenes.quick.mesh.h", "1/0"),
         ("scenes.quick.mesh.h", "0/1"),
@@ -410,6 +418,7 @@ ACCEPTED = [
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
+    (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),
     (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.

@@ -155,6 +155,10 @@ def _survey_faults(survey: Fields, name: str) -> Iterator[tuple[Place, str]]:
             if real(spec.get(field, 1), "") < 1:
                 yield (*place, field), f"it is {spec[field]}; it has to be at least 1"
 
+    for i, delta in enumerate(survey.get("deltas", [])):
+        if real(delta, "") > 0.5:
+            yield ("deltas", i), f"it is {delta}; it has to be at most 1/2"
+
 
 def _domain(given: Any, name: str) -> Polygon:
     return polygon.named(given) if isinstance(given, str) else Polygon(given, name)
