@@ -422,7 +422,10 @@ ACCEPTED = [
     (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.
-    (r".*\.(levels|max_steps|steps|compared_steps|costly_steps|positions|side|seed)", "three|zero"),
+    (
+        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|positions|side|seed)",
+        "three|zero",
+    ),
     (r".*\.(counts|recorded_steps|gammas|alphas|shares|targets)\.\d+", "three|float|half|tiny"),
     (r".*\.(cell_over_edge|smallest_angle|edge_ratio|beta)", "zero|three|float|tiny"),
     (r".*\.(accuracy|memory|fraction)", "three|float|tiny"),

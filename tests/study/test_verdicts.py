@@ -67,9 +67,9 @@ def test_letters_and_signs_are_set_as_such():
     assert shown[-1] == "a → b"
 
 
-def test_every_verdict_of_the_ledger_has_a_section_of_the_paper():
+def test_every_verdict_of_the_ledger_has_a_table_in_the_supplement():
     records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.ledger()]
-    text = (ROOT / "paper.md").read_text(encoding="utf-8")
+    text = (ROOT / "supplement.md").read_text(encoding="utf-8")
     for name in verdicts.claims_tables(records):
         assert f"<!-- {name}: begin -->" in text
 

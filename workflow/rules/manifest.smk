@@ -16,7 +16,7 @@ MADE = {
     "numbers": rules.numbers.output,
     "figure": FIGURES,
     "documents": DOCUMENTS,
-    "paper": rules.paper.output,
+    "typeset": rules.paper.input,
 }
 
 
