@@ -9,15 +9,22 @@ from typing import Any
 
 from unilateral.errors import StorageError
 
-FAILS, UNJUDGED = "fails", "not judged"
-"""Verdicts that no document may rest on; the second one goes on with its reason."""
+FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
+"""Verdicts that no document may rest on; the last two go on with their reasons."""
+ORIGINS = {
+    "derived": "derived",
+    "taken": "taken from",
+    "before": "set before",
+    "after": "set after values had been seen",
+}
+"""How the source of a required number begins, by a short name, so that readers can count them."""
 LEAST, PLENTY = 1e-4, 10.0
 """Margins below and above are told as these."""
 
 
 def holds(verdict: str) -> bool:
     """Whether a sentence may rest on a claim with that verdict."""
-    return not verdict.startswith((FAILS, UNJUDGED))
+    return not verdict.startswith((FAILS, UNJUDGED, UNMEASURED))
 
 
 def read(path: str | os.PathLike[str]) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from unilateral.formulas.formula import real
 from unilateral.norms.resolution import RULE
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
+from unilateral.study.judge.records import ORIGINS
 from unilateral.study.runs.cost.variants import REFRESH
 from unilateral.study.text import adaptive_tables, benchmark_tables, cost_tables, extremes_tables
 from unilateral.study.text.error_tables import ROUNDED
@@ -37,7 +38,7 @@ def collect(told: Sources) -> dict[str, Value]:
         {
             "study": {**told.study, "infsup": {"rule": RULE._asdict()}},
             "claims": {each["id"]: {"observed": each["observed"]} for each in told.claims}
-            | {"all": len(told.claims)},
+            | ledger(told.claims),
             "beta": beta(told.pairs, *RULE) | uniform_beta(told.pairs),
             "cost": recommended(of["case"], H_over_h, coarsest)
             | {
@@ -57,6 +58,13 @@ def collect(told: Sources) -> dict[str, Value]:
             | {name: taken(told.whole[name]) for name in ("solver", "study", "tests")},
         }
     )
+
+
+def ledger(claims: Sequence[Mapping[str, Any]]) -> Group:
+    """How many claims have a check and how many have none, and where the required numbers come from."""
+    sources = [each["source"] for each in claims if each["source"] is not None]
+    thresholds = {name: sum(of.startswith(start) for of in sources) for name, start in ORIGINS.items()}
+    return {"all": len(sources), "unmeasured": len(claims) - len(sources), "thresholds": thresholds}
 
 
 def taken(measured: Mapping[str, float]) -> Group:

@@ -40,6 +40,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
             "claim": each["id"],
             "statement": f"{each['statement']} [{_letters(each['where'])}]",
             **_numbers(each),
+            "sees": each["sees"] or NONE,
             "verdict": _letters(each["verdict"]),
         }
         rows.setdefault(f"claims-{each['section']}", []).append(row)
@@ -47,7 +48,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
-    """What is shown of the evidence; nothing of what is not judged."""
+    """What is shown of the evidence; nothing of what is not judged, or not to be measured."""
     if record["observed"] is None:
         return dict.fromkeys(("what counts", "observed", "margin"), NONE)
     return {
