@@ -20,7 +20,16 @@ from typing import Any
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.study.judge.checks import adaptive, algorithm, cost, estimates, extremes, rates, stability
+from unilateral.study.judge.checks import (
+    adaptive,
+    algorithm,
+    cost,
+    estimates,
+    extremes,
+    rates,
+    stability,
+    transitions,
+)
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
 from unilateral.study.judge.ledger import entries
 from unilateral.study.judge.records import FAILS, UNJUDGED
@@ -31,7 +40,7 @@ LETTERS = {
     r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
     r"\|": "‖", r"\le ": "<= ", r"\ge ": ">= ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
     r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\min": "min", r"\log": "log", r"\gamma": "γ",
-    r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×", r"\cdot": "·", r"\,": " ", "$": "",
+    r"\tau": "τ", r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×", r"\cdot": "·", r"\,": " ", "$": "",
 }  # fmt: skip
 CHECKS = {
     "adaptive": adaptive,
@@ -41,6 +50,7 @@ CHECKS = {
     "extremes": extremes,
     "rates": rates,
     "stability": stability,
+    "transitions": transitions,
 }
 
 
