@@ -21,6 +21,7 @@ from unilateral.study.judge.checks import (
     extremes,
     rates,
     stability,
+    transitions,
 )
 from unilateral.study.judge.checks.evidence import Unjudged
 from unilateral.study.runs.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
@@ -341,6 +342,54 @@ def test_rates_that_fail_are_compared_with_the_expected_ones_too(rate, verdict, 
     """0.8 and 0.4 against 0.75, with a tolerance of 0.1."""
     of = rates_table(rate, ["holds", verdict])
     assert made_is(expected, rates.expected, of, ["a"], ["c", "d"], 2, {"l2": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("verdict", "tolerance", "expected"),
+    [("holds", 0.1, (0.1, True)), ("holds", -0.2, (-0.2, False)), ("fails", 0.1, "^a, d, l2: fails$")],
+)
+def test_rates_against_the_order_of_regularity(verdict, tolerance, expected):
+    """0.8 and 0.9 against 0.8 and 0.7: no excess, and 0.2."""
+    of = rates_table([[0.1, 1.0, 0.8], [0.1, 0.9, 1.1]], ["holds", verdict])
+    orders, tolerances = {"c": 0.8, "d": 0.7}, {"l2": tolerance}
+    assert made_is(expected, rates.regularity, of, ["a"], orders, 2, tolerances)
+
+
+def on_cells(bound=0.001, converged=1.0):
+    """Of two cases, H falls from 1 by 4 and by 16; D like H^1 and H^(1/2), then like H^(1/2) and H^(3/4)."""
+    errors = np.array([[[1, 1 / 4], [1, 1 / 4]], [[1, 1 / 2], [1, 1 / 8]]])
+    run = over(("case", "start", "level"), discrete_error=errors, consistency=errors**2)
+    run |= over(("case", "start", "level"), algebraic_bound=bound * errors, converged=0 * errors + converged)
+    run |= over(("case",), flux_order=[1 / 2, 1 / 2], gap_order=[1, 3 / 4])
+    return table(run, case=["c", "d"], H=(("start", "level"), [[1, 1 / 4], [1, 1 / 16]]))
+
+
+def test_exponents_are_means_over_where_cells_begin():
+    """3/4 and 5/8; of the consistency term 3/2 and 5/4, where sigma + tau are 3/2 and 5/4."""
+    of = on_cells()
+    given = ("a/errors", "discrete_error")
+    assert made_is((5 / 8, True), transitions.exponents, of, *given, ["c", "d"], 0.6, True)
+    assert made_is((3 / 4, False), transitions.exponents, of, *given, ["c", "d"], 0.7, False)
+    assert made_is((3 / 4, True), transitions.exponents, of, *given, ["c"], 0.7, True)
+    assert made_is((0, True), transitions.consistency, of, "a/errors", 0.1)
+    of["a/errors"]["gap_order"][1] = 1
+    assert made_is((0.25, False), transitions.consistency, of, "a/errors", 0.1)
+
+
+def test_exponents_of_errors_that_were_not_found_are_not_judged():
+    given = ("a/errors", "discrete_error", ["c"], 0.7, True)
+    said = "^the algebraic error is 0.02 of D$"
+    assert made_is(said, transitions.exponents, on_cells(bound=0.02), *given)
+    assert made_is("of D$", transitions.exponents, on_cells(converged=0.0), *given)
+
+
+def test_the_way_from_what_is_proved_to_the_best_approximation():
+    """3/4 is at (1/2 + 1)/2, and 5/8 at (1/2 + 3/4)/2; with tau = 1/4 it is 1/4 of 5/8 above 3/8."""
+    of = on_cells()
+    assert made_is((0, False), transitions.beyond_theorem, of, "a/errors", ["c", "d"], 0.5)
+    of["a/errors"]["gap_order"][:] = 1 / 4
+    assert made_is((0.4, False), transitions.beyond_theorem, of, "a/errors", ["d"], 0.5)
+    assert made_is((0.6, True), transitions.beyond_theorem, of, "a/errors", ["c"], 0.5)
 
 
 def test_rates_over_the_last_factor_of_four():

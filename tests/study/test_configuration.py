@@ -104,6 +104,7 @@ def test_defaults_are_filled_in():
         ("scenes.../../etc/passwd", {}),
         ("scenes.sharpness", {}),
         ("scenes.adaptive", {}),
+        ("scenes.cells", {}),
         ("surveys.betasquare.partitions", [{"H": "1/16", "shift": 1}]),
         ("surveys.betasquare.partitions", [{"H": math.inf}]),
         ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
@@ -160,6 +161,10 @@ def test_defaults_are_filled_in():
         ("adaptive.most.of_beta", 0.5),
         ("adaptive.factor", 1),
         ("sharpness", REMOVED),
+        ("cells", REMOVED),
+        ("cells.period", 1),
+        ("cells.H", ["1/9", "1/8"]),
+        ("cells.cases", ["thurds"]),
         ("sharpness.alphas", ["1"]),
         ("sharpness.alphas", ["1/21"]),
         ("sharpness.alphas", [0.25]),
@@ -229,7 +234,7 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of adaptive, algorithm, benchmarks, cost, deep, extremes, logs, paper, "
+        "letter first, and none of adaptive, algorithm, benchmarks, cells, cost, deep, extremes, logs, paper, "
         "report, sharpness",
     ),
     (
@@ -423,7 +428,7 @@ ACCEPTED = [
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.
     (
-        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|positions|side|seed)",
+        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|period|positions|side|seed)",
         "three|zero",
     ),
     (r".*\.(counts|recorded_steps|gammas|alphas|shares|targets)\.\d+", "three|float|half|tiny"),

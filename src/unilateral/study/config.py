@@ -94,6 +94,7 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
         *((("scenes", name, "H"), scene["H"]) for name, scene in scenes.items()),
         (("sharpness", "H"), study["sharpness"]["H"]),
         (("sharpness", "fixed", "H"), study["sharpness"]["fixed"]["H"]),
+        (("cells", "H"), study["cells"]["H"]),
         (("deep", "h"), study["deep"]["h"]),
         (("cost", "stops"), study["cost"]["stops"]),
     ]
@@ -116,7 +117,7 @@ def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
     """Cases that are not declared, or not for their polygon or side; surveys that do not fit theirs."""
     chosen: list[tuple[Place, Fields, list[str]]] = [
         *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
-        *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "deep")),
+        *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "cells", "deep")),
         *(
             (("adaptive", "scenes", i, "cases"), scene, scene["cases"])
             for i, scene in enumerate(study["adaptive"]["scenes"])

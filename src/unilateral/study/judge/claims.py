@@ -26,6 +26,7 @@ from unilateral.study.judge.checks import (
     extremes,
     rates,
     stability,
+    transitions,
 )
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
 from unilateral.study.judge.controls import smallest_share, spoilt, told
@@ -42,6 +43,7 @@ CHECKS = {
     "extremes": extremes,
     "rates": rates,
     "stability": stability,
+    "transitions": transitions,
 }
 
 

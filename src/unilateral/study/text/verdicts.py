@@ -22,6 +22,7 @@ LETTERS = {
     "rho": "ρ",
     "sigma": "σ",
     "omega": "ω",
+    "tau": "τ",
     "pi": "π",
     "Pi": "Π",
 }
