@@ -205,8 +205,9 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
 
 
 def test_the_rule_for_beta_is_the_library_s_and_judged_on_every_survey():
-    for claim in ("S.local", "T.node", "T.node0", "T.pair"):
-        assert set(LEDGER[claim].parameters["scenes"]) == set(STUDY["surveys"])
+    assert set(LEDGER["S.local"].parameters["scenes"]) == set(STUDY["surveys"])
+    for claim in ("T.node", "T.node0", "T.pair"):
+        assert set(LEDGER[claim].parameters["scenes"]) == {*STUDY["surveys"], "adaptive"}
     for claim in ("S.local", "A.beta"):
         assert f"{RULE.smallest_angle}°" in LEDGER[claim].statement
         assert RULE.cell_over_edge == 2

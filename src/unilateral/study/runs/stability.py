@@ -11,11 +11,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.fem.condense import condense
-from unilateral.fem.spaces import SINGULAR, mixed_spaces
+from unilateral.fem.spaces import SINGULAR, DualOperator, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import Bounds, dual_norm
 from unilateral.norms.infsup import InfSup, cellwise, infsup, worst_multiplier
 from unilateral.norms.pairing import pairing_constant
 from unilateral.norms.resolution import Resolution, resolution
@@ -47,11 +47,8 @@ def survey(partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Seque
         on = meshes_of(partitions[0].polygon, partitions, meshes, size)
         for p, (partition, mesh, gram) in enumerate(zip(partitions, on, grams, strict=True)):
             operator = mixed_spaces(condensed(mesh), partition).operator
-            found = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            found |= resolution(mesh, partition)._asdict() | infsup(operator, gram)._asdict()
-            found["beta_0_cellwise"] = cellwise(operator)
-            found["pairing"] = pairing_constant(mesh.s, partition)
-            for name, value in found.items():
+            sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            for name, value in (sizes_of | constants(mesh, partition, operator, gram)).items():
                 values[name][k, p] = value
             if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
                 symmetries = _symmetries(mesh, partition, meshes[p])
@@ -63,6 +60,16 @@ def survey(partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Seque
     H = [partition.H for partition in partitions]
     regularity = [partition.H_over_Hi_max for partition in partitions]
     return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
+
+
+def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Bounds) -> dict[str, float]:
+    """The constants of (3.4) and of Theorem 5 of one pair, and how finely the mesh resolves the cells."""
+    return {
+        **resolution(mesh, partition)._asdict(),
+        **infsup(operator, gram)._asdict(),
+        "beta_0_cellwise": cellwise(operator),
+        "pairing": pairing_constant(mesh.s, partition),
+    }
 
 
 def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[NDArray[np.intp]]:
