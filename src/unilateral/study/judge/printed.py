@@ -14,8 +14,8 @@ LETTERS = {
     r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
     r"\|": "‖", r"\le ": "<= ", r"\ge ": ">= ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
     r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\min": "min", r"\log": "log", r"\gamma": "γ",
-    r"\delta": "δ", r"\tau": "τ", r"\sum": "Σ", r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×", r"\cdot": "·",
-    r"\,": " ", "$": "",
+    r"\delta": "δ", r"\tau": "τ", r"\sum": "Σ", r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×",
+    r"\cdot": "·", r"\,": " ", "$": "",
 }  # fmt: skip
 
 
