@@ -9,7 +9,17 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from unilateral.study.judge import surfaces
-from unilateral.study.judge.checks.evidence import ZERO, Array, Evidence, Tables, by_case, forms, worst
+from unilateral.study.judge.checks.evidence import (
+    ZERO,
+    Array,
+    Evidence,
+    Tables,
+    all_of,
+    by_case,
+    forms,
+    worst,
+)
+from unilateral.study.tables import error_in
 
 
 def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
@@ -82,6 +92,24 @@ def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance
         below = excess.sel(alpha=excess["alpha"] <= alpha)
         rows |= {f"{norm}, {name}": value for name, value in _rows(below).items()}
     return worst(rows, "the rate of the finest pair less the predicted one", tolerance, False)
+
+
+def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> Evidence:
+    """The largest error of a position over that for the smallest gamma; there no position is held.
+
+    On the two finest levels, for alpha > 0.
+    """
+    data, rows = tables[table].isel(level=slice(-2, None)), dict[str, float]()
+    freest = data.sel(gamma=data["gamma"].min(), drop=True)
+    for norm in norms:
+        share = error_in(data, norm) / error_in(freest, norm)
+        largest = share.max(["level", "gamma", "position"], skipna=False)
+        rows |= {f"{norm}, {name}": value for name, value in _rows(largest).items()}
+    held = _rows(freest["held"].max(["level", "position"], skipna=False))
+    return all_of(
+        worst(rows, "an error over that for the smallest gamma", most, False),
+        worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
+    )
 
 
 def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
