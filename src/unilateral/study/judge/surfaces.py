@@ -42,6 +42,13 @@ def left_by_proof(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
     return np.minimum(predicted(norm, alpha), of_consistency(alpha, gamma) / 2 - INVERSE[norm])
 
 
+def taken_by_logarithm(sizes: ArrayLike) -> Array:
+    """(pair,) what a factor 1 + ln 1/H takes from rates between sizes H (level,); its root takes half."""
+    H = np.asarray(sizes, dtype=float)
+    L = 1 - np.log(H)
+    return np.asarray(np.log(L[1:] / L[:-1]) / np.log(H[:-1] / H[1:]))
+
+
 def bend(norm: str) -> float:
     """The alpha at which the regularity no longer limits the predicted rate."""
     most, smoothness = BEST[norm]
