@@ -496,6 +496,21 @@ def test_rates_are_attained_up_to_an_alpha():
     assert made_is((0.0, True), exponents.attained, given, "table", {"hm12": 0.25}, 0.1)
 
 
+@pytest.mark.parametrize(
+    ("place", "largest"),
+    [((2, 1, 1, 0), 1.5), ((3, 2, 1, 1), 1.5), ((1, 1, 1, 0), 1.0), ((3, 0, 1, 0), 1.0)],
+)
+def test_errors_are_compared_with_those_of_the_smallest_gamma(place, largest):
+    """At single positions on the last two levels, for alpha > 0. There no cell may be held, at 1 it may."""
+    error, held = np.ones((4, 3, 2, 2)), np.zeros((4, 3, 2, 2))
+    error[place], held[:, :, 1], held[:, 0], held[0] = 1.5, 1.0, 1.0, 1.0
+    of = over(("level", "alpha", "gamma", "position"), l2_error=error, held=held)
+    given = table(of, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
+    assert made_is(largest, exponents.released, given, "table", ["l2"], 1.5)
+    held[2, 1, 0, 1] = 1.0
+    assert made_is((1.0, False), exponents.released, given, "table", ["l2"], 1.5)
+
+
 def test_t_may_lack_its_logarithm():
     """At alpha = 1/2 log_2 of (1 + ln 32)/(1 + ln 16), at 1/4 nothing; the first pair does not count."""
     rate = np.array([[0, 0, 0], [0, 1.125, 1.5], [0, 1.25, 1.5]])

@@ -96,12 +96,20 @@ def test_exceptions_are_named_with_what_they_lack():
             "predicted": (("norm", "alpha"), [[1.5, 1.5]]),
             "rate": (("norm", "pair", "alpha", "gamma"), rate.swapaxes(0, 1)[None]),
         },
-        coords={"norm": ["hm12"], "alpha": [-0.25, 0.5], "gamma": [1.0, 2.0]},
+        coords={
+            "norm": ["hm12"],
+            "alpha": [-0.25, 0.5],
+            "gamma": [1.0, 2.0],
+            "H": ("level", [1, 1 / 2, 1 / 4]),
+        },
     )
+    rates["held"] = (("level", "alpha", "gamma"), [2 * [[0.5, 0.5]], 2 * [[0.5, 0.5]], 2 * [[0.125, 0.5]]])
     assert error_tables.exceptions(rates, {"hm12": 0.1}).values.tolist() == []
     rates["rate"][0, -1, 1, 0] = 1.25
     table = error_tables.exceptions(rates, {"hm12": 0.1})
-    assert (list(table), table.values.tolist()) == (["α", "γ", "λ in H^(−1/2)"], [["0.5", "1", "0.25"]])
+    lacks = 0.25 - 0.5 * np.log2((1 + np.log(4)) / (1 + np.log(2)))
+    assert list(table) == ["α", "γ", "λ in H^(−1/2)", error_tables.HELD]
+    assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
 
 
 def test_the_table_of_floors():

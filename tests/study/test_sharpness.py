@@ -1,5 +1,6 @@
 """The family of the sharpness study: its places, its certificates, one member solved by itself."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -140,6 +141,7 @@ def test_a_measurement_is_the_solve_of_its_member(a, c, k):
         "l2_error": solution.errors.l2,
         "discrete_error": solution.errors.hm12_discrete,
         "ritz_means": discrete.exact.ritz_means(spaces),
+        "held": float(solution.lambda_H[math.floor(4 * AT[k])] > 0),
         "consistency": discrete.exact.means.consistency,
         "algebraic_bound": solution.result.bound,
         "converged": 1.0,
@@ -186,6 +188,7 @@ def made_up(alphas, gammas):
         "hm12_error_upper": 0.8 * p * h + zero,
         "discrete_error": p * h ** (a + c) + zero,
         "ritz_means": p * h ** (a + 0.5) + zero,
+        "held": (p > 0.7) + zero,
         "consistency": p**2 * h ** (a + c + 1) + zero,
         "algebraic_bound": 1e-3 * h**2 * p + zero,
         "converged": 1 + zero,
@@ -211,6 +214,7 @@ def test_rates_of_errors_with_known_rates():
     np.testing.assert_allclose(over_all, np.add.outer(alphas, gammas), rtol=1e-12)
     np.testing.assert_allclose(found["t"].sel(level=3), 0.5**0.5 / 32 ** np.array(alphas), rtol=1e-12)
     np.testing.assert_allclose(found["t_rate"].isel(pair=1), alphas, rtol=1e-12)
+    assert np.all(found["held"] == 0.5)
     np.testing.assert_allclose(found["uncertainty"], 0, atol=1e-12)
     predicted = found["consistency_predicted"]
     np.testing.assert_allclose(found["consistency_rate"].isel(pair=1), predicted, rtol=1e-12)

@@ -42,6 +42,13 @@ def left_by_proof(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
     return np.minimum(predicted(norm, alpha), of_consistency(alpha, gamma) / 2 - INVERSE[norm])
 
 
+def taken_by_logarithm(sizes: ArrayLike) -> Array:
+    """(pair,) what a factor 1 + ln 1/H takes from rates between sizes H (level,); its root takes half."""
+    H = np.asarray(sizes, dtype=float)
+    L = 1 - np.log(H)
+    return np.asarray(np.log(L[1:] / L[:-1]) / np.log(H[:-1] / H[1:]))
+
+
 def bend(norm: str) -> float:
     """The alpha at which the regularity no longer limits the predicted rate."""
     most, smoothness = BEST[norm]
@@ -72,7 +79,8 @@ def rates_over(errors: xr.Dataset) -> xr.Dataset:
 
     `uncertainty` is the distance between the rates of the two finest pairs; `share` the largest algebraic
     error over positions, as part of the error in that norm; `converged` is 1 where all positions did. `t` is
-    H^{-1/2} ||Pi_H(u - z_h)||_0 of Theorem 4, on which gamma has no influence, and `t_rate` its rate.
+    H^{-1/2} ||Pi_H(u - z_h)||_0 of Theorem 4, on which gamma has no influence, and `t_rate` its rate. `held`
+    is the share of positions at which the transition's cell has a multiplier.
     """
     H, alpha, gamma = (errors[name].values for name in ("H", "alpha", "gamma"))
     error = np.stack([_mean(error_in(errors, norm) ** 2) ** 0.5 for norm in MEASURED])
@@ -90,6 +98,7 @@ def rates_over(errors: xr.Dataset) -> xr.Dataset:
             "predicted": (("norm", "alpha"), np.stack([predicted(norm, alpha) for norm in MEASURED])),
             "proved": ("norm", [PROVED[norm] for norm in MEASURED]),
             "left_by_proof": (by_norm, np.stack([left_by_proof(norm, a, c) for norm in MEASURED])),
+            "held": (levels, _mean(errors["held"])),
             "t": (levels[:2], t[..., 0]),
             "t_rate": (pairs[:2], _rates(t, H)[..., 0]),
             "consistency": (levels, consistency),

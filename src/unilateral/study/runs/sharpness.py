@@ -40,6 +40,7 @@ MEASURED = (
     "l2_error",
     "discrete_error",
     "ritz_means",
+    "held",
     "consistency",
     "algebraic_bound",
     "converged",
@@ -92,6 +93,7 @@ def measure(
     for a, row in enumerate(family):
         problems = ritz_projections(of_u[a], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
+            crossed = np.searchsorted(partition.points, polygon.arc_length(0, float(at[k]))) - 1
             for c, cells in enumerate(cell_means_of_gaps(members, partition)):
                 exact = Exact(replace(problem, case=members[c]), cells)
                 solution = solve(with_solution(spaces, exact), stop, beta)
@@ -105,6 +107,7 @@ def measure(
                     errors.l2,
                     errors.hm12_discrete,
                     exact.ritz_means(spaces),
+                    float(solution.lambda_H[crossed] > 0),
                     cells.consistency,
                     solution.result.bound,
                     float(solution.result.converged),

@@ -9,7 +9,17 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from unilateral.study.judge import surfaces
-from unilateral.study.judge.checks.evidence import ZERO, Array, Evidence, Tables, by_case, forms, worst
+from unilateral.study.judge.checks.evidence import (
+    ZERO,
+    Array,
+    Evidence,
+    Tables,
+    all_of,
+    by_case,
+    forms,
+    worst,
+)
+from unilateral.study.tables import error_in
 
 
 def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
@@ -84,6 +94,24 @@ def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance
     return worst(rows, "the rate of the finest pair less the predicted one", tolerance, False)
 
 
+def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> Evidence:
+    """The largest error of a position over that for the smallest gamma; there no position is held.
+
+    On the two finest levels, for alpha > 0.
+    """
+    data, rows = tables[table].isel(level=slice(-2, None)), dict[str, float]()
+    freest = data.sel(gamma=data["gamma"].min(), drop=True)
+    for norm in norms:
+        share = error_in(data, norm) / error_in(freest, norm)
+        largest = share.max(["level", "gamma", "position"], skipna=False)
+        rows |= {f"{norm}, {name}": value for name, value in _rows(largest).items()}
+    held = _rows(freest["held"].max(["level", "position"], skipna=False))
+    return all_of(
+        worst(rows, "an error over that for the smallest gamma", most, False),
+        worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
+    )
+
+
 def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
     """The least excess of the rates of t over min(3/2, 1 + alpha), its logarithm allowed for, alpha > 0.
 
@@ -91,11 +119,12 @@ def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
     """
     data = tables[table]
     power = xr.DataArray(logarithm(data["alpha"].values), dims="alpha")
-    L = 1 + np.log(1 / data["H"].values)
-    taken = xr.DataArray(np.log(L[1:] / L[:-1]) / _steps(data), dims="pair") * power
+    taken = xr.DataArray(surfaces.taken_by_logarithm(data["H"].values), dims="pair") * power
     expected = data["predicted"].sel(norm="discrete")
     excess = (data["t_rate"] + taken - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
-    return worst(_rows(excess), "the smallest rate of t less min(3/2, 1 + alpha)", -tolerance, True)
+    return worst(
+        _rows(excess), "the smallest rate of t with its logarithm, less min(3/2, 1 + alpha)", -tolerance, True
+    )
 
 
 def proposition_3(
@@ -107,11 +136,16 @@ def proposition_3(
     """
     found = {}
     for name, run in by_case(tables, "{scene}/errors", scenes, alphas).items():
-        (h_0, _, h_1), (e_0, _, e_1) = run["h"].values[-3:], run["ritz_boundary_error"].values[-3:]
-        alpha, step = alphas[str(run["case"].values)], np.log(h_0 / h_1)
-        taken = float(logarithm(alpha)) * np.log((1 - np.log(h_1)) / (1 - np.log(h_0))) / step
-        found[name] = float(np.log(e_0 / e_1) / step + taken - min(2.0, 1.5 + alpha))
-    return worst(found, "the rate over the last factor of 4 less min(2, 3/2 + alpha)", -tolerance, True)
+        h, error = (run[of].values[[-3, -1]] for of in ("h", "ritz_boundary_error"))
+        alpha, rate = alphas[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
+        taken = float(logarithm(alpha)) * surfaces.taken_by_logarithm(h)[0]
+        found[name] = float(rate + taken - min(2.0, 1.5 + alpha))
+    return worst(
+        found,
+        "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + alpha)",
+        -tolerance,
+        True,
+    )
 
 
 def logarithm(alpha: ArrayLike) -> Array:
