@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.tri import Triangulation
 
-from unilateral.api import Problem
 from unilateral.arrays import Array
 from unilateral.discrete import discretise, solve
 from unilateral.discrete_solution import Solution
@@ -20,6 +19,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, named
 from unilateral.geometry.structured import structured
+from unilateral.problems.problem_file import made
 from unilateral.study.figures import style
 
 COLUMNS = ["kind", "of", "h", "H", "side", "s", "end", "x", "y", "value"]
@@ -48,12 +48,13 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
     once for either side; `cell`: lambda_H, from s to end, with the middle (x, y). The reference has H = 2h.
     """
     domain = named(polygon)
+    problem = made({"polygon": domain.vertices.tolist(), "f": f, "g": 0}, polygon)
     fine = real(reference, "reference")
     sizes = {"computed": (real(h, "h"), real(H, "H")), "reference": (fine, 2 * fine)}
     parts = []
     for of, (edge, cell) in sizes.items():
         mesh, cells = structured(domain, edge), uniform(domain, cell)
-        solution = solve(discretise(Problem(domain, f, 0), mesh, cells))
+        solution = solve(discretise(problem, mesh, cells))
         parts += [each.assign(of=of) for each in _along_boundary(domain, mesh, cells, solution)]
         parts += [_field(mesh, cells, solution).assign(of=of)] if of == "computed" else []
     return pd.concat(parts)[COLUMNS]
