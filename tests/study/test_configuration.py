@@ -441,7 +441,7 @@ ACCEPTED = [
     (r"resources\..*\.(size|growth|growth\.\w+)", "removed|mapping"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
-    (r".*\.(label|name|what|shows)", "text|upper|path|half|scientific"),
+    (r".*\.(label|name|what|shows|f)", "text|upper|path|half|scientific"),
     (r".*\.judged", "true"),
     (r"floors", "list"),
 ]

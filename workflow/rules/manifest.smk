@@ -17,7 +17,7 @@ MADE = {
     "numbers": rules.numbers.output,
     "figure": FIGURES,
     "documents": DOCUMENTS,
-    "typeset": rules.paper.input,
+    "typeset": expand(rules.typeset.output, paper=PAPERS),
 }
 
 

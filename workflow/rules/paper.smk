@@ -21,15 +21,10 @@ rule typeset:
         html=report("results/paper/{paper}.html", category="Paper", labels={"paper": "{paper}, as a page"}),
         pdf=report("results/paper/{paper}.pdf", category="Paper", labels={"paper": "{paper}, in print"}),
     log:
-        "results/logs/{paper}.log",
+        "results/logs/typeset/{paper}.log",
     resources:
         **asked("typeset"),
     message:
         "The {wildcards.paper} as HTML and PDF"
     script:
         "../scripts/typeset_paper.py"
-
-
-rule paper:
-    input:
-        expand(rules.typeset.output, paper=PAPERS),
