@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from scipy.linalg import solve
 
 from unilateral.arrays import Array
 from unilateral.fem.p1 import gradients
@@ -90,7 +91,7 @@ def _in_K(of: Known, multiplier: Array, suffix: str) -> dict[str, float]:
     gap = spaces.operator.gap(multiplier, of.discrete.offset)
     excess = np.random.default_rng(0).random((len(H_i), DIRECTIONS))
     excess[:, 0] = 0.0
-    mu = np.linalg.solve(spaces.operator.D, H_i[:, None] * (excess - gap[:, None]))
+    mu: Array = solve(spaces.operator.D, H_i[:, None] * (excess - gap[:, None]), assume_a="pos")
     w = spaces.response(np.zeros((len(u_h), DIRECTIONS)), mu)
     values = (spaces.condensed.A @ u_h - load) @ w
     return {f"minimum_in_K{suffix}": float(values.min() / abs(load @ u_h))}
