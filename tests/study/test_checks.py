@@ -6,11 +6,15 @@ The controls of the ledger spoil the study's own tables; here numbers are so few
 import math
 import re
 
+import clarabel
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import xarray as xr
 
+from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square
+from unilateral.norms.dual import Gram
 from unilateral.study.judge.checks import (
     adaptive,
     algorithm,
@@ -676,13 +680,67 @@ def test_the_bound_of_the_multiplier_in_L2_by_hand(changed, observed):
     assert made_is(observed, estimates.multiplier_bound, runs(**changed), ["a"])
 
 
+def one_cell_a_side(lambda_means, gap_means, **runs):
+    """The unit square with a cell a side; diag(1) and diag(4) for the norm, 1/4 for lambda - Pi_H lambda.
+
+    The numbers of the runs are those of two meshes. beta is 1 on the first one and 0 on the other.
+    """
+    of = over(("case", "cell"), lambda_means=[lambda_means], gap_means=[gap_means])
+    made = forms_of([1, 1, 1, 1, 0.25], [4, 4, 4, 4, 0.25], **of)
+    made |= over(RUN, **{name: [[[each] for each in values]] for name, values in runs.items()})
+    made |= over(PAIRS, beta_upper=[[1.0], [0.0]]) | over(("case", "partition"), projection_error=[[0.25]])
+    made |= over(("case", "mesh"), ritz_error=[[1.0, 1.0]], u_norm=[[1.0, 1.0]])
+    return table(made, case=["c"], H=("partition", [1.0]))
+
+
+@pytest.mark.parametrize(("l2", "observed"), [([0.75, NAN], 1.0), ([0.75, 1.5], 2.0), ([0.75, 1e-13], 1.0)])
+def test_the_bound_of_the_multiplier_by_the_inverse_estimate_by_hand(l2, observed):
+    """C = 1/4^(1/2), from the larger form; 0.75 = 0.25 + C (0.5 + 0.25^(1/2)), all with H = 1.
+
+    Where the error is not known, or is 0 to round-off, there is nothing to judge.
+    """
+    made = one_cell_a_side([0, 0, 0, 0], [0, 0, 0, 0], l2_error=l2, hm12_error_lower=[0.5, 0.5])
+    assert made_is(observed, estimates.by_inverse_estimate, made, ["a"])
+
+
 @pytest.mark.parametrize(
-    ("changed", "observed"),
-    [({}, 1 / 8), ({"h1_error": 1.0}, 8.0), ({"h1_error": 9.0, "beta_lower": 0.5}, 1 / 8)],
+    ("lambda_means", "gap_means", "square", "observed"),
+    [
+        ([2.0, 0.0, 0.0, 0.0], [1.0, 3.0, 3.0, 3.0], 12.0, 1.0),
+        ([2.0, 0.0, 0.0, 0.0], [8.0, 3.0, 3.0, 3.0], 21.0, 1.0),
+        ([0.0, 0.0, 2.0, 1.0], [1.0, 3.0, 0.0, 0.0], 2.5, 0.5),
+    ],
 )
-def test_the_constant_of_quasi_optimality_by_hand(changed, observed):
-    """1/64 over 1/16 + 1/64 + 3/64; runs with a beta of at most 1/2 are not counted."""
-    assert made_is(observed, estimates.quasi_optimal, runs(**changed), ["a"], 2.0)
+def test_quasi_optimality_by_hand(lambda_means, gap_means, square, observed):
+    """c = 1 + 3/1 before 1 + 1/4 + inf (2 - mu)^2 + mu w: mu is 3/2 for w = 1, and 0, not -2, for w = 8.
+
+    So that is 2 + 1 and 4.25 + 1; with complementary means mu = Pi_H lambda leaves 1/4 + 1. Infima of both
+    terms apart would be 0 in each case. The other mesh, with beta = 0 and the error 99, is not judged.
+    """
+    made = one_cell_a_side(lambda_means, gap_means, h1_error=[math.sqrt(square), 99.0])
+    assert made_is(pytest.approx(observed), estimates.quasi_optimal, made, ["a"], 4)
+    with pytest.raises(Unjudged):
+        estimates.quasi_optimal(made, ["a"], 3)
+
+
+def test_the_infimum_over_multipliers_is_a_quadratic_programme():
+    """Against Clarabel, another method, with a form that is not diagonal and random data."""
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((17, 17))
+    form, w, means = half.T @ half, rng.random(16), rng.random((1, 16))
+    of = forms_of(
+        17 * [1.0], 17 * [1.0], lambda_means=(("case", "cell"), means), gap_means=(("case", "cell"), [w])
+    )
+    dual = xr.Dataset(of | over(("functional", "functional_too"), norm_lower=form))
+    gram, cells = Gram.of_table(dual), uniform(square(), 1 / 4)
+    P, q = 2 * form[:16, :16], -2 * (form[:16, :16] @ means[0] + form[:16, 16]) + w / 4
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    cone = [clarabel.NonnegativeConeT(16)]
+    upper, minus = sp.csc_matrix(np.triu(P)), sp.csc_matrix(-np.eye(16))
+    mu = clarabel.DefaultSolver(upper, q, minus, np.zeros(16), cone, settings).solve().x
+    x = np.append(means[0] - np.array(mu), 1.0)
+    assert estimates.infima(dual, cells, gram)[0] == pytest.approx(x @ form @ x + w @ mu / 4, rel=1e-7)
 
 
 @pytest.mark.parametrize(("upper", "observed"), [(0.625, 5 / 3), (0.75, 2.0), (0.1, 5 / 3)])

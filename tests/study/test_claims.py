@@ -63,8 +63,8 @@ def test_the_ledger_has_every_statement_once():
 
 GENERAL = ("id", "section", "title", "statement", "where")
 ENTRY = {
-    **dict.fromkeys((*GENERAL, "verdict", "source"), "x"),
-    **{"id": "4.x", "check": "rates.slow", "reads": [], "control": {"what": "x"}},
+    **dict.fromkeys((*GENERAL, "verdict"), "x"),
+    **{"id": "4.x", "check": "rates.slow", "source": "derived: x", "reads": [], "control": {"what": "x"}},
 }
 
 
@@ -74,6 +74,7 @@ ENTRY = {
         ({"check": "rates.slowly"}, r"there is no check 'rates\.slowly'"),
         ({"check": "rate.slow"}, r"there is no check 'rate\.slow'"),
         ({"contol": {}}, ".* unexpected keyword argument 'contol'"),
+        ({"source": "derived by hand"}, "its source has to begin with one of 'derived', "),
         ({"unmeasured": "x"}, "it needs check, control, reads, source, verdict, or 'unmeasured' alone"),
     ],
 )
@@ -137,7 +138,7 @@ FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at"
 LOST, OTHER = {"value": np.nan, "at": {"case": 0, "H": -2}}, {"factor": 2, "at": {"algebra": 1}}
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
     ("A.rate", "adaptive/rates", "share", {"value": 0.02}, r"the algebraic bound is 0\.02 of an error"),
-    ("1.2", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
+    ("1.2h", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
     ("3.1c", "square/errors", "h_over_H", {"value": 0.5}, "the largest .* at H <= h is not known of square"),
     ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
     ("S.12", "lshape/rates", "verdict", FAILING, "lshape, full_contact, hm12: fa"),
@@ -308,7 +309,7 @@ def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
 
 def test_unknown_claims_and_missing_tables_are_bad_input(capsys, tmp_path):
     assert cli.main(["claims", "9.9"]) == 2
-    assert "there is no claim '9.9'; the ledger has 1.2," in capsys.readouterr().err
+    assert "there is no claim '9.9'; the ledger has front, 1.5," in capsys.readouterr().err
     assert cli.main(["claims", "1.2", "--results", str(tmp_path)]) == 2
     assert "there is no table" in capsys.readouterr().err
     with pytest.raises(InputError):

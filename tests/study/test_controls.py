@@ -14,11 +14,10 @@ def made_up(at_least=True):
     """2, of which at least 1 is required; beside it 5."""
     table = xr.Dataset({"number": ("row", [OBSERVED, 3.0]), "other": ("row", [5.0, 5.0])})
     results = Results("", {"t": table, "none": table * 0})
-    text = dict.fromkeys(("section", "title", "statement", "where", "verdict", "source"), "x")
+    entry = dict.fromkeys(("section", "title", "statement", "where", "verdict"), "x")
+    entry |= {"id": "x", "check": "stability.values", "source": "derived: x", "reads": ["t"]}
     parameters = {"table": "t", "variable": "number", "required": REQUIRED, "at_least": at_least}
-    return results, {
-        **text, "id": "x", "check": "stability.values", "parameters": parameters, "reads": ["t"]
-    }  # fmt: skip
+    return results, {**entry, "parameters": parameters}
 
 
 def sees(**control):

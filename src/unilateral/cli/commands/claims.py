@@ -32,4 +32,5 @@ def claims(claim: str | None, results: str, json: bool) -> int:
 def _record(judgement: Any) -> dict[str, Any]:
     """As stored, and whether it holds; the number that was required without its sign."""
     required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
-    return judgement.record() | {"required": required, "holds": judgement.holds}
+    holds = None if judgement.evidence is None else judgement.holds
+    return judgement.record() | {"required": required, "holds": holds}

@@ -31,7 +31,7 @@ from unilateral.study.judge.checks import (
 from unilateral.study.judge.checks.evidence import Evidence, Tables, Unjudged
 from unilateral.study.judge.controls import smallest_share, spoilt, told
 from unilateral.study.judge.ledger import entries
-from unilateral.study.judge.records import FAILS, UNJUDGED, UNMEASURED
+from unilateral.study.judge.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED
 from unilateral.study.judge.results import Results
 
 CHECKS = {
@@ -166,6 +166,11 @@ def declared(entry: Mapping[str, Any]) -> Claim:
     if entry.keys() & frozenset.union(*FORMS) not in FORMS:
         raise InputError(
             f"ledger, claim '{claim.id}': it needs {', '.join(sorted(FORMS[0]))}, or 'unmeasured' alone"
+        )
+    if claim.check and claim.source.partition(":")[0] not in ORIGINS.values():
+        known = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
+        raise InputError(
+            f"ledger, claim '{claim.id}': its source has to begin with one of {known}, and a colon"
         )
     module, _, function = claim.check.partition(".")
     if claim.check and not hasattr(CHECKS.get(module), function):

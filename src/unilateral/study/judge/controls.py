@@ -39,7 +39,7 @@ def _spoil(table: xr.Dataset, control: Mapping[str, Any]) -> None:
     if "labels" in control:
         here.loc[control["to"]] = here.sel(control["labels"]).values
     elif "from" in control:
-        here[:] = table[control["from"]].values
+        here[...] = table[control["from"]].values
     else:
         here[place] = control["value"] if "value" in control else here[place] * control["factor"]
 

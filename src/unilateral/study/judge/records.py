@@ -13,11 +13,12 @@ FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
 """Verdicts that no document may rest on; the last two go on with their reasons."""
 ORIGINS = {
     "derived": "derived",
-    "taken": "taken from",
-    "before": "set before",
+    "tolerance": "derived up to a tolerance",
+    "taken": "taken from another source",
+    "before": "set before values were known",
     "after": "set after values had been seen",
 }
-"""How the source of a required number begins, by a short name, so that readers can count them."""
+"""Where a required number comes from, by a short name: so a claim's source begins, before a colon."""
 LEAST, PLENTY = 1e-4, 10.0
 """Margins below and above are told as these."""
 
@@ -36,3 +37,8 @@ def read(path: str | os.PathLike[str]) -> Any:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError:
         raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
+
+
+def origin(source: str) -> str:
+    """The short name of where the number comes from. Raises KeyError for a source that does not begin so."""
+    return {text: name for name, text in ORIGINS.items()}[source.partition(":")[0]]

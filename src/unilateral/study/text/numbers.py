@@ -15,7 +15,7 @@ from unilateral.formulas.formula import real
 from unilateral.norms.resolution import RULE
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
-from unilateral.study.judge.records import ORIGINS
+from unilateral.study.judge.records import ORIGINS, origin
 from unilateral.study.runs.cost.variants import REFRESH
 from unilateral.study.text import adaptive_tables, benchmark_tables, cost_tables, extremes_tables
 from unilateral.study.text.error_tables import ROUNDED
@@ -62,9 +62,9 @@ def collect(told: Sources) -> dict[str, Value]:
 
 def ledger(claims: Sequence[Mapping[str, Any]]) -> Group:
     """How many claims have a check and how many have none, and where the required numbers come from."""
-    sources = [each["source"] for each in claims if each["source"] is not None]
-    thresholds = {name: sum(of.startswith(start) for of in sources) for name, start in ORIGINS.items()}
-    return {"all": len(sources), "unmeasured": len(claims) - len(sources), "thresholds": thresholds}
+    origins = Counter(origin(each["source"]) for each in claims if each["source"] is not None)
+    known = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
+    return known | {"thresholds": {name: origins[name] for name in ORIGINS}}
 
 
 def taken(measured: Mapping[str, float]) -> Group:

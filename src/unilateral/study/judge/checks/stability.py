@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import eigh
 
 from unilateral.norms.dual import Gram
 from unilateral.norms.pairing import least_pairing_constant
 from unilateral.norms.resolution import fine, steep
-from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, all_of, along_ratio, forms, worst
+from unilateral.study.judge.checks.evidence import (
+    ZERO,
+    Evidence,
+    Tables,
+    all_of,
+    along_ratio,
+    forms,
+    inverse_constant,
+    worst,
+)
 
 
 def values(
@@ -81,13 +89,11 @@ def closed_form(tables: Tables, scene: str) -> Evidence:
 
 def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
     """The constant C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by the largest eigenvalue."""
-    found = {}
-    for scene in scenes:
-        for cells, gram in forms(tables, scene):
-            top = len(cells.lengths) - 1
-            mass = np.diag(cells.H * cells.lengths)
-            largest = eigh(mass, gram.p0.lower, eigvals_only=True, subset_by_index=[top, top])[0]
-            found[f"{scene}, H = {cells.H:g}"] = float(np.sqrt(largest))
+    found = {
+        f"{scene}, H = {cells.H:g}": inverse_constant(cells, gram.p0.lower)
+        for scene in scenes
+        for cells, gram in forms(tables, scene)
+    }
     return worst(found, "the largest C", most, False)
 
 
