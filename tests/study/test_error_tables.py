@@ -120,3 +120,21 @@ def test_the_table_of_floors():
     assert error_tables.floors(fits).values.tolist() == [
         ["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]
     ]
+
+
+def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
+    """By hand: of the pairs at h = H two have delta = 1/2 and equal cells."""
+    columns = ["h_over_H", "delta", "alpha_1", "beta_lower"]
+    rows = [
+        [1.0, 0.5, 1.0, 0.7],
+        [1.0, 0.5, 1.0, 0.6],
+        [1.0, 0.25, 1.0, 0.3],
+        [1.0, 0.5, 3.0, 0.2],
+        [0.5, 0.5, 1.0, 0.1],
+    ]
+    assert numbers.inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
+
+
+def test_what_is_told_of_theorems_comes_from_their_claims():
+    assert numbers.theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
+    assert numbers.theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0

@@ -39,7 +39,8 @@ def collect(told: Sources) -> dict[str, Value]:
             "study": {**told.study, "infsup": {"rule": RULE._asdict()}},
             "claims": {each["id"]: {"observed": each["observed"]} for each in told.claims}
             | ledger(told.claims),
-            "beta": beta(told.pairs, *RULE) | uniform_beta(told.pairs),
+            "beta": beta(told.pairs, *RULE) | uniform_beta(told.pairs) | inner_nodes(told.pairs),
+            "theorems": theorems({each["id"]: each["observed"] for each in told.claims}),
             "cost": recommended(of["case"], H_over_h, coarsest)
             | {
                 "enough_times": trade.ENOUGH,
@@ -104,6 +105,20 @@ def uniform_beta(pairs: pd.DataFrame) -> Group:
     below = (pairs["kind"] == "uniform") & (ratio < 1) & ~equal
     odd = pairs.loc[(pairs["scene"] == "betaodd") & equal, "beta_lower"]
     return {"uniform": float(pairs.loc[below, "beta_lower"].min()), "odd": odd.item()}
+
+
+def inner_nodes(pairs: pd.DataFrame) -> Group:
+    """How many pairs there are; the least beta at h = H with nodes in the middle of the cells."""
+    equal = np.isclose(pairs["h_over_H"], 1, rtol=ROUNDED) & np.isclose(pairs["delta"], 0.5, rtol=ROUNDED)
+    return {
+        "pairs": len(pairs),
+        "middle": float(pairs.loc[equal & (pairs["alpha_1"] == 1), "beta_lower"].min()),
+    }
+
+
+def theorems(observed: Mapping[str, float]) -> Group:
+    """By how much an exponent of Theorem 2 is missed at most, and how near Lemma 1 comes to its bound."""
+    return {"deficit": max(0.0, -observed["T.H"]), "slack": 1 - observed["T.D"]}
 
 
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> Group:
