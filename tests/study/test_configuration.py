@@ -223,8 +223,8 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of adaptive, algorithm, benchmarks, cells, cost, deep, extremes, logs, paper, "
-        "report, sharpness",
+        "letter first, and none of adaptive, algorithm, benchmarks, cells, cost, deep, extremes, logs, "
+        "paper, report, sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
