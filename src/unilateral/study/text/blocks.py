@@ -14,6 +14,7 @@ from unilateral.study.text import (
     cost_tables,
     error_tables,
     extremes_tables,
+    hypotheses,
     score_tables,
     verdicts,
 )
@@ -58,6 +59,7 @@ def collect(told: Sources) -> dict[str, str]:
         "totals": error_tables.totals(told.totals),
         "adapted": adaptive_tables.finest(of["adapted"], of["adapted_rates"]),
         "adapted-savings": adaptive_tables.savings(of["adapted"]),
+        "hypotheses": hypotheses.table(hypotheses.numbers(told)),
         "exceptions": error_tables.exceptions(of["sharpness"], tolerances),
         "ratios": cost_tables.ratios(of["case"], told.coarsest),
         "prices": cost_tables.price_table(of["case"], of["scene"], **base),
