@@ -962,6 +962,14 @@ def test_the_pairing_is_judged_where_every_cell_has_an_inner_node(deltas, expect
     assert made_is(expected, stability.pairing, table(of), ["a"])
 
 
+@pytest.mark.parametrize(
+    ("bounds", "expected"), [([0.25, 0.1], 2.0), ([0.0, 0.1], 4.0), ([0.0, 0.0], "nothing of which")]
+)
+def test_a_certified_constant_is_judged_where_there_is_one(bounds, expected):
+    of = over(PAIRS, beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[bounds])
+    assert made_is(expected, stability.certified, table(of), ["a"])
+
+
 @pytest.mark.parametrize(("last", "expected"), [(0.2, 0.0), (0.1, 1.0), (0.4, 1.0)])
 def test_near_the_ends_beta_falls_with_the_cells_from_both_sides(last, expected):
     """beta of 0.4 at delta = H = 1/2 and of 0.2 at 1/4 is of the order 1; so it is at the least delta."""

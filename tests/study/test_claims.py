@@ -124,6 +124,7 @@ BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own cont
     ("T.node", "betasquare/infsup", "beta_lower", {"factor": 0.69}),
     ("T.node0", "betaneedle/infsup", "smallest_angle", {"value": 30.0}),
     ("T.pair", "betaslit/infsup", "pairing", {"factor": 0.1}),
+    ("T.low", "betanodeends/infsup", "beta_0_cellwise", {"factor": 0.5}),
 ]
 
 
@@ -207,7 +208,7 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
 
 def test_the_rule_for_beta_is_the_library_s_and_judged_on_every_survey():
     assert set(LEDGER["S.local"].parameters["scenes"]) == set(STUDY["surveys"])
-    for claim in ("T.node", "T.node0", "T.pair"):
+    for claim in ("T.node", "T.node0", "T.pair", "T.low"):
         assert set(LEDGER[claim].parameters["scenes"]) == {*STUDY["surveys"], "adaptive"}
     for claim in ("S.local", "A.beta"):
         assert f"{RULE.smallest_angle}°" in LEDGER[claim].statement

@@ -17,11 +17,19 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Bounds, dual_norm
 from unilateral.norms.infsup import InfSup, cellwise, infsup, worst_multiplier
-from unilateral.norms.pairing import pairing_constant
+from unilateral.norms.pairing import certified_cellwise, pairing_constant
 from unilateral.norms.resolution import Resolution, resolution
 from unilateral.study.runs.families import Spec, meshes_of
 
-OF_PAIR = ("h", "h_over_H", *Resolution._fields, *InfSup._fields, "beta_0_cellwise", "pairing")
+OF_PAIR = (
+    "h",
+    "h_over_H",
+    *Resolution._fields,
+    *InfSup._fields,
+    "beta_0_cellwise",
+    "beta_0_certified",
+    "pairing",
+)
 
 
 def survey(partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object]) -> xr.Dataset:
@@ -68,6 +76,7 @@ def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Bo
         **resolution(mesh, partition)._asdict(),
         **infsup(operator, gram)._asdict(),
         "beta_0_cellwise": cellwise(operator),
+        "beta_0_certified": certified_cellwise(mesh, partition),
         "pairing": pairing_constant(mesh.s, partition),
     }
 

@@ -140,6 +140,17 @@ def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
     return worst(found, "the smallest singular value over its bound", 1 - ZERO, True)
 
 
+def certified(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """The smallest constant over its certified lower bound, where that is not 0."""
+    found = {}
+    for scene in scenes:
+        data = tables[f"{scene}/infsup"]
+        ratio = (data["beta_0_cellwise"] / data["beta_0_certified"]).where(data["beta_0_certified"] > 0)
+        if ratio.notnull().any():
+            found[scene] = float(ratio.min())
+    return worst(found, "the smallest constant over its bound", 1 - ZERO, True)
+
+
 def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
     """How far the orders of beta from one H to the next are from 1: at delta = H, and at the least delta."""
     data = tables[f"{scene}/infsup"]
