@@ -118,6 +118,19 @@ def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
     assert all(f'id="{anchor}"' in html for anchor in anchors)
 
 
+def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp_path):
+    """In typst's source: a box is no item of the list."""
+    (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
+
+    def printed(proof):
+        text = f"{FRONT}# One {{#sec-one}}\n\n::: {{.proof}}\n{proof}\n:::\n\nMore.\n"
+        templates = (ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.typ"))
+        return typesetting._converted(text, tmp_path / "paper.md", "typst", *templates)
+
+    assert "Obvious.#qed\n\n]" in printed("*Proof.* Obvious.")
+    assert re.search(r"^\+ Two\.\n+#qed\n+\]", printed("1. One.\n2. Two."), re.MULTILINE)
+
+
 def test_numbers_have_the_prefix_of_their_paper(typeset):
     page = PAGE
     for kind, number in (("Section", "1.1"), ("Figure", "1"), ("Table", "1")):

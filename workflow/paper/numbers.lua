@@ -228,7 +228,12 @@ local finish = {
   Div = function(div)
     if FORMAT ~= "typst" then return nil end
     if div.classes:includes("proof") then
-      div.content[#div.content].content:insert(pandoc.RawInline("typst", "#qed"))
+      local last = div.content[#div.content]
+      if last.t == "Para" then
+        last.content:insert(pandoc.RawInline("typst", "#qed"))
+      else
+        div.content:insert(pandoc.RawBlock("typst", "#qed"))
+      end
       return div
     end
     if not div.classes:includes("theorem") then return nil end
