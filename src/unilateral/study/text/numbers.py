@@ -77,7 +77,7 @@ def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
 
 
 def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> Group:
-    """How many pairs keep the rule; the worst of those with flat triangles, and of a search by edges alone."""
+    """How many pairs keep the rule; the worst with flat triangles, and, of a search, by edges alone."""
     few = cell_over_edge * (1 - ROUNDED)
     flat_ones, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
     searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
