@@ -86,12 +86,13 @@ def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
 
 
 def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> Group:
-    """How many pairs keep the rule; the worst of those with flat triangles, and by edges per cell alone."""
+    """How many pairs keep the rule; the worst with flat triangles, and, of a search, by edges alone."""
     few = cell_over_edge * (1 - ROUNDED)
     flat_ones, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
+    searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
     worst = {
         name: of.nsmallest(1, "beta_upper").iloc[0]
-        for name, of in (("flat", pairs[fine & flat_ones]), ("edges", pairs[pairs["edges_per_cell"] >= few]))
+        for name, of in (("flat", pairs[fine & flat_ones]), ("edges", searched))
     }
     return {"kept": len(pairs[fine & ~flat_ones])} | {
         name: {"beta": float(of["beta_upper"]), "mesh": of["label"], "angle": float(of["smallest_angle"])}
