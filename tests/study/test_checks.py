@@ -909,10 +909,20 @@ def test_bounds_of_the_norm_of_1_enclose_it_and_are_close(lower, upper, observed
 
 
 def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():
-    """In ||.||_0/2^(1/2), from below, C = (2H)^(1/2): 2^(1/2) for H = 1."""
-    made = stability.inverse_estimate(forms_of_L2(4, [1, 1 / 4]), ["a"], 4.0)
-    assert made.observed == pytest.approx(math.sqrt(2))
-    assert made.lines[1].endswith(f": {math.sqrt(0.5):.4g}")
+    """In ||.||_0/2^(1/2), from below, C = (2H)^(1/2): 2^(1/2) for H = 1, times 1/4, and 2^(-1/2), times 1.
+
+    H = 1/4 is with h = 1/8 as with 1/16, of which only the first counts; H = 1/2 is on no mesh with H = 2h.
+    """
+    of = forms_of_L2(4, [1, 1 / 2, 1 / 4])
+    ratios = over(PAIRS, h_over_H=[[1 / 2, 1.0, 2.0], [1 / 8, 1 / 4, 1 / 2], [1 / 16, 1 / 8, 1 / 4]])
+    of["a/errors"] = of["a/errors"].assign(
+        **ratios, **over(PAIRS, beta_0=[[0.25, 9, 9], [9, 9, 1.0], [9, 9, 9]])
+    )
+    made = stability.inverse_estimate(of, ["a"], 2)
+    assert made.observed == pytest.approx(math.sqrt(0.5))
+    assert [line.strip() for line in made.lines] == [
+        f"a, H = {H:g}: C = {math.sqrt(2 * H):.4g}" for H in (1, 0.25)
+    ]
 
 
 @pytest.mark.parametrize(

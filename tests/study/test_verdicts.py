@@ -68,6 +68,20 @@ def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
     assert shown[2:] == ["–", "–", "–", "–", "not judged: β is not known of square"]
 
 
+@pytest.mark.parametrize(
+    ("sees", "shown"),
+    [
+        ("below 0.0001 % of the control", "< 0.0001 %"),
+        ("3 % of the control", "3 %"),
+        ("all of the control", "all"),
+        ("below × 1.0000001", "< × 1.0000001"),
+        (None, "–"),
+    ],
+)
+def test_what_a_claim_sees_is_short(sees, shown):
+    assert row(sees=sees)[-2] == shown
+
+
 def test_letters_and_signs_are_set_as_such():
     shown = row(quantity="the largest lambda_max(S) |x| <= Pi_H mu, pie", verdict="a -> b")
     assert shown[2] == r"the largest λ_max(S) \|x\| ≤ Π_H μ, pie"

@@ -87,14 +87,21 @@ def closed_form(tables: Tables, scene: str) -> Evidence:
     return Evidence("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
 
 
-def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
-    """The constant C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by the largest eigenvalue."""
-    found = {
-        f"{scene}, H = {cells.H:g}": inverse_constant(cells, gram.p0.lower)
-        for scene in scenes
-        for cells, gram in forms(tables, scene)
-    }
-    return worst(found, "the largest C", most, False)
+def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> Evidence:
+    """C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H) times beta_0: at most 1, for V_h is a part of H^1.
+
+    C is that of the norm from below, so not too small. The lines are the constants.
+    """
+    found, constants = {}, []
+    for scene in scenes:
+        errors = tables[f"{scene}/errors"]
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            at = np.isclose(errors["h_over_H"].values[:, k], 1 / H_over_h)
+            if at.any():
+                C, name = inverse_constant(cells, gram.p0.lower), f"{scene}, H = {cells.H:g}"
+                found[name] = C * float(errors["beta_0"].values[at, k].max())
+                constants.append(f"  {name}: C = {C:.4g}")
+    return worst(found, f"the largest C beta_0 at H = {H_over_h:g}h", 1.0, False)._replace(lines=constants)
 
 
 def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:
