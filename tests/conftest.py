@@ -27,6 +27,8 @@ from unilateral.study import tables
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
 RESULTS = ROOT / "results"
+CANTOR = ("cantor_1.5", "cantor_2", "violates_jj_jjj", "violates_jjj")
+"""The cases with transitions at a Cantor set; all have the same u."""
 NEED_RESULTS = (
     "test_claims.py",
     "test_code_blocks.py",

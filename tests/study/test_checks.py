@@ -6,20 +6,26 @@ The controls of the ledger spoil the study's own tables; here numbers are so few
 import math
 import re
 
+import clarabel
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import xarray as xr
 
+from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square
+from unilateral.norms.dual import Gram
 from unilateral.study.judge.checks import (
     adaptive,
     algorithm,
     cost,
     estimates,
     evidence,
+    exponents,
     extremes,
     rates,
     stability,
+    transitions,
 )
 from unilateral.study.judge.checks.evidence import Unjudged
 from unilateral.study.runs.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
@@ -342,6 +348,54 @@ def test_rates_that_fail_are_compared_with_the_expected_ones_too(rate, verdict, 
     assert made_is(expected, rates.expected, of, ["a"], ["c", "d"], 2, {"l2": 0.1})
 
 
+@pytest.mark.parametrize(
+    ("verdict", "tolerance", "expected"),
+    [("holds", 0.1, (0.1, True)), ("holds", -0.2, (-0.2, False)), ("fails", 0.1, "^a, d, l2: fails$")],
+)
+def test_rates_against_the_order_of_regularity(verdict, tolerance, expected):
+    """0.8 and 0.9 against 0.8 and 0.7: no excess, and 0.2."""
+    of = rates_table([[0.1, 1.0, 0.8], [0.1, 0.9, 1.1]], ["holds", verdict])
+    orders, tolerances = {"c": 0.8, "d": 0.7}, {"l2": tolerance}
+    assert made_is(expected, rates.regularity, of, ["a"], orders, 2, tolerances)
+
+
+def on_cells(bound=0.001, converged=1.0):
+    """Of two cases, H falls from 1 by 4 and by 16; D like H^1 and H^(1/2), then like H^(1/2) and H^(3/4)."""
+    errors = np.array([[[1, 1 / 4], [1, 1 / 4]], [[1, 1 / 2], [1, 1 / 8]]])
+    run = over(("case", "start", "level"), discrete_error=errors, consistency=errors**2)
+    run |= over(("case", "start", "level"), algebraic_bound=bound * errors, converged=0 * errors + converged)
+    run |= over(("case",), flux_order=[1 / 2, 1 / 2], gap_order=[1, 3 / 4])
+    return table(run, case=["c", "d"], H=(("start", "level"), [[1, 1 / 4], [1, 1 / 16]]))
+
+
+def test_exponents_are_means_over_where_cells_begin():
+    """3/4 and 5/8; of the consistency term 3/2 and 5/4, where sigma + tau are 3/2 and 5/4."""
+    of = on_cells()
+    given = ("a/errors", "discrete_error")
+    assert made_is((5 / 8, True), transitions.exponents, of, *given, ["c", "d"], 0.6, True)
+    assert made_is((3 / 4, False), transitions.exponents, of, *given, ["c", "d"], 0.7, False)
+    assert made_is((3 / 4, True), transitions.exponents, of, *given, ["c"], 0.7, True)
+    assert made_is((0, True), transitions.consistency, of, "a/errors", 0.1)
+    of["a/errors"]["gap_order"][1] = 1
+    assert made_is((0.25, False), transitions.consistency, of, "a/errors", 0.1)
+
+
+def test_exponents_of_errors_that_were_not_found_are_not_judged():
+    given = ("a/errors", "discrete_error", ["c"], 0.7, True)
+    said = "^the algebraic error is 0.02 of D$"
+    assert made_is(said, transitions.exponents, on_cells(bound=0.02), *given)
+    assert made_is("of D$", transitions.exponents, on_cells(converged=0.0), *given)
+
+
+def test_the_way_from_what_is_proved_to_the_best_approximation():
+    """3/4 is at (1/2 + 1)/2, and 5/8 at (1/2 + 3/4)/2; with tau = 1/4 it is 1/4 of 5/8 above 3/8."""
+    of = on_cells()
+    assert made_is((0, False), transitions.beyond_theorem, of, "a/errors", ["c", "d"], 0.5)
+    of["a/errors"]["gap_order"][:] = 1 / 4
+    assert made_is((0.4, False), transitions.beyond_theorem, of, "a/errors", ["d"], 0.5)
+    assert made_is((0.6, True), transitions.beyond_theorem, of, "a/errors", ["c"], 0.5)
+
+
 def test_rates_over_the_last_factor_of_four():
     """8 to 1 and 2 to 1 from the second level to the last, 2^3 and 2^1 over 4."""
     errors = [[1.0, 8, 5, 1], [9, 2, 9, 1]]
@@ -377,6 +431,132 @@ def test_surfaces_are_judged_on_their_two_finest_pairs():
     assert made_is(-0.125, rates.surface, surfaces(), "table", "l2", 0.25, [1.0], 0.1)
     assert made_is(-0.0625, rates.surface, surfaces(), "table", "l2", 0.5, [1.0], 0.1)
     assert made_is(-0.75, rates.surface, surfaces(), "table", "l2", 0.25, [1.0, 2.0], 0.1)
+
+
+def powers(changed=(), **variables):
+    """Errors H^(1 + alpha) over alpha = -1/4, 1/4, 1/2 and gamma = 1/10, 1, and `changed` ones.
+
+    Those are factors by places (level, alpha, gamma). Predicted is 1 + alpha, left by the proof half that of
+    gamma more.
+    """
+    H, alpha, gamma = 0.5 ** np.arange(2, 6), np.array([-0.25, 0.25, 0.5]), np.array([0.1, 1.0])
+    error = np.tile(H[:, None, None] ** (1 + alpha[:, None]), (1, 1, 2))
+    for place, factor in changed:
+        error[place] *= factor
+    of = over(("norm", "level", "alpha", "gamma"), error=np.stack([error, error]))
+    of |= over(("norm", "alpha"), predicted=np.stack([1 + alpha, 1 + alpha]))
+    left = 0.5 * (1 + alpha[:, None] + gamma)
+    of |= over(("norm", "alpha", "gamma"), left_by_proof=np.stack([left, left])) | variables
+    return table(of, norm=["hm12", "discrete"], alpha=alpha, gamma=gamma, H=("level", H))
+
+
+LOWER = (np.s_[-1, 1, 0], 2**0.75)
+"""Over three pairs the rate is lower by 1/4 at alpha = 1/4, gamma = 1/10."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "observed"),
+    [
+        ([], 0.0),
+        ([LOWER], -0.25),
+        ([(np.s_[:, 0], 9)], 0.0),
+        ([(np.s_[1:3], 9)], 0.0),
+        ([(-1, NAN)], "not known"),
+    ],
+)
+def test_D_has_its_rate_over_all_levels_for_alpha_above_0(changed, observed):
+    """What is between the ends does not count, nor what is at alpha = -1/4."""
+    assert made_is(observed, exponents.theorem_2, powers(changed), "table", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "tolerance", "observed"),
+    [([], 0.1, (0.25, True)), ([], 0.125, (0.25, True)), ([], 0.15, (0.575, True)),
+     ([LOWER], 0.1, (0.25, True)), ([LOWER, LOWER], 0.1, (0.075, False))],
+)  # fmt: skip
+def test_D_is_compared_with_the_other_proof_where_both_are_apart(changed, tolerance, observed):
+    """At gamma = 1 they are 1/8 and 1/4 apart, at 1/10 0.575 and 0.7."""
+    assert made_is(observed, exponents.beyond_consistency, powers(changed), "table", tolerance)
+
+
+HELD = (np.s_[:2, 1, 1], 0.5)
+"""On the coarser levels; so the rate at gamma = 1 is lower at a pair, that of the largest error is not."""
+
+
+@pytest.mark.parametrize(
+    ("changed", "least", "most"),
+    [([], 0.1, 0.0), ([HELD], 0.1, 0.0), ([(np.s_[-1, 1, 1], 2**0.25)], -0.15, 0.0),
+     ([(np.s_[:2], 0.5)], -0.9, 0.0), ([(np.s_[-1, 2], 0.5)], 0.1, 1.0),
+     ([(-1, NAN)], "not known", "not known")],
+)  # fmt: skip
+def test_the_largest_error_over_gamma_is_judged_on_the_last_pairs(changed, least, most):
+    given = powers(changed)
+    assert made_is(least, exponents.theorem_4, given, "table", {"hm12": 0.1})
+    assert made_is(most, exponents.attained, given, "table", {"hm12": 2.0}, 0.1)
+
+
+def test_rates_are_attained_up_to_an_alpha():
+    given = powers([(np.s_[-1, 2], 0.5)])
+    assert made_is((0.0, True), exponents.attained, given, "table", {"hm12": 0.25}, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("place", "largest"),
+    [((2, 1, 1, 0), 1.5), ((3, 2, 1, 1), 1.5), ((1, 1, 1, 0), 1.0), ((3, 0, 1, 0), 1.0)],
+)
+def test_errors_are_compared_with_those_of_the_smallest_gamma(place, largest):
+    """At single positions on the last two levels, for alpha > 0. There no cell may be held, at 1 it may."""
+    error, held = np.ones((4, 3, 2, 2)), np.zeros((4, 3, 2, 2))
+    error[place], held[:, :, 1], held[:, 0], held[0] = 1.5, 1.0, 1.0, 1.0
+    of = over(("level", "alpha", "gamma", "position"), l2_error=error, held=held)
+    given = table(of, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
+    assert made_is(largest, exponents.released, given, "table", ["l2"], 1.5)
+    held[2, 1, 0, 1] = 1.0
+    assert made_is((1.0, False), exponents.released, given, "table", ["l2"], 1.5)
+
+
+def test_t_may_lack_its_logarithm():
+    """At alpha = 1/2 log_2 of (1 + ln 32)/(1 + ln 16), at 1/4 nothing; the first pair does not count."""
+    rate = np.array([[0, 0, 0], [0, 1.125, 1.5], [0, 1.25, 1.5]])
+    lacking = powers(t_rate=(("pair", "alpha"), rate))
+    assert made_is((-0.125, False), exponents.superclose, lacking, "table", 0.1)
+    rate[1, 1], rate[2, 2] = 2, 1.25
+    lacking = powers(t_rate=(("pair", "alpha"), rate))
+    taken = math.log2((1 + math.log(32)) / (1 + math.log(16)))
+    assert made_is(min(0, taken - 0.25), exponents.superclose, lacking, "table", 0.1)
+
+
+@pytest.mark.parametrize(("alpha", "power"), [(0.25, 0), (0.5, 1), (0.9, 0.5), (INF, 0.5)])
+def test_the_ritz_projection_may_lack_its_logarithm(alpha, power):
+    """Errors h^2, over the last factor of 4; 3/2 + alpha is expected, and 2 at most."""
+    h = 0.5 ** np.arange(1, 6)
+    of = over(("case", "mesh"), ritz_boundary_error=[[9, 9, *h[2:] ** 2]])
+    given = table(of, case=["c"], h=("mesh", h))
+    taken = power * math.log((1 + math.log(32)) / (1 + math.log(8))) / math.log(4)
+    expected = 2 - min(2, 1.5 + alpha) + taken
+    assert made_is(expected, exponents.proposition_3, given, ["a"], {"c": alpha, "e": 1.0}, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "observed"),
+    [({}, 1.0), ({"ritz_means": 0.25, "consistency": 0.5}, 1.25), ({"discrete_error": 5.0}, 2.0),
+     ({"beta_lower": 0.0}, "nothing of which"), ({"discrete_error": 0.0}, "nothing of which")],
+)  # fmt: skip
+def test_lemma_1_by_hand(changed, observed):
+    """m = 1, k = min(0.5/0.5, 9/0.5) = 1, c = 1/4: D^2 = D + (1 + D) + 1/4 at D = 5/2.
+
+    With k = 0.25/0.5 and c = 1/2 it is at 2. beta counts from above. Where beta or D is 0 nothing is judged.
+    """
+    values = {"discrete_error": 2.5, "ritz_means": 9.0, "beta_lower": 0.4, "beta_upper": 0.5, "beta_0": 0.5}
+    values |= {"ritz_error": 0.5, "u_norm": 1.0, "consistency": 0.25} | changed
+    of = over(RUN, **{name: [[[values[name]]]] for name in ("discrete_error", "ritz_means")})
+    of |= over(
+        ("mesh", "partition"), **{name: [[values[name]]] for name in ("beta_lower", "beta_upper", "beta_0")}
+    )
+    of |= over(("case", "mesh"), **{name: [[values[name]]] for name in ("ritz_error", "u_norm")})
+    of |= over(("case", "partition"), consistency=[[values["consistency"]]])
+    forms = forms_of([0, 0, 0, 0, 1.0], 5 * [9.0])
+    assert made_is(observed, exponents.lemma_1, table(forms | of, case=["c"], H=("partition", [1.0])), ["a"])
 
 
 def test_rates_of_the_consistency_term_may_not_be_lower_either():
@@ -472,7 +652,7 @@ def test_the_abstract_bound_by_hand(E, L, c, observed):
 
 def runs(**changed):
     """Two runs of equal numbers, H = 1/4 and 1/16, but for those of the second that are `changed`."""
-    of = over(RUN, h1_error=0.125, l2_error=1.25, hm12_best=0.125, hm12_discrete=0.1)
+    of = over(RUN, h1_error=0.125, l2_error=1.25, hm12_best=0.125, discrete_error=0.1)
     of |= over(RUN, hm12_error_lower=0.5, hm12_error_upper=0.625)
     of |= over(("case", "partition"), projection_error=0.25, consistency=0.046875)
     of |= over(("case", "mesh"), ritz_error=0.25, u_norm=1.0)
@@ -500,13 +680,67 @@ def test_the_bound_of_the_multiplier_in_L2_by_hand(changed, observed):
     assert made_is(observed, estimates.multiplier_bound, runs(**changed), ["a"])
 
 
+def one_cell_a_side(lambda_means, gap_means, **runs):
+    """The unit square with a cell a side; diag(1) and diag(4) for the norm, 1/4 for lambda - Pi_H lambda.
+
+    The numbers of the runs are those of two meshes. beta is 1 on the first one and 0 on the other.
+    """
+    of = over(("case", "cell"), lambda_means=[lambda_means], gap_means=[gap_means])
+    made = forms_of([1, 1, 1, 1, 0.25], [4, 4, 4, 4, 0.25], **of)
+    made |= over(RUN, **{name: [[[each] for each in values]] for name, values in runs.items()})
+    made |= over(PAIRS, beta_upper=[[1.0], [0.0]]) | over(("case", "partition"), projection_error=[[0.25]])
+    made |= over(("case", "mesh"), ritz_error=[[1.0, 1.0]], u_norm=[[1.0, 1.0]])
+    return table(made, case=["c"], H=("partition", [1.0]))
+
+
+@pytest.mark.parametrize(("l2", "observed"), [([0.75, NAN], 1.0), ([0.75, 1.5], 2.0), ([0.75, 1e-13], 1.0)])
+def test_the_bound_of_the_multiplier_by_the_inverse_estimate_by_hand(l2, observed):
+    """C = 1/4^(1/2), from the larger form; 0.75 = 0.25 + C (0.5 + 0.25^(1/2)), all with H = 1.
+
+    Where the error is not known, or is 0 to round-off, there is nothing to judge.
+    """
+    made = one_cell_a_side([0, 0, 0, 0], [0, 0, 0, 0], l2_error=l2, hm12_error_lower=[0.5, 0.5])
+    assert made_is(observed, estimates.by_inverse_estimate, made, ["a"])
+
+
 @pytest.mark.parametrize(
-    ("changed", "observed"),
-    [({}, 1 / 8), ({"h1_error": 1.0}, 8.0), ({"h1_error": 9.0, "beta_lower": 0.5}, 1 / 8)],
+    ("lambda_means", "gap_means", "square", "observed"),
+    [
+        ([2.0, 0.0, 0.0, 0.0], [1.0, 3.0, 3.0, 3.0], 12.0, 1.0),
+        ([2.0, 0.0, 0.0, 0.0], [8.0, 3.0, 3.0, 3.0], 21.0, 1.0),
+        ([0.0, 0.0, 2.0, 1.0], [1.0, 3.0, 0.0, 0.0], 2.5, 0.5),
+    ],
 )
-def test_the_constant_of_quasi_optimality_by_hand(changed, observed):
-    """1/64 over 1/16 + 1/64 + 3/64; runs with a beta of at most 1/2 are not counted."""
-    assert made_is(observed, estimates.quasi_optimal, runs(**changed), ["a"], 2.0)
+def test_quasi_optimality_by_hand(lambda_means, gap_means, square, observed):
+    """c = 1 + 3/1 before 1 + 1/4 + inf (2 - mu)^2 + mu w: mu is 3/2 for w = 1, and 0, not -2, for w = 8.
+
+    So that is 2 + 1 and 4.25 + 1; with complementary means mu = Pi_H lambda leaves 1/4 + 1. Infima of both
+    terms apart would be 0 in each case. The other mesh, with beta = 0 and the error 99, is not judged.
+    """
+    made = one_cell_a_side(lambda_means, gap_means, h1_error=[math.sqrt(square), 99.0])
+    assert made_is(pytest.approx(observed), estimates.quasi_optimal, made, ["a"], 4)
+    with pytest.raises(Unjudged):
+        estimates.quasi_optimal(made, ["a"], 3)
+
+
+def test_the_infimum_over_multipliers_is_a_quadratic_programme():
+    """Against Clarabel, another method, with a form that is not diagonal and random data."""
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((17, 17))
+    form, w, means = half.T @ half, rng.random(16), rng.random((1, 16))
+    of = forms_of(
+        17 * [1.0], 17 * [1.0], lambda_means=(("case", "cell"), means), gap_means=(("case", "cell"), [w])
+    )
+    dual = xr.Dataset(of | over(("functional", "functional_too"), norm_lower=form))
+    gram, cells = Gram.of_table(dual), uniform(square(), 1 / 4)
+    P, q = 2 * form[:16, :16], -2 * (form[:16, :16] @ means[0] + form[:16, 16]) + w / 4
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    cone = [clarabel.NonnegativeConeT(16)]
+    upper, minus = sp.csc_matrix(np.triu(P)), sp.csc_matrix(-np.eye(16))
+    mu = clarabel.DefaultSolver(upper, q, minus, np.zeros(16), cone, settings).solve().x
+    x = np.append(means[0] - np.array(mu), 1.0)
+    assert estimates.infima(dual, cells, gram)[0] == pytest.approx(x @ form @ x + w @ mu / 4, rel=1e-7)
 
 
 @pytest.mark.parametrize(("upper", "observed"), [(0.625, 5 / 3), (0.75, 2.0), (0.1, 5 / 3)])
@@ -695,6 +929,53 @@ def test_the_local_rule_asks_for_short_edges_and_no_flat_triangles(ratios, angle
     """beta is 0.9, 0.5, 0.25; a cell of 2 edges, to round-off, and an angle of 20 degrees are enough."""
     of = over(PAIRS, beta_lower=[[0.9, 0.5, 0.25]], cell_over_edge=[ratios], smallest_angle=[angles])
     assert made_is(expected, stability.local_rule, table(of), ["a"], 0.7)
+
+
+@pytest.mark.parametrize(
+    ("deltas", "ratios", "angles", "expected"),
+    [
+        ([0.5, 0.5, 0.5], [1.0, 1, 1], [45.0, 45, 45], 0.3),
+        ([0.5, 0.25, 0.1], [1.0, 1, 1], [45.0, 45, 45], 0.6 / 0.75),
+        ([0.5, 0.25, 0.5], [1.0, 1, 10.1], [45.0, 45, 45], 0.6 / 0.75),
+        ([0.5, 0.25, 0.5], [10.0, 1, 1], [45.0, 20, 19.9], 0.6 / 0.75),
+        ([0.5, 0, 0], [1.0, 1, 1], [45.0, 45, 45], 0.9),
+        ([0.0, 0, 0], [1.0, 1, 1], [45.0, 45, 45], "nothing of which to find the smallest beta_lower"),
+    ],
+)
+def test_the_rule_of_inner_nodes_asks_for_delta_comparable_cells_and_no_flat_triangles(
+    deltas, ratios, angles, expected
+):
+    """beta is 0.9, 0.6, 0.3; over 4 delta (1 - delta), which is 1, 0.75, 0.36 at 1/2, 1/4, 1/10."""
+    of = over(PAIRS, beta_lower=[[0.9, 0.6, 0.3]], delta=[deltas], alpha_1=[ratios], smallest_angle=[angles])
+    assert made_is(expected, stability.inner_nodes, table(of), ["a"], "beta_lower", 0.5, 10.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("deltas", "expected"),
+    [([0.5, 0.32], 2.0), ([0.5, 0.0], 2.0), ([0.125, 0.32], 6.25), ([0.0, 0.0], "nothing of which")],
+)
+def test_the_pairing_is_judged_where_every_cell_has_an_inner_node(deltas, expected):
+    """alpha_1 = 3: the bound, (delta/2)^{3/2}, is 1/8 at 1/2, 0.064 at 0.32, 1/64 at 1/8."""
+    found = [[0.25 if delta else np.nan for delta in deltas]]
+    found[0][1] = 0.4 if deltas[1] else np.nan
+    of = over(PAIRS, pairing=found, delta=[deltas], alpha_1=[[3.0, 3.0]])
+    assert made_is(expected, stability.pairing, table(of), ["a"])
+
+
+@pytest.mark.parametrize(
+    ("bounds", "expected"), [([0.25, 0.1], 2.0), ([0.0, 0.1], 4.0), ([0.0, 0.0], "nothing of which")]
+)
+def test_a_certified_constant_is_judged_where_there_is_one(bounds, expected):
+    of = over(PAIRS, beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[bounds])
+    assert made_is(expected, stability.certified, table(of), ["a"])
+
+
+@pytest.mark.parametrize(("last", "expected"), [(0.2, 0.0), (0.1, 1.0), (0.4, 1.0)])
+def test_near_the_ends_beta_falls_with_the_cells_from_both_sides(last, expected):
+    """beta of 0.4 at delta = H = 1/2 and of 0.2 at 1/4 is of the order 1; so it is at the least delta."""
+    beta = [[0.4, 9.0], [9.0, last], [0.3, 0.15]]
+    of = over(PAIRS, beta_lower=beta, delta=np.outer([0.5, 0.25, 0.01], [1, 1]))
+    assert made_is(expected, stability.near_ends, table(of, H=("partition", [0.5, 0.25])), "a", 0.1)
 
 
 @pytest.mark.parametrize(("edges", "expected"), [(2.0, 0.5), (3.0, "with 3 edges in every cell is not")])

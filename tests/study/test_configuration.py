@@ -104,6 +104,7 @@ def test_defaults_are_filled_in():
         ("scenes.../../etc/passwd", {}),
         ("scenes.sharpness", {}),
         ("scenes.adaptive", {}),
+        ("scenes.cells", {}),
         ("surveys.betasquare.partitions", [{"H": "1/16", "shift": 1}]),
         ("surveys.betasquare.partitions", [{"H": math.inf}]),
         ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
@@ -117,6 +118,14 @@ def test_defaults_are_filled_in():
         ("surveys.betasquare.mesh", "equal"),
         ("surveys.betathin.polygon", [[0, 0], [0, 1], [1, 0]]),
         ("surveys.betaworst.edges_per_cell", [2]),
+        ("surveys.betanode.edges_per_cell", [2]),
+        ("surveys.betanode.deltas", REMOVED),
+        ("surveys.betanode.deltas", [0.6]),
+        ("surveys.betanode.deltas", ["2/3"]),
+        ("surveys.betanode.deltas", []),
+        ("surveys.betanode.mesh", {"kind": "inner", "ends": False}),
+        ("surveys.betanode.mesh", {"kind": "inner", "spread": 2}),
+        ("surveys.betasquare.deltas", ["1/2"]),
         ("algorithm.shares", ["1/2"]),
         ("scenes.quick.mesh.h", "1/0"),
         ("scenes.quick.mesh.h", "0/1"),
@@ -152,6 +161,10 @@ def test_defaults_are_filled_in():
         ("adaptive.most.of_beta", 0.5),
         ("adaptive.factor", 1),
         ("sharpness", REMOVED),
+        ("cells", REMOVED),
+        ("cells.period", 1),
+        ("cells.H", ["1/9", "1/8"]),
+        ("cells.cases", ["thurds"]),
         ("sharpness.alphas", ["1"]),
         ("sharpness.alphas", ["1/21"]),
         ("sharpness.alphas", [0.25]),
@@ -161,6 +174,9 @@ def test_defaults_are_filled_in():
         ("sharpness.positions", 0),
         ("sharpness.H", ["1/8", "1/16"]),
         ("sharpness.h_over_H", "0/1"),
+        ("sharpness.fixed", REMOVED),
+        ("sharpness.fixed.H", ["1/8", "1/16"]),
+        ("sharpness.fixed.h", 0),
         ("figures.consistency.parameters.H", 0),
         ("figures.consistency.parameters.case", REMOVED),
         ("figures.consistency.parameters.cases", ["thirds", "thirds"]),
@@ -218,8 +234,8 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of adaptive, algorithm, benchmarks, cost, deep, extremes, logs, paper, "
-        "report, sharpness",
+        "letter first, and none of adaptive, algorithm, benchmarks, cells, cost, deep, extremes, logs, "
+        "paper, report, sharpness",
     ),
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "seed": 1}]),
@@ -407,11 +423,12 @@ ACCEPTED = [
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
+    (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),
     (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.
     (
-        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|positions|side|seed)",
+        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|period|positions|side|seed)",
         "three|zero",
     ),
     (r".*\.(counts|recorded_steps|gammas|alphas|shares|targets)\.\d+", "three|float|half|tiny"),

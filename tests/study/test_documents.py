@@ -41,6 +41,7 @@ def told():
         "pairs": ROOT / "figures/infsup.csv",
         "floors": results / "square/floors.nc",
         "sharpness": results / "sharpness/rates.nc",
+        "cells": results / "cells/errors.nc",
         "adapted": results / "adaptive/errors.nc",
         "adapted_rates": results / "adaptive/rates.nc",
         "adapted_beta": results / "adaptive/infsup.nc",

@@ -69,7 +69,7 @@ def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):
     for c, case in enumerate(cases):
         lower, upper = dual_norm(cells, cases).of_error(case, run["lambda_H"].values[c, None, :16])
         np.testing.assert_allclose(run["hm12_error_upper"][c], upper[0], rtol=1e-8, atol=1e-14)
-        expected = max(lower[0], float(run["hm12_discrete"][c]))
+        expected = max(lower[0], float(run["discrete_error"][c]))
         np.testing.assert_allclose(run["hm12_error_lower"][c], expected, rtol=1e-8, atol=1e-14)
 
 
@@ -90,9 +90,10 @@ def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m
     solution = solve(alone, beta=beta)
     values = {
         "h1_error": solution.errors.h1,
-        "hm12_discrete": solution.errors.hm12_discrete,
+        "discrete_error": solution.errors.hm12_discrete,
         "l2_error": solution.errors.l2,
         "tolerance": solution.tolerance,
+        "ritz_means": alone.exact.ritz_means(alone.spaces),
     }
     run = tables[0].isel(case=c, mesh=0, partition=k)
     for variable, value in values.items():
@@ -102,7 +103,8 @@ def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m
         assert found == expected or (np.isnan(found) and np.isnan(expected)), variable
     np.testing.assert_allclose(run["lambda_H"][: 4 * m], solution.lambda_H, rtol=1e-9, atol=1e-12)
     assert np.isnan(run["lambda_H"][4 * m :]).all()
-    assert float(run["ritz_error"]) == pytest.approx(alone.exact.ritz.ritz_error, rel=1e-9)
+    for name in ("ritz_error", "ritz_boundary_error"):
+        assert float(run[name]) == pytest.approx(getattr(alone.exact.ritz, name), rel=1e-9)
     assert float(run["projection_error"]) == pytest.approx(alone.exact.means.projection_error, rel=1e-12)
 
 
@@ -111,7 +113,7 @@ def test_where_beta_is_0_the_active_set_ran_and_lambda_has_no_error(tables, k):
     """H = h, and more cells than boundary nodes."""
     runs = tables[0].isel(mesh=0, partition=k)
     assert np.all(runs["algorithm"] == "active_set")
-    assert np.isnan(runs[["hm12_discrete", "l2_error", "iterations"]].to_array()).all()
+    assert np.isnan(runs[["discrete_error", "l2_error", "iterations"]].to_array()).all()
     assert np.isfinite(runs["h1_error"]).all()
     assert np.all(runs["converged"] == 1)
 

@@ -13,6 +13,7 @@ rule numbers:
         pairs="figures/infsup.csv",
         floors="results/square/floors.nc",
         sharpness="results/sharpness/rates.nc",
+        cells="results/cells/errors.nc",
         adapted="results/adaptive/errors.nc",
         adapted_rates="results/adaptive/rates.nc",
         adapted_beta="results/adaptive/infsup.nc",

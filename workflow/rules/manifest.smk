@@ -7,6 +7,7 @@ MADE = {
     "totals": expand(rules.totals.output, scene=config["totals"]["scenes"]),
     "survey": expand(rules.survey.output, survey=SURVEYS),
     "sharpness": rules.sharpness.output,
+    "cells": rules.cells.output,
     "adaptive": rules.adaptive.output,
     "algorithm": rules.algorithm.output,
     "cost_runs": [*rules.cost.input.runs, *rules.cost.input.timed],

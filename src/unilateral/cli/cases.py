@@ -46,6 +46,7 @@ def polygon_record(found: Case, certificate: Certificate) -> dict[str, Any]:
     return {
         "polygon": found.polygon.name,
         "hypotheses": certificate.hypotheses,
+        "g_regular": certificate.g_regular,
         "contact": intervals,
         "lambda_max": flux,
         "gap_max": gap,

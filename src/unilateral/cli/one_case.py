@@ -81,6 +81,7 @@ def lines(on: list[tuple[Case, Certificate]]) -> Iterator[str]:
         f"({name}) {'holds' if holds else 'does not hold'}" for name, holds in certificate.hypotheses.items()
     )
     yield f"hypotheses of Theorem 4.1: {', '.join(held)}"
+    yield f"u - g in H^(3/2) on every side: {'yes' if certificate.g_regular else 'no'}"
     known = [what if regularity(first)[name] else f"not {what}" for name, what in REGULARITY.items()]
     yield f"regularity: {', '.join(known)}"
     rates = proved(first)

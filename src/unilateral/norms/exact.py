@@ -130,6 +130,12 @@ class Exact:
         """<lambda - mu, phi_j> (nb,) for mu (m,)."""
         return self.ritz.flux_load - spaces.B.T @ mu
 
+    def ritz_means(self, spaces: MixedSpaces) -> float:
+        """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
+        u_means = (self.means.gap_means + self.means.g_means)[spaces.cells]
+        lengths = spaces.operator.H_i
+        return math.sqrt(lengths @ (u_means - spaces.B @ self.ritz.values / lengths) ** 2)
+
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """Those of (u(mu), mu) for mu (m,); where beta is 0 those of lambda are not judged."""
         difference = self.boundary_load(spaces, mu)

@@ -31,7 +31,8 @@ class RitzProjection:
 
     `load` (n,) is (f, phi_i); `flux_load` (nb,) is <lambda, phi_j>; `trace` (nb,) is A^{-1} f on the
     boundary; `ritz_error` is ||u - z_h||_1 and `ritz_defect` (nb,) is A^{-1} (u - z_h, phi_i)_1 on the
-    boundary, which is only quadrature's error; `interpolation_error` is ||u - r_h u||_1 of (4.14).
+    boundary, which is only quadrature's error; `interpolation_error` is ||u - r_h u||_1 of (4.14). On the
+    boundary z_h has the `values` (nb,), and `ritz_boundary_error` is ||u - z_h||_0 there.
     """
 
     case: Case
@@ -43,6 +44,8 @@ class RitzProjection:
     interpolation_error: float
     ritz_error: float
     ritz_defect: Array
+    values: Array
+    ritz_boundary_error: float
 
     def discrete_dual(self, boundary_load: Array) -> float:
         """||mu||_{-1/2,h} = sup over V_h of <mu, v>/||v||_1, from the values <mu, phi_j> (nb,)."""
@@ -77,16 +80,18 @@ def ritz_projections(
     interpolants = [case.value_and_gradient(mesh.points)[0] for case in cases]
     for case, values in zip(cases, interpolants, strict=True):
         _check_size(case, float(np.abs(values).max()))
-    seen = [_moments(case, mesh, v, degree) for case, v in zip(cases, interpolants, strict=True)]
+    seen = [moments(case, mesh, v, degree) for case, v in zip(cases, interpolants, strict=True)]
     f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
-    flux = np.array([flux_load(case, mesh) for case in cases])
+    traces = [_trace(case, mesh) for case in cases]
+    flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
     total = f.copy()
     total[:, boundary] += flux
     z_h = condensed.solve(total.T).T
+    values = z_h[:, boundary]
     difference = z_h - interpolants
     A_difference = (condensed.for_products @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
-    trace = z_h[:, boundary] - condensed.solve_boundary(flux.T).T
+    trace = values - condensed.solve_boundary(flux.T).T
     more = np.sum((A_difference - 2 * residual) * difference, axis=1)
     return [
         RitzProjection(
@@ -99,6 +104,8 @@ def ritz_projections(
             interpolation_error=math.sqrt(square),
             ritz_error=math.sqrt(max(square + float(more[c]), 0.0)),
             ritz_defect=defect[c],
+            values=values[c],
+            ritz_boundary_error=_boundary_distance(mesh, values[c], *traces[c][:2]),
         )
         for c, (case, (_, _, square, u_square)) in enumerate(zip(cases, seen, strict=True))
     ]
@@ -145,7 +152,7 @@ def _square(w: Array, value: Array, slope: Array) -> float:
     return float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
 
 
-def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
+def moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass where u or v_h is not 0."""
     mesh = _where_not_0(case, mesh, v_h)
     nodal, slopes = v_h[mesh.triangles], gradients(mesh)
@@ -167,14 +174,34 @@ def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Ar
 
 def flux_load(case: Case, mesh: Mesh) -> Array:
     """<lambda, phi_j> (nb,) of the boundary hats."""
+    rule, _, flux = _trace(case, mesh)
+    return hat_load(mesh, rule, flux)
+
+
+def _trace(case: Case, mesh: Mesh) -> tuple[BoundaryRule, Array, Array]:
+    """A rule on the boundary edges, and u and lambda (Q,) at its points."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular())
-    return hat_load(mesh, rule, case.boundary(rule.side, rule.s, rule.near)[1])
+    u, flux, _ = case.boundary(rule.side, rule.s, rule.near)
+    return rule, u, flux
+
+
+def _boundary_distance(mesh: Mesh, v: Array, rule: BoundaryRule, u: Array) -> float:
+    """||u - v||_0 on the boundary, for v linear on the edges with the values (nb,) at their ends."""
+    edge, position = rule.interval, _position(mesh, rule)
+    difference = u - v[edge] * (1 - position) - np.roll(v, -1)[edge] * position
+    return math.sqrt(rule.weight @ difference**2)
+
+
+def _position(mesh: Mesh, rule: BoundaryRule) -> Array:
+    """(Q,) where the points lie in their edges, from 0 to 1."""
+    start = mesh.s[rule.interval] - mesh.polygon.starts[rule.side]
+    return np.asarray((rule.s - start) / np.diff(mesh.s)[rule.interval])
 
 
 def hat_load(mesh: Mesh, rule: BoundaryRule, values: Array) -> Array:
     """<mu, phi_j> (nb,) for the values (Q,) of mu at the points of a rule whose intervals are the edges."""
     edge, nb = rule.interval, len(mesh.boundary)
-    position = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
+    position = _position(mesh, rule)
     weighted = rule.weight * values
     start = np.bincount(edge, weighted * (1 - position), nb)
     return np.asarray(start + np.roll(np.bincount(edge, weighted * position, nb), 1), dtype=float)

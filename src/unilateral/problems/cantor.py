@@ -2,7 +2,10 @@
 
 Of every interval a generation keeps a share at either end and removes the middle. What odd generations
 remove carries lambda = s^alpha (1 - (s/l)^2)_+^4, s the distance from its start and l its length, by harmonic
-atoms whose cutoff ends contact; what even ones remove carries a gap, with slope 1 at both ends.
+atoms whose cutoff ends contact; what even ones remove carries a gap, like s^gamma at both ends.
+
+There are l^{-d} intervals of about the length l, d the dimension of the set, and what is like s^k on each of
+them has a norm in H^tau with the square sum l^{2k + 1 - 2 tau - d}: it lies in H^tau for tau < k + (1 - d)/2.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import sympy
@@ -29,28 +33,42 @@ DUST = sympy.Rational(1, 100)
 Parts = tuple[Index, Array, Array, list[Array]]
 
 
-def divided(keep: sympy.Expr, generations: int) -> tuple[list[Interval], list[Interval], list[Interval]]:
-    """The intervals of [0, 1] that odd generations remove, that even ones remove, and that are left."""
-    left: list[Interval] = [(sympy.S.Zero, sympy.S.One)]
-    removed: tuple[list[Interval], list[Interval]] = ([], [])
-    for generation in range(generations):
-        inner = [(a + keep * (b - a), b - keep * (b - a)) for a, b in left]
-        removed[generation % 2].extend(inner)
-        left = [pair for (a, b), (c, d) in zip(left, inner, strict=True) for pair in ((a, c), (d, b))]
-    return *removed, left
+class Family(NamedTuple):
+    """The set: the share that is kept at either end, how often, and between t = inset and 1 - inset."""
+
+    keep: sympy.Expr
+    generations: int
+    inset: sympy.Expr
+
+    @property
+    def dimension(self) -> float:
+        """Of the set that is not truncated."""
+        return float(sympy.log(2) / sympy.log(1 / self.keep))
+
+    def order(self, power: sympy.Expr) -> float:
+        """The tau up to which, excluded, what is like s^power on the removed intervals is in H^tau."""
+        return float(power) + (1 - self.dimension) / 2
+
+    def divided(self) -> tuple[list[Interval], list[Interval], list[Interval]]:
+        """The intervals that odd generations remove, that even ones remove, and that are left."""
+        left: list[Interval] = [(self.inset, 1 - self.inset)]
+        removed: tuple[list[Interval], list[Interval]] = ([], [])
+        for generation in range(self.generations):
+            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in left]
+            removed[generation % 2].extend(inner)
+            left = [pair for (a, b), (c, d) in zip(left, inner, strict=True) for pair in ((a, c), (d, b))]
+        return *removed, left
 
 
-def gap(keep: sympy.Expr, generations: int, at_vertices: sympy.Expr) -> sympy.Expr:
-    """u - g as a formula in t: (t - c)(d - t)/(d - c) on what even generations remove.
+def gap(family: Family, gamma: sympy.Expr) -> sympy.Expr:
+    """u - g as a formula in t: ((t - c)(d - t)/(d - c))^gamma on what even generations remove.
 
-    On what is left it is DUST of that, and linear from its value at the vertices.
+    On what is left it is DUST of that. From the set's ends it grows like s^gamma to the vertices.
     """
-    _, removed, left = divided(keep, generations)
-    tents = [pos((T - c) * (d - T), 1) / (d - c) for c, d in removed]
-    tents += [DUST * pos((T - c) * (d - T), 1) / (d - c) for c, d in left[1:-1]]
-    (_, first), (last, _) = left[0], left[-1]
-    ends = pos(first - T, 1) / first + pos(T - last, 1) / (1 - last)
-    return sympy.Add(at_vertices * ends, *tents)
+    _, removed, left = family.divided()
+    tents = [pos((T - c) * (d - T), gamma) / (d - c) ** gamma for c, d in removed]
+    tents += [DUST * pos((T - c) * (d - T), gamma) / (d - c) ** gamma for c, d in left]
+    return sympy.Add(pos(family.inset - T, gamma), pos(T - 1 + family.inset, gamma), *tents)
 
 
 def _summed(index: Index, values: Array, points: Array) -> Array:
@@ -62,15 +80,23 @@ def _summed(index: Index, values: Array, points: Array) -> Array:
 class Cantor(Local):
     """The atom on a side; its place t is the side's start."""
 
-    keep: sympy.Expr
-    generations: int
+    family: Family
     alpha: sympy.Expr
-    regularity = Regularity(finite=False)
+
+    @property
+    def flux_order(self) -> float:
+        """lambda is in H^sigma on the side for every sigma below this."""
+        return self.family.order(self.alpha)
+
+    @property
+    def regularity(self) -> Regularity:
+        bounded, order = bool(self.alpha >= 0), self.flux_order
+        return Regularity(order > 1 / 2, bounded, order > 0, bounded, finite=False)
 
     @cached_property
     def _contact(self) -> Array:
         """(k, 2) ends of the contact intervals."""
-        return np.array(sorted(divided(self.keep, self.generations)[0]), dtype=float)
+        return np.array(sorted(self.family.divided()[0]), dtype=float)
 
     @cached_property
     def _unit(self) -> Compiled:
@@ -133,7 +159,7 @@ class Cantor(Local):
     @cached_property
     def _atoms(self) -> list[Polar]:
         """The same as harmonic atoms."""
-        intervals = sorted(divided(self.keep, self.generations)[0])
+        intervals = sorted(self.family.divided()[0])
         return [harmonic(self.polygon, self.side, a, self.alpha, b - a) for a, b in intervals]
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:

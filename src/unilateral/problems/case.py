@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from importlib import resources
 from importlib.resources.abc import Traversable
-from math import lcm
+from math import inf, lcm
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
+from unilateral.problems.cantor import Cantor
 from unilateral.problems.case_parts import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import on_sides, places
@@ -138,6 +139,16 @@ class Case:
     def gap_kinks(self) -> list[list[tuple[float, sympy.Expr]]]:
         """Per side, where the gap has a power of a positive part, t with the exponent."""
         return [kinks(gap, T) for gap in self.gaps]
+
+    @cached_property
+    def gap_order(self) -> float:
+        """The tau up to which, excluded, u - g is in H^tau on every side: k + 1/2 for powers s_+^k.
+
+        Less half of the dimension of the set of transitions, see `cantor`.
+        """
+        powers = [float(k) for side in self.gap_kinks for _, k in side]
+        dimensions = [atom.family.dimension for atom in self.atoms if isinstance(atom, Cantor)]
+        return min(powers, default=inf) + (1 - max(dimensions, default=0.0)) / 2
 
     def transitions(self) -> Array:
         """Arc lengths (k,) of the places inside sides where, by the declaration, contact can begin or end.

@@ -15,7 +15,7 @@ from unilateral.formulas.formula import kinks, number, parse, pos, substituted
 from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
-from unilateral.problems.cantor import Cantor
+from unilateral.problems.cantor import Cantor, Family
 from unilateral.problems.cantor import gap as cantor_gap
 from unilateral.problems.harmonic import corner, harmonic
 from unilateral.problems.polar import Polar
@@ -87,9 +87,9 @@ class Builder:
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
             return Tensor(self.polygon, side, 0.0, profile, cutoff)
         times = number(entry.get("times", 1), f"{where}, times")
-        alpha = self._alpha(entry, where)
+        alpha = self._fraction(entry, "alpha", where) if "alpha" in entry else None
         if entry["atom"] == "cantor":
-            return Cantor(self.polygon, side, 0.0, *self.family(entry, where), alpha)
+            return Cantor(self.polygon, side, 0.0, self.family(entry, where), alpha)
         if entry["atom"] == "corner":
             return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
         at = number(entry["at"], f"{where}, at")
@@ -97,29 +97,33 @@ class Builder:
             raise InputError(f"{where}, at: {at} must lie between 0 and 1")
         return harmonic(self.polygon, side, at, alpha, cutoff, times)
 
-    def family(self, entry: Mapping[str, Any], where: str) -> tuple[sympy.Expr, int]:
-        """The share that a Cantor set keeps at either end, and its generations."""
-        keep = number(entry["keep"], f"{where}, keep")
-        if not 0 < keep < sympy.Rational(1, 2):
-            raise InputError(f"{where}, keep: {keep} must lie between 0 and 1/2")
-        return keep, entry["generations"]
+    def family(self, entry: Mapping[str, Any], where: str) -> Family:
+        keep, inset = (number(entry[name], f"{where}, {name}") for name in ("keep", "inset"))
+        for name, value in (("keep", keep), ("inset", inset)):
+            if not 0 < value < sympy.Rational(1, 2):
+                raise InputError(f"{where}, {name}: {value} must lie between 0 and 1/2")
+        return Family(keep, entry["generations"], inset)
 
-    def _alpha(self, entry: Mapping[str, Any], where: str) -> sympy.Expr | None:
-        if "alpha" not in entry:
-            return None
-        alpha = number(entry["alpha"], f"{where}, alpha")
-        if not (alpha.is_Rational and alpha.q <= MAX_DENOMINATOR):
+    def _fraction(self, entry: Mapping[str, Any], name: str, where: str) -> sympy.Expr:
+        """An exponent."""
+        exponent = number(entry[name], f"{where}, {name}")
+        if not (exponent.is_Rational and exponent.q <= MAX_DENOMINATOR):
             limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
-            raise InputError(f"{where}, alpha: {alpha} must be {limit}")
-        return alpha
+            raise InputError(f"{where}, {name}: {exponent} must be {limit}")
+        return exponent
+
+    def _cantor_gap(self, entry: Mapping[str, Any], where: str) -> sympy.Expr:
+        gamma = self._fraction(entry, "gamma", where)
+        if gamma <= 0:
+            raise InputError(f"{where}, gamma: {gamma} must be positive")
+        return cantor_gap(self.family(entry, where), gamma)
 
     def gaps(self, entry: Mapping[str, Any]) -> tuple[sympy.Expr, ...]:
         result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
             if "cantor" in item:
-                numbers = self.family(item["cantor"], f"{place}, cantor")
-                formula = cantor_gap(*numbers, number(item["cantor"]["at_vertices"], f"{place}, at_vertices"))
+                formula = self._cantor_gap(item["cantor"], f"{place}, cantor")
             else:
                 formula = self.along_side(item["formula"], place)
             result[self.side(item["side"])] = formula

@@ -25,9 +25,14 @@ VANISHES = 1e-14
 
 
 class Certificate(NamedTuple):
-    """What was found: the hypotheses by name, and the contact set as (side, start, end) in side lengths."""
+    """What was found: the hypotheses by name, and the contact set as (side, start, end) in side lengths.
+
+    `g_regular` is that of our Theorem 1 in place of (jj) and (jjj): u - g, with (j) so g, is in H^{3/2} on
+    every side.
+    """
 
     hypotheses: dict[str, bool]
+    g_regular: bool
     contact: tuple[tuple[int, float, float], ...]
     lambda_max: float
     gap_max: float
@@ -65,6 +70,7 @@ def certify(case: Case) -> Certificate:
     bounded = all(each.flux_bounded for each in known)
     return Certificate(
         hypotheses,
+        case.gap_order > 3 / 2,
         tuple((sample.side, a, b) for sample in samples for a, b in _contact(case, sample.side)),
         lambda_max=max(0.0, *(float(sample.flux.max()) for sample in samples)) if bounded else math.inf,
         gap_max=max(0.0, *(float(sample.gap.max()) for sample in samples)),

@@ -16,7 +16,7 @@ Fields = Mapping[str, Any]
 Place = tuple[str | int, ...]
 SHARED = "style"
 """The module in figures that is no figure."""
-STUDIES = ("adaptive", "algorithm", "cost", "extremes", "sharpness")
+STUDIES = ("adaptive", "algorithm", "cells", "cost", "extremes", "sharpness")
 """Folders of results that belong to no scene and no survey."""
 
 

@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import skfem
 import sympy
 from conftest import condensed, discrete, load
+from skfem.helpers import dot, grad
 
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
@@ -71,6 +73,72 @@ def test_errors_take_one_dual_norm(monkeypatch):
     monkeypatch.setattr(RitzProjection, "discrete_dual", lambda *of: norms.append(dual(*of)) or norms[-1])
     errors = of.errors(np.ones(len(of.cells)))
     assert norms == [errors.hm12_discrete]
+
+
+def by_skfem(case, mesh):
+    """The boundary values of z_h, from (z_h, v)_1 = (u, v)_1 by scikit-fem, exact to degree 12."""
+    skmesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    basis = skfem.Basis(skmesh, skfem.ElementTriP1(), intorder=12)
+
+    @skfem.BilinearForm
+    def product(v, w, _):
+        return dot(grad(v), grad(w)) + v * w
+
+    @skfem.LinearForm
+    def of_u(v, at):
+        value, slope = case.value_and_gradient(at.x.reshape(2, -1).T)
+        return value.reshape(at.x.shape[1:]) * v + dot(slope.T.reshape(at.x.shape), grad(v))
+
+    return skfem.solve(product.assemble(basis), of_u.assemble(basis))[mesh.boundary]
+
+
+def along(trace, z_h, mesh, points):
+    """Integrals (k,) of u - z_h and of its square between arc lengths, by 40 Gauss points a piece."""
+    x, w = np.polynomial.legendre.leggauss(40)
+    s = np.union1d(mesh.s, points)
+    at = 0.5 * (s[1:] + s[:-1])[:, None] + 0.5 * np.diff(s)[:, None] * x
+    of = trace(at) - np.interp(at, mesh.s, np.append(z_h, z_h[0]))
+    interval = np.searchsorted(points, at[:, 0]) - 1
+    return [np.bincount(interval, 0.5 * np.diff(s) * (f @ w)) for f in (of, of**2)]
+
+
+def trace_of_no_contact(s):
+    """cos(pi x) cos(2 pi y)/2 along the unit square's sides, anticlockwise from the origin."""
+    x, y = np.clip(np.minimum(s, 3 - s), 0, 1), np.clip(np.minimum(s - 1, 4 - s), 0, 1)
+    return np.cos(np.pi * x) * np.cos(2 * np.pi * y) / 2
+
+
+@pytest.mark.parametrize("m", [2, 4, 8])
+def test_how_far_the_ritz_projection_is_from_u_on_the_boundary(m):
+    """By scikit-fem's projection, u in closed form and another quadrature; 1e-6 for the quadrature of f."""
+    of = discrete("no_contact", 8, m, degree=12)
+    found, mesh = of.exact, of.mesh
+    z_h = by_skfem(load("no_contact"), mesh)
+    means, squares = along(trace_of_no_contact, z_h, mesh, of.partition.points)
+    expected = math.sqrt(squares.sum()), math.sqrt(np.sum(means**2 / of.partition.lengths))
+    assert found.ritz.ritz_boundary_error == pytest.approx(expected[0], rel=1e-6)
+    assert found.ritz_means(of.spaces) == pytest.approx(expected[1], rel=1e-6)
+    assert expected[1] < 0.99 * expected[0]
+
+
+def test_the_boundary_error_where_u_is_singular():
+    """u = (1/2 - x)_+^{3/2} + 4 (x - 1/2)^2 on the bottom of `natural`; on the other sides u is the case's.
+
+    1/2 is an end of edges, towards which 40 Gauss points leave 1e-7 of such a power: rel = 1e-6.
+    """
+    of = discrete("natural", 8, 4)
+    z_h, case, mesh = of.exact.ritz.values, load("natural"), of.mesh
+
+    def trace(s):
+        side = np.minimum(s.astype(int), 3)
+        u, _, _ = case.boundary(side.ravel(), (s - side).ravel())
+        bottom = np.maximum(0.5 - s, 0) ** 1.5 + 4 * (s - 0.5) ** 2
+        return np.where(side == 0, bottom, u.reshape(s.shape))
+
+    means, squares = along(trace, z_h, mesh, of.partition.points)
+    assert of.exact.ritz.ritz_boundary_error == pytest.approx(math.sqrt(squares.sum()), rel=1e-6)
+    expected = math.sqrt(np.sum(means**2 / of.partition.lengths))
+    assert of.exact.ritz_means(of.spaces) == pytest.approx(expected, rel=1e-6)
 
 
 def test_means_of_several_gaps_are_those_of_each():

@@ -13,39 +13,81 @@ from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
-from unilateral.problems.cantor import DUST, Cantor, divided, gap
+from unilateral.problems.cantor import DUST, Cantor, Family, gap
+from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import harmonic
 
 KEEP = Q(9, 20)
 LARGE = Polygon(2 * square().vertices, "large")
+GAPS = {"cantor_2": 2, "cantor_1.5": 3 / 2, "violates_jjj": 1, "violates_jj_jjj": 1 / 2}
+"""The cases, with the exponents of their gaps."""
+
+
+def family(generations=3, keep=KEEP):
+    return Family(keep, generations, Q(1, 8))
 
 
 def test_the_intervals_of_the_first_generations_by_hand():
-    odd, even, left = divided(KEEP, 2)
-    assert odd == [(Q(9, 20), Q(11, 20))]
-    assert even == [(Q(81, 400), Q(99, 400)), (Q(301, 400), Q(319, 400))]
-    assert left == [(0, Q(81, 400)), (Q(99, 400), Q(9, 20)), (Q(11, 20), Q(301, 400)), (Q(319, 400), 1)]
+    """1/8 + 3/4 t of those in [0, 1], which are 9/20 to 11/20, 81/400 to 99/400 and 301/400 to 319/400."""
+    odd, even, left = family(2).divided()
+    assert odd == [(Q(37, 80), Q(43, 80))]
+    assert even == [(Q(443, 1600), Q(497, 1600)), (Q(1103, 1600), Q(1157, 1600))]
+    assert [a for a, _ in left] == [Q(1, 8), even[0][1], odd[0][1], even[1][1]]
+    assert [b for _, b in left] == [even[0][0], odd[0][0], even[1][0], Q(7, 8)]
 
 
-@pytest.mark.parametrize("generations", [1, 2, 5, 8])
-def test_the_intervals_tile_the_side(generations):
+@pytest.mark.parametrize("generations", [1, 2, 5, 7])
+def test_the_intervals_tile_the_set_s_place(generations):
     """2^(g-1) are removed by generation g, 1 - 2 keep of what is there; (2 keep)^g is left."""
-    odd, even, left = divided(KEEP, generations)
+    odd, even, left = family(generations).divided()
     ends = np.array(sorted([*odd, *even, *left]), dtype=float)
     np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], atol=1e-14)
     assert len(odd) + len(even) == 2**generations - 1
-    assert sum(b - a for a, b in left) == (2 * KEEP) ** generations
+    assert sum(b - a for a, b in left) == Q(3, 4) * Q(9, 10) ** generations
+
+
+@pytest.mark.parametrize("keep", [Q(1, 3), Q(9, 20)])
+def test_the_dimension_counts_intervals(keep):
+    """l^{-d} kept intervals have the length l, up to a constant: of g generations 2^g of keep^g.
+
+    Control: l^{-1} of them, as where nothing is removed, would be too many.
+    """
+    for generations in (3, 5):
+        lengths = {b - a for a, b in family(generations, keep).divided()[2]}
+        assert len(lengths) == 1
+        size = float(lengths.pop() / Q(3, 4))
+        assert size ** -family(1, keep).dimension == pytest.approx(2**generations, rel=1e-12)
+        assert 1 / size > 1.1 * 2**generations
+
+
+@pytest.mark.parametrize(("power", "keep"), [(Q(1, 3), Q(1, 3)), (Q(2), Q(1, 3)), (Q(1, 2), Q(9, 20))])
+def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, keep):
+    """Of s^k on an interval of the length l the seminorm in H^tau has the square c l^(2k + 1 - 2 tau).
+
+    Their sums over a generation, from the intervals themselves, are a geometric series. Control: without the
+    dimension, as for finitely many, the order would be higher, and there the sums grow.
+    """
+    order, removed = family(5, keep).order(power), family(5, keep).divided()[0]
+    lengths = np.array([b - a for a, b in removed], dtype=float)
+    generations = [lengths[:1], lengths[1:5], lengths[5:]]
+
+    def sums(tau):
+        return [np.sum(each ** (2 * float(power) + 1 - 2 * tau)) for each in generations]
+
+    assert sums(order - 0.01) == sorted(sums(order - 0.01), reverse=True)
+    assert sums(order + 0.01) == sorted(sums(order + 0.01))
+    assert sums(float(power) + 0.49) == sorted(sums(float(power) + 0.49))
 
 
 @cache
 def atom(generations=3, polygon=square()):  # noqa: B008
-    return Cantor(polygon, 0, 0.0, KEEP, generations, Q(1, 2))
+    return Cantor(polygon, 0, 0.0, family(generations), Q(1, 2))
 
 
 @cache
 def singles(generations=3, polygon=square()):  # noqa: B008
     """The same as harmonic atoms, one a contact, each with the length of its contact as its cutoff."""
-    return [harmonic(polygon, 0, a, Q(1, 2), b - a) for a, b in divided(KEEP, generations)[0]]
+    return [harmonic(polygon, 0, a, Q(1, 2), b - a) for a, b in family(generations).divided()[0]]
 
 
 @pytest.mark.parametrize("polygon", [square(), LARGE], ids=["square", "large"])
@@ -71,34 +113,64 @@ def test_its_trace_and_flux_are_the_sums_too():
     assert found[1].min() >= 0
 
 
-def test_the_gap_by_hand():
-    """The top of a tent of length l is l/4; a hundredth of it on what is left; the ends are linear."""
-    value = compile_numpy([gap(KEEP, 2, Q(1, 20))], (sympy.Symbol("t", real=True),))
-    t = np.array([0.0, 81 / 800, 81 / 400, 0.225, 99 / 400, 0.5 * (99 / 400 + 0.45), 0.45, 0.5, 0.55, 1.0])
-    inner = float(DUST) * (0.45 - 99 / 400) / 4
-    expected = [0.05, 0.025, 0, 18 / 400 / 4, 0, inner, 0, 0, 0, 0.05]
-    np.testing.assert_allclose(value(t)[0], expected, atol=1e-15)
+@pytest.mark.parametrize("gamma", [Q(1), Q(3, 2), Q(2), Q(1, 2)])
+def test_the_gap_by_hand(gamma):
+    """The top of a tent of length l is (l/4)^gamma, or a hundredth of it on what is left."""
+    value = compile_numpy([gap(family(2), gamma)], (sympy.Symbol("t", real=True),))
+    first, second, third = 443 / 1600, 497 / 1600, 37 / 80
+    t = np.array([0, 1 / 16, 1 / 8, first, (first + second) / 2, (second + third) / 2, 0.5, 7 / 8, 1])
+    tops = np.array([1 / 8, 1 / 16, 0, 0, (second - first) / 4, (third - second) / 4, 0, 0, 1 / 8]) ** float(
+        gamma
+    )
+    tops[5] *= float(DUST)
+    np.testing.assert_allclose(value(t)[0], tops, atol=1e-15)
 
 
-def test_the_certificate_says_that_there_are_infinitely_many():
-    """Ends of contact are transitions; so are points in which two gaps meet, where lambda is 0."""
-    found = certified("violates_jjj")
-    assert found.hypotheses == {"j": True, "jj": True, "jjj": False}
-    expected = np.array(sorted(divided(KEEP, 8)[0]), dtype=float)
+@pytest.mark.parametrize("name", GAPS)
+def test_the_certificate_says_that_there_are_infinitely_many(name):
+    """Ends of contact are transitions; so are points in which two gaps meet, where lambda is 0.
+
+    lambda is in H^sigma for sigma < 1/3 + (1 - d)/2, u - g in H^tau for tau < gamma + (1 - d)/2.
+    """
+    found, case = certified(name), load(name)
+    assert found.hypotheses == {"j": True, "jj": GAPS[name] >= 1, "jjj": False}
+    assert found.g_regular == (GAPS[name] >= 3 / 2)
+    d = np.log(2) / np.log(3)
+    assert case.gap_order == pytest.approx(GAPS[name] + (1 - d) / 2, rel=1e-12)
+    assert case.atoms[0].flux_order == pytest.approx(1 / 3 + (1 - d) / 2, rel=1e-12)
+    expected = np.array(sorted(case.atoms[0].family.divided()[0]), dtype=float)
     np.testing.assert_allclose([c[1:] for c in found.contact], expected, atol=1e-14)
-    transitions = np.round(load("violates_jjj").transitions(), 12)
-    assert np.isin(
-        np.round([t for _, *both in found.contact for t in both if 0 < t < 1], 12), transitions
-    ).all()
+    transitions = np.round(case.transitions(), 12)
+    assert np.isin(np.round([t for _, *both in found.contact for t in both], 12), transitions).all()
 
 
-def test_the_kept_intervals_are_shorter_than_a_quarter_of_the_finest_cell():
+def test_u_is_not_in_H2_for_less_regular_fluxes(case_like):
+    """Control: with alpha = 3/10 < d/2 = 0.315 lambda is not in H^(1/2)."""
+    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    with pytest.raises(InputError, match=r"\(j\) does not hold, declared otherwise"):
+        certify(case_like("violates_jjj", u=[entry | {"alpha": "3/10"}]))
+
+
+def test_the_kept_intervals_are_shorter_than_a_tenth_of_the_finest_cell():
     """And those of the generation before are not: the declared truncation, for H = 1/128."""
-    assert 0.45**8 < 1 / 128 / 4 < 0.45**7
+    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    assert entry["generations"] == 7
+    assert 3 / 4 / 3**7 < 1 / 128 / 10 < 3 / 4 / 3**6
 
 
-@pytest.mark.parametrize("keep", ["1/2", "0", "3/4"])
-def test_shares_that_leave_nothing_to_remove_are_refused(keep, case_like):
-    (atom,) = cases.declared("violates_jjj")[0]["u"]
-    with pytest.raises(InputError, match=r"keep: .* must lie between 0 and 1/2"):
-        case_like("violates_jjj", u=[atom | {"keep": keep}])
+@pytest.mark.parametrize(
+    ("field", "share"), [("keep", "1/2"), ("keep", "0"), ("inset", "3/4"), ("inset", "0")]
+)
+def test_shares_that_leave_nothing_to_remove_are_refused(field, share, case_like):
+    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    with pytest.raises(InputError, match=rf"{field}: .* must lie between 0 and 1/2"):
+        case_like("violates_jjj", u=[entry | {field: share}])
+
+
+@pytest.mark.parametrize(("gamma", "fault"), [("0", "must be positive"), ("sqrt(2)", "must be a fraction")])
+def test_a_gap_s_exponent_is_a_positive_fraction(gamma, fault, case_like):
+    declared = cases.declared("violates_jjj")[0]["gap"]
+    (side,) = declared["sides"]
+    gaps = declared | {"sides": [side | {"cantor": side["cantor"] | {"gamma": gamma}}]}
+    with pytest.raises(InputError, match=rf"cantor, gamma: .* {fault}"):
+        case_like("violates_jjj", gap=gaps)

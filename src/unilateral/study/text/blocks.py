@@ -14,6 +14,7 @@ from unilateral.study.text import (
     cost_tables,
     error_tables,
     extremes_tables,
+    hypotheses,
     score_tables,
     verdicts,
 )
@@ -51,12 +52,14 @@ def collect(told: Sources) -> dict[str, str]:
     base = {"H_over_h": told.H_over_h, "coarsest": told.coarsest}
     frames = verdicts.claims_tables(told.claims) | {
         "rates": error_tables.rates(told.rates, real(study["judged_ratio"], "judged_ratio")),
+        "rates-by-case": error_tables.rates_by_case(told.rates, real(study["judged_ratio"], "judged_ratio")),
         "beta": error_tables.beta(told.pairs, ratios),
         "correlations": error_tables.correlations(told.pairs, RULE.smallest_angle),
         "floors": error_tables.floors(of["floors"]),
         "totals": error_tables.totals(told.totals),
         "adapted": adaptive_tables.finest(of["adapted"], of["adapted_rates"]),
         "adapted-savings": adaptive_tables.savings(of["adapted"]),
+        "hypotheses": hypotheses.table(hypotheses.numbers(told)),
         "exceptions": error_tables.exceptions(of["sharpness"], tolerances),
         "ratios": cost_tables.ratios(of["case"], told.coarsest),
         "prices": cost_tables.price_table(of["case"], of["scene"], **base),

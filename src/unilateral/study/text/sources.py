@@ -23,6 +23,7 @@ TABLES = (
     "precision",
     "floors",
     "sharpness",
+    "cells",
     "adapted",
     "adapted_rates",
     "adapted_beta",

@@ -22,6 +22,7 @@ LETTERS = {
     "rho": "ρ",
     "sigma": "σ",
     "omega": "ω",
+    "tau": "τ",
     "pi": "π",
     "Pi": "Π",
 }
@@ -40,6 +41,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
             "claim": each["id"],
             "statement": f"{each['statement']} [{_letters(each['where'])}]",
             **_numbers(each),
+            "sees": each["sees"] or NONE,
             "verdict": _letters(each["verdict"]),
         }
         rows.setdefault(f"claims-{each['section']}", []).append(row)
@@ -47,7 +49,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
-    """What is shown of the evidence; nothing of what is not judged."""
+    """What is shown of the evidence; nothing of what is not judged, or not to be measured."""
     if record["observed"] is None:
         return dict.fromkeys(("what counts", "observed", "margin"), NONE)
     return {

@@ -85,6 +85,23 @@ def expected(
     return provided(worst(excess, quantity, 0.0, True), _faults(rows))
 
 
+def regularity(
+    tables: Tables,
+    scenes: Sequence[str],
+    orders: Mapping[str, float],
+    H_over_h: float,
+    tolerances: Mapping[str, float],
+) -> Evidence:
+    """The least excess of the rates of cases over the s of u in H^{1+s}, less a tolerance by norm."""
+    rows = _judged(tables, scenes, list(orders), tolerances, H_over_h)
+    excess = {
+        name: smallest_rate(row) - orders[row["case"].item()] + tolerances[row["norm"].item()]
+        for name, row in rows.items()
+    }
+    quantity = "the smallest rate less s, with its tolerance"
+    return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+
+
 def rate_of(
     tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
 ) -> Evidence:

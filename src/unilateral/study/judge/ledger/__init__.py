@@ -11,6 +11,7 @@ FILES = (
     "formulation.yaml",
     "stability.yaml",
     "estimates.yaml",
+    "theorems.yaml",
     "algorithm.yaml",
     "cost.yaml",
     "beyond.yaml",

@@ -1,0 +1,20 @@
+# What the size of the cells alone does: cases with infinitely many transitions on one mesh.
+
+
+rule cells:
+    input:
+        code("measure_cells"),
+        case_files(config["cells"]["cases"]),
+    output:
+        errors="results/cells/errors.nc",
+    log:
+        "results/logs/cells.log",
+    resources:
+        **asked("cells"),
+    params:
+        study=config["cells"],
+        stop=config["stop"],
+    message:
+        "cells: infinitely many transitions, on cells of many sizes"
+    script:
+        "../scripts/measure_cells.py"
