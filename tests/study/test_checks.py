@@ -962,13 +962,13 @@ def test_the_rule_of_inner_nodes_asks_for_delta_comparable_cells_and_no_flat_tri
 
 @pytest.mark.parametrize(
     ("deltas", "expected"),
-    [([0.5, 0.32], 2.0), ([0.5, 0.0], 2.0), ([0.125, 0.32], 6.25), ([0.0, 0.0], "nothing of which")],
+    [([0.5, 0.32], 2.0), ([0.5, 0.0], 2.0), ([0.125, 0.32], 5.0), ([0.0, 0.0], "nothing of which")],
 )
 def test_the_pairing_is_judged_where_every_cell_has_an_inner_node(deltas, expected):
-    """alpha_1 = 3: the bound, (delta/2)^{3/2}, is 1/8 at 1/2, 0.064 at 0.32, 1/64 at 1/8."""
+    """The bound, delta/4, is 1/8 at 1/2, 0.08 at 0.32, 1/32 at 1/8."""
     found = [[0.25 if delta else np.nan for delta in deltas]]
     found[0][1] = 0.4 if deltas[1] else np.nan
-    of = over(PAIRS, pairing=found, delta=[deltas], alpha_1=[[3.0, 3.0]])
+    of = over(PAIRS, pairing=found, delta=[deltas])
     assert made_is(expected, stability.pairing, table(of), ["a"])
 
 

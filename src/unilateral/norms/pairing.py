@@ -44,14 +44,13 @@ def pairing_constant(s: Array, partition: Partition) -> float:
     return float(np.linalg.svd(pairing(nodes, partition), compute_uv=False)[-1])
 
 
-def least_pairing_constant(delta: Array, alpha_1: Array) -> Array:
-    """(...) the bound of Theorem 5's proof, m^{3/2} with m = 2 delta / (1 + alpha_1).
+def least_pairing_constant(delta: Array) -> Array:
+    """(...) the bound delta/4 of the proof of Theorem 5, (6), whatever the lengths of the cells.
 
-    Rows of M are diagonally dominant by at least m. So M = E (1 - N), E diagonal and at least (1 + m)/2, N
-    with two cyclic off-diagonals and row sums at most q = (1 - m)/(1 + m); element i, j of M^{-1} is at most
-    q^|i-j| / m, its row sums 1/m and its column sums 1/m^2.
+    The values w of v at the cells' ends solve K w = 2 (q_i m_i + p_i m_{i+1}), m the means M y. K is
+    diagonally dominant by 2 delta in rows and by delta in columns.
     """
-    return (2 * delta / (1 + alpha_1)) ** 1.5
+    return 0.25 * delta
 
 
 def certified_cellwise(mesh: Mesh, partition: Partition) -> float:

@@ -142,7 +142,7 @@ def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
         data = tables[f"{scene}/infsup"]
         paired = data["delta"].values > 0
         if paired.any():
-            bound = least_pairing_constant(data["delta"].values, data["alpha_1"].values)
+            bound = least_pairing_constant(data["delta"].values)
             found[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
     return worst(found, "the smallest singular value over its bound", 1 - ZERO, True)
 
