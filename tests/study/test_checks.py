@@ -369,14 +369,16 @@ def on_cells(bound=0.001, converged=1.0):
 
 
 def test_exponents_are_means_over_where_cells_begin():
-    """3/4 and 5/8; of the consistency term 3/2 and 5/4, where sigma + tau are 3/2 and 5/4."""
+    """3/4 and 5/8, which are (sigma + tau)/2 <= sigma + 1/2; of the consistency term 3/2 and 5/4."""
     of = on_cells()
     given = ("a/errors", "discrete_error")
     assert made_is((5 / 8, True), transitions.exponents, of, *given, ["c", "d"], 0.6, True)
     assert made_is((3 / 4, False), transitions.exponents, of, *given, ["c", "d"], 0.7, False)
     assert made_is((3 / 4, True), transitions.exponents, of, *given, ["c"], 0.7, True)
     assert made_is((0, True), transitions.consistency, of, "a/errors", 0.1)
+    assert made_is((0, True), transitions.sharp, of, "a/errors", ["c", "d"], 0.1)
     of["a/errors"]["gap_order"][1] = 1
+    assert made_is((0.125, False), transitions.sharp, of, "a/errors", ["c", "d"], 0.1)
     assert made_is((0.25, False), transitions.consistency, of, "a/errors", 0.1)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from unilateral.study.judge.checks.evidence import Evidence, Tables, provided, worst
 
@@ -30,9 +31,17 @@ def consistency(tables: Tables, table: str, most: float) -> Evidence:
     """How far the exponent of <Pi_H lambda, u-g> is from sigma + tau, of all cases."""
     data = tables[table]
     expected = (data["flux_order"] + data["gap_order"]).values
-    pairs = zip(exponent(data, "consistency").items(), expected, strict=True)
-    found = {case: abs(each - float(order)) for (case, each), order in pairs}
+    found = _distance(data, "consistency", expected)
     return worst(found, "the distance of its exponent from sigma + tau", most, False)
+
+
+def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
+    """How far the exponent of D is from that of Theorem 1, the smaller of sigma + 1/2 and (sigma + tau)/2."""
+    data = tables[table].sel(case=list(cases))
+    sigma, tau = data["flux_order"].values, data["gap_order"].values
+    found = _distance(data, "discrete_error", np.minimum(sigma + 0.5, (sigma + tau) / 2))
+    quantity = "the distance of the exponent of D from that of Theorem 1"
+    return provided(worst(found, quantity, most, False), _faults(data))
 
 
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: float) -> Evidence:
@@ -50,6 +59,11 @@ def exponent(data: xr.Dataset, variable: str) -> dict[str, float]:
     values, sizes = (np.diff(np.log(data[name].values)) for name in (variable, "H"))
     means = (values / sizes).mean(axis=(1, 2)).tolist()
     return dict(zip(data["case"].values.tolist(), means, strict=True))
+
+
+def _distance(data: xr.Dataset, variable: str, expected: NDArray[np.float64]) -> dict[str, float]:
+    pairs = zip(exponent(data, variable).items(), expected, strict=True)
+    return {case: abs(found - float(each)) for (case, found), each in pairs}
 
 
 def _faults(data: xr.Dataset) -> list[str]:
