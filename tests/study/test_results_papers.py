@@ -7,7 +7,7 @@ from conftest import ROOT
 
 from unilateral.study.text import marks
 
-PAGES, WORDS = 27, 7500
+PAGES, WORDS = 12, 6500
 """At most, of paper.md: what somebody reads in one sitting."""
 
 
