@@ -20,7 +20,7 @@ study: .venv/ready  ## the whole study: results/, figures/, the numbers in docum
 quick: .venv/ready  ## the small scene `quick` only
 	$(snakemake) quick
 
-paper: .venv/ready  ## paper.md as HTML and PDF: results/paper/, with what it shows and no more
+paper: .venv/ready  ## paper.md and supplement.md as HTML and PDF: results/paper/, with what they show and no more
 	$(snakemake) paper
 
 docs: .venv/ready  ## pages for readers and the library's reference: build/docs/index.html
@@ -36,12 +36,12 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	lint-imports --no-cache
 	snakefmt --check Snakefile workflow/rules
 	pytest -n 2 --dist loadfile
-	@changes=$$(git status --porcelain -- figures README.md paper.md docs) || exit 1; \
+	@changes=$$(git status --porcelain -- figures README.md paper.md supplement.md docs) || exit 1; \
 	if [ -n "$$changes" ]; then \
-	    echo "The study changed files in figures or docs, README.md or paper.md that git does not hold; look at them, then commit:" >&2; \
-	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md docs >&2; exit 1; \
+	    echo "The study changed files in figures or docs, README.md, paper.md or supplement.md that git does not hold; look at them, then commit:" >&2; \
+	    echo "$$changes" >&2; git --no-pager diff --stat HEAD -- figures README.md paper.md supplement.md docs >&2; exit 1; \
 	fi
-	@echo "figures, docs, README.md and paper.md are as committed."
+	@echo "figures, docs, README.md, paper.md and supplement.md are as committed."
 
 bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)

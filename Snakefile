@@ -58,6 +58,11 @@ rule figures:
         FIGURES,
 
 
+rule paper:
+    input:
+        expand(rules.typeset.output, paper=PAPERS),
+
+
 rule quick:
     input:
         *files_by_rule(["quick"]).values(),

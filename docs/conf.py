@@ -23,7 +23,7 @@ exclude_patterns = [".*", "build", "dist", "results", "src", "tests"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
-myst_url_schemes = {"http": None, "https": None, "paper": "../paper.html{{path}}"}
+myst_url_schemes = {"http": None, "https": None, "typeset": "../{{path}}#{{fragment}}"}
 highlight_language = "none"
 smartquotes = False
 
@@ -42,7 +42,7 @@ html_math_renderer = "mathml"
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
 paper = HERE.parent / "results/paper"
-typeset_paper = str(paper) if (paper / "paper.html").exists() else ""
+typeset_paper = str(paper) if (paper / "supplement.html").exists() else ""
 html_extra_path = ["site", *filter(None, [typeset_paper])]
 html_copy_source = False
 html_show_search_summary = False

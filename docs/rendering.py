@@ -22,6 +22,7 @@ CODE = re.compile(r"`([^`]+)`")
 MARKUP = re.compile(r"([\\*|_])")
 UPRIGHT = re.compile("<mi>(&#x003(?:9[1-9A-F]|A[0-9]);)</mi>")
 LINK = re.compile(r"\[([^\]]+)\]\(([^)#:\s]+)(#[\w-]+)?\)")
+PAPERS = ("paper", "supplement")
 VARIABLES = "src/unilateral/study/variables.yaml"
 HEAD = ["variable", "what it holds", "unit", "of the paper"]
 
@@ -74,16 +75,17 @@ def public(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: node
 def within(app: Sphinx, page: str, source: list[str]) -> None:
     """Links that are right in the repository, made right among the pages.
 
-    Those to the paper lead to the typeset one or, where that is not made, to the page about it. Those to
-    folders, and to Markdown that is no page, become text.
+    Those to the paper and its supplement lead to the typeset ones or, where these are not made, to the page
+    about them. Those to folders, and to Markdown that is no page, become text.
     """
-    here, paper = Path(app.srcdir, page).parent, Path(app.srcdir, "paper.md")
+    here, papers = Path(app.srcdir, page).parent, [Path(app.srcdir, f"{name}.md") for name in PAPERS]
 
     def led(link: re.Match[str]) -> str:
         text, path, part = link.groups(default="")
         target = (here / path).resolve()
-        if target == paper:
-            return f"[{text}](paper:{part})" if app.config.typeset_paper else f"[{text}](paper.md)"
+        if target in papers:
+            typeset = f"typeset:{target.stem}.html{part}"
+            return f"[{text}]({typeset if app.config.typeset_paper else 'paper.md'})"
         no_page = target.suffix == ".md" and app.env.path2doc(target) not in app.env.found_docs
         return text if target.is_dir() or (no_page and target.exists()) else link[0]
 

@@ -159,7 +159,7 @@ def copy_project(folder):
     copied.mkdir()
     for name in ("workflow", "src/unilateral", "manufactured", "examples", "docs"):
         shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("Snakefile", "README.md", "paper.md", "paper.bib"):
+    for name in ("Snakefile", "README.md", "paper.md", "supplement.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
     (copied / "benchmarks").mkdir()

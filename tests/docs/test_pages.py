@@ -13,6 +13,7 @@ from conftest import ROOT
 import unilateral as ul
 
 NARROW = (400, 900)
+PAPERS = ("paper.html", "supplement.html")
 WITH_FRACTIONS = ("docs/index.html", "docs/method.html", "docs/tutorial.html")
 FETCHED = {"src", "srcset", "poster", "data", "background"}
 IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
@@ -62,11 +63,11 @@ def in_styles(text):
 def faults(site):
     """What pages and styles fetch from elsewhere, and links within the folder that lead nowhere.
 
-    The paper is a page that others make; links into it are looked at.
+    The paper and its supplement are pages that others make; links into them are looked at.
     """
     pages = {file: Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")}
     styles = {file: in_styles(file.read_text(encoding="utf-8")) for file in site.rglob("*.css")}
-    own = {file: page for file, page in pages.items() if file.name != "paper.html"}
+    own = {file: page for file, page in pages.items() if file.name not in PAPERS}
     fetched = [(file, url) for file, page in own.items() for url in page.fetched]
     fetched += [(file, url) for file, urls in styles.items() for url in urls]
     links = [(file, url) for file, page in own.items() for url in page.links if not is_elsewhere(url)]
@@ -99,7 +100,7 @@ def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_
     assert faults(tmp_path) == []
     links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
     assert "paper.html" in links
-    assert not any(link.startswith("../paper.html") for link in links)
+    assert not any(link.startswith("../") and link.endswith("#sec-total") for link in links)
 
 
 def test_links_of_the_repository_to_what_is_no_page_are_text(tmp_path):
@@ -191,7 +192,7 @@ def test_all_variables_of_tables_are_on_their_page(site):
 
 def test_pages_are_quiet_in_a_browser(browser, site):
     """No error on the console, no request to another machine, nothing wider than a narrow window."""
-    for file in sorted({*site.rglob("*.html")} - {site / "paper.html"}):
+    for file in sorted({*site.rglob("*.html")} - {site / name for name in PAPERS}):
         page = browser.open(file, NARROW)
         assert (page.errors, page.elsewhere, browser.overflow()) == ([], [], 0), file.name
 

@@ -18,7 +18,12 @@ CONFIG = [
     f"workflow/config/{name}.yaml"
     for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
 ]
-DOCUMENTS = ["README.md", "paper.md", *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    "README.md",
+    "paper.md",
+    "supplement.md",
+    *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md")),
+]
 COST = ("algorithm", "case", "scene", "algebra", "precision")
 
 

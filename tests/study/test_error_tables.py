@@ -35,6 +35,18 @@ def test_the_table_of_rates():
     assert table.values.tolist() == [["square", *first], ["square", *second], ["again", *first]]
 
 
+def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
+    """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
+    other = made_up().isel(case=[0])
+    other["rate"][0, :, 0, 2] = 0.75
+    table = error_tables.rates_by_case({"square": made_up(), "again": other}, 0.5)
+    first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
+    assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
+    unknown = made_up().isel(case=[0])
+    unknown["verdict"][:] = "not judged"
+    assert error_tables.rates_by_case({"square": unknown}, 0.5).empty
+
+
 def made_up_pairs():
     """Two families at H/h = 2 and 4, and three other pairs, two of them with flat triangles."""
     rows = [
@@ -84,12 +96,20 @@ def test_exceptions_are_named_with_what_they_lack():
             "predicted": (("norm", "alpha"), [[1.5, 1.5]]),
             "rate": (("norm", "pair", "alpha", "gamma"), rate.swapaxes(0, 1)[None]),
         },
-        coords={"norm": ["hm12"], "alpha": [-0.25, 0.5], "gamma": [1.0, 2.0]},
+        coords={
+            "norm": ["hm12"],
+            "alpha": [-0.25, 0.5],
+            "gamma": [1.0, 2.0],
+            "H": ("level", [1, 1 / 2, 1 / 4]),
+        },
     )
+    rates["held"] = (("level", "alpha", "gamma"), [2 * [[0.5, 0.5]], 2 * [[0.5, 0.5]], 2 * [[0.125, 0.5]]])
     assert error_tables.exceptions(rates, {"hm12": 0.1}).values.tolist() == []
     rates["rate"][0, -1, 1, 0] = 1.25
     table = error_tables.exceptions(rates, {"hm12": 0.1})
-    assert (list(table), table.values.tolist()) == (["α", "γ", "λ in H^(−1/2)"], [["0.5", "1", "0.25"]])
+    lacks = 0.25 - 0.5 * np.log2((1 + np.log(4)) / (1 + np.log(2)))
+    assert list(table) == ["α", "γ", "λ in H^(−1/2)", error_tables.HELD]
+    assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
 
 
 def test_the_table_of_floors():
@@ -100,3 +120,21 @@ def test_the_table_of_floors():
     assert error_tables.floors(fits).values.tolist() == [
         ["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]
     ]
+
+
+def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
+    """By hand: of the pairs at h = H two have delta = 1/2 and equal cells."""
+    columns = ["h_over_H", "delta", "alpha_1", "beta_lower"]
+    rows = [
+        [1.0, 0.5, 1.0, 0.7],
+        [1.0, 0.5, 1.0, 0.6],
+        [1.0, 0.25, 1.0, 0.3],
+        [1.0, 0.5, 3.0, 0.2],
+        [0.5, 0.5, 1.0, 0.1],
+    ]
+    assert numbers.inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
+
+
+def test_what_is_told_of_theorems_comes_from_their_claims():
+    assert numbers.theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
+    assert numbers.theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0

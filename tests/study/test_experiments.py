@@ -15,6 +15,7 @@ from unilateral.norms.exact import cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.study.runs import algorithm as experiments
 from unilateral.study.runs import algorithm_cost as trials
+from unilateral.study.runs import formulation as statements
 
 SHARES = (0.25, 0.45, 0.49, 0.51, 0.99, 1.01)
 STEPS = 400
@@ -171,3 +172,44 @@ def test_the_first_term_of_the_residual_s_bound_is_no_bound():
     found = trials.certificates(structured(square(), 1 / 16), cells, [load("natural")], [10])
     assert np.all(found["first_term_index"] < 1)
     assert np.all(found["residual_index"] >= 1)
+
+
+@cache
+def formulated():
+    cells = partitions.uniform(square(), 1 / 8)
+    return statements.formulation(
+        structured(square(), 1 / 16), cells, [load(name) for name in ("full_contact", "natural")]
+    )
+
+
+@pytest.mark.parametrize("case", ["full_contact", "natural"])
+def test_u_is_the_solution_of_both_forms_of_the_problem_and_u_h_of_its_own(case):
+    """To the quadrature of f, which is 1e-11 for these two (degree 8 on h = 1/16); spoilt by O(1)."""
+    of = formulated().sel(case=case)
+    assert of["equation"] < 1e-9 < 0.1 < of["equation_elsewhere"]
+    assert of["minimum"] > -1e-9 > -0.01 > of["minimum_elsewhere"]
+    assert of["minimum_in_K"] > -1e-12 > -0.1 > of["minimum_in_K_elsewhere"]
+
+
+def test_the_form_of_the_mixed_problem_and_its_constant():
+    """A(U, U) = ||u||^2; M is the norm of [[1, 1], [-1, 0]]: its square is a root of z^2 - 3 z + 1."""
+    of = formulated()
+    assert float(of["diagonal"]) == pytest.approx(1, abs=1e-12)
+    assert abs(float(of["diagonal_elsewhere"]) - 1) > 1e-4
+    assert float(of["continuity"]) ** 2 == pytest.approx((3 + 5**0.5) / 2, rel=1e-12)
+    assert float(of["continuity_elsewhere"]) < 1.6
+
+
+def test_the_galerkin_approximation_of_a_flux_and_no_other_is_orthogonal_to_its_error():
+    of = formulated()
+    assert of["galerkin"] < 1e-10 < 1e-4 < of["galerkin_elsewhere"]
+
+
+def test_the_gaps_that_are_looked_at_are_the_least_on_both_edges_of_a_node():
+    """natural: 2 x (1/2 - x)_+^(3/2) on the bottom; at x = 1/4 the least of [1/8, 3/8] is at an end."""
+    mesh = structured(square(), 1 / 8)
+    found = statements._least_gaps(load("natural"), mesh)
+    gap = [2 * x * (0.5 - x) ** 1.5 for x in (1 / 8, 3 / 8)]
+    assert found[2] == pytest.approx(min(gap))
+    assert found[0] == found[1] == 0.0
+    assert np.all(found[4:] == 0.0)

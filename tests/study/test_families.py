@@ -35,6 +35,7 @@ KINDS = [
     {"kind": "graded", "grading": 2},
     {"kind": "random", "spread": 10, "seed": 3},
 ]
+INNER = [{"kind": "inner"}, {"kind": "inner", "ends": True}, {"kind": "inner", "seed": 3}]
 
 
 def mesh_of(cells, spec, K):
@@ -44,7 +45,11 @@ def mesh_of(cells, spec, K):
 def test_all_that_can_be_asked_for_is_tried_here():
     """The schema's kinds of boundary nodes, and its forms of partitions."""
     rules = yaml.safe_load((ROOT / "workflow/schemas/study.schema.yaml").read_text())["$defs"]
-    assert rules["nodes"]["properties"]["kind"]["enum"] == ["structured", *(spec["kind"] for spec in KINDS)]
+    assert rules["nodes"]["properties"]["kind"]["enum"] == [
+        "structured",
+        *(spec["kind"] for spec in KINDS),
+        "inner",
+    ]
     forms = [form["required"] for form in rules["partition"]["oneOf"]]
     assert forms == [list(spec) for spec in PARTITIONS]
 
@@ -151,6 +156,27 @@ def test_meshes_have_the_nodes_asked_for(kind):
         assert_allclose(resolution(mesh, cells)[:3], (2, 2, 1), rtol=1e-12)
 
 
+def test_inner_nodes_by_hand():
+    """A side of 5 cells and one of 4, of the length 1 each: before the middle at 3/4, after it at 1/4."""
+    polygon = Polygon(np.array([[0, 0], [5, 0], [5, 4], [0, 4]]), "rectangle")
+    cells = partition_of(polygon, {"counts": [5, 4, 1, 1]})
+    expected = [0, 0.75, 1.75, 2.5, 3.25, 4.25, 5, 5.75, 6.5, 7.5, 8.25, 9, 11.5, 14, 16]
+    assert_array_equal(boundary_nodes(cells, INNER[0], "1/4"), expected)
+    assert_array_equal(boundary_nodes(cells, INNER[1], "1/4"), np.union1d(expected, cells.points[:-1]))
+
+
+@pytest.mark.parametrize("kind", INNER)
+@pytest.mark.parametrize("spec", PARTITIONS)
+@pytest.mark.parametrize("delta", [0.5, 0.3, 1 / 1024])
+def test_every_cell_has_one_node_inside_and_at_least_delta_from_its_ends(kind, spec, delta):
+    cells = partition_of(square(), spec)
+    mesh = mesh_of(cells, kind, delta)
+    found = resolution(mesh, cells)
+    assert delta * (1 - 1e-9) <= found.delta <= 0.5
+    assert len(mesh.boundary) == (2 * cells.n_cells if "ends" in kind else cells.n_cells + 4)
+    assert (found.nodes_per_cell, found.alpha_1) == (1, cells.alpha_1)
+
+
 def test_explicit_nodes():
     cells = partition_of(square(), {"H": 1})
     mesh = mesh_of(cells, {"nodes": [0, "1/3", 1, 2, 2.5, 3]}, 1)
@@ -183,6 +209,7 @@ def test_partitions_refused(spec, message):
     ("spec", "K", "message"),
     [
         ({"kind": "equal"}, "two", "edges_per_cell: 'two' is unknown"),
+        ({"kind": "inner"}, "half", "deltas: 'half' is unknown"),
         ({"nodes": [0, 1, 2]}, 1, "vertex 3 .* is missing"),
         ({"nodes": [0, 1, 2, 3, 4]}, 1, r"point 5 \(4\) is out of order"),
         ({"nodes": [0, 1, 2, 3, 2.5]}, 1, r"point 4 \(2.5\) is out of order"),

@@ -105,11 +105,11 @@ def test_versions_and_parameters_are_in_it(opened):
     assert "judged_ratio: 1/2" in text
 
 
-def test_the_paper_opens_though_it_is_larger_than_any_data_url_that_chromium_opens(opened):
+def test_the_supplement_opens_though_it_is_larger_than_any_data_url_that_chromium_opens(opened):
     """Without the script that makes blobs of such results the frame stays empty."""
-    title = re.search(r"^title: (.*)$", (ROOT / "paper.md").read_text(), re.MULTILINE)[1]
-    assert (ROOT / "results/paper/paper.html").stat().st_size * 4 / 3 > 2**21
-    text = shown(opened, "Paper", "as a page")
+    title = re.search(r"^title: (.*)$", (ROOT / "supplement.md").read_text(), re.MULTILINE)[1]
+    assert (ROOT / "results/paper/supplement.html").stat().st_size * 4 / 3 > 2**21
+    text = shown(opened, "Paper", "supplement, as a page")
     assert title.strip('"') in " ".join(text.split())
     assert "References" in text
 

@@ -13,7 +13,8 @@ from conftest import RESULTS, config, stored
 
 from unilateral.formulas.formula import real
 from unilateral.problems import case
-from unilateral.study.judge import claims, rates
+from unilateral.study.judge import claims, printed, rates
+from unilateral.study.judge.results import Results
 
 EXPECTED = config("rates")["rates"]
 SCENES = {name: scene for name, scene in config("study")["scenes"].items() if scene.get("judged", True)}
@@ -133,8 +134,8 @@ def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, 
     """By the claim's own check, with its own number; the ledger's controls are those of the check."""
     claim = claims.find(name)
     claim = replace(claim, parameters={**claim.parameters, "scenes": [elsewhere]})
-    judgement = claims.judge(claims.Results(RESULTS), [claim])[0]
-    assert judgement.holds, "\n" + claims.explanation(judgement)
+    judgement = claims.judge(Results(RESULTS), [claim])[0]
+    assert judgement.holds, "\n" + printed.explanation(judgement)
 
 
 def test_the_exact_split_of_smooth_runs(errors):

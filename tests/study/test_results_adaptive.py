@@ -52,7 +52,10 @@ def test_errors_are_known_of_cases_only():
 
 @pytest.mark.parametrize("case", [*CASES, *STUDY["examples"]])
 def test_beta_is_known_to_half_a_percent_on_all_small_adapted_meshes(case):
-    """The rule is kept; with one edge in each cell beta is 0 or, of an odd number, like its inverse."""
+    """The rule is kept; with one edge in each cell beta is 0 or, of an odd number, like its inverse.
+
+    A cell is a dyadic interval whose halves hold whole edges, so its middle is a node: delta = 1/2.
+    """
     small = levels(case, "adapted")
     small = small.isel(level=small["unknowns"].values <= STUDY["most"]["of_beta"])
     of = stored("adaptive/infsup").sel(case=case, kind="adapted").dropna("level", subset=["beta_lower"])
@@ -61,6 +64,7 @@ def test_beta_is_known_to_half_a_percent_on_all_small_adapted_meshes(case):
     lower, upper = of["beta_lower"].values, of["beta_upper"].values
     assert np.all((lower > 0) & (lower <= upper) & (upper <= 1.005 * lower))
     assert np.all(of["cell_over_edge"] >= RULE.cell_over_edge * (1 - 1e-9))
+    np.testing.assert_allclose(of["delta"], 0.5, rtol=1e-9)
     assert np.all(of["beta_of_edges"] < 0.1)
 
 

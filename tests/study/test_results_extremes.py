@@ -236,18 +236,20 @@ def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
         label, right = of(name)["label"].item(), set(of(name)["outcome"].values) == {"right"}
         limits = [of(name)[limit].item() for limit in ("predicted_limit", "predicted_tool_limit")]
         assert (label in list(others["axis"])) == (right and bool(np.isnan(limits).all()))
-    assert (limited["limit of the tool: predicted, met at"] == "no tool").sum() == len(VARIANTS) - 1
+    assert (limited["limit of `unilateral solve`: predicted, met at"] == "not offered").sum() == len(
+        VARIANTS
+    ) - 1
     found = outcomes()
     assert found["axes.unlimited"] == len(others)
     kinds = ("right", "by_tool", "not_converged", "refused", "wrong")
     assert sum(found[kind] for kind in kinds) == found["points"] == stored().sizes["point"]
 
 
-def test_the_paper_names_every_axis_that_has_settings_of_its_own():
-    paper = marks.without_marks((ROOT / "paper.md").read_text(encoding="utf-8"))
+def test_the_supplement_names_every_axis_that_has_settings_of_its_own():
+    text = marks.without_marks((ROOT / "supplement.md").read_text(encoding="utf-8"))
     own = [name for name, axis in AXES.items() if {"h", "H", "accuracy"} & set(axis)]
     assert len(own) == 3
-    assert "Three axes have settings of their own." in paper
+    assert "Three axes have settings of their own." in text
     for axis in own:
-        assert f"For *{AXES[axis]['label']}* " in paper
-    assert f"but at least {problem.LEAST:g}, times" in paper
+        assert f"For *{AXES[axis]['label']}* " in text
+    assert f"but at least {problem.LEAST:g}, times" in text

@@ -9,7 +9,7 @@ from conftest import RESULTS, ROOT
 
 from unilateral.cli import main
 from unilateral.cli.application import application
-from unilateral.study.judge import claims, controls
+from unilateral.study.judge import claims, controls, results
 
 EXAMPLES = application.get_command(click.Context(application), "claims").examples
 
@@ -32,15 +32,19 @@ def test_json_has_what_is_stored_and_whether_it_holds(capsys):
     found, stored = json.loads(out)["claims"], json.loads((RESULTS / "claims.json").read_text())
     assert [{name: each[name] for name in stored[0]} for each in found] == stored
     for each in found:
+        if not claims.find(each["id"]).check:
+            assert [each[name] for name in ("holds", "observed", "control", "sees")] == 4 * [None]
+            continue
         assert each["holds"]
+        assert each["sees"]
         assert float(each["expected"].split()[1]) == pytest.approx(each["required"], rel=1e-3)
 
 
 def test_one_claim_that_fails_is_json_with_code_1(capsys, monkeypatch):
     """Control, by the claim's own."""
     claim = claims.find("4.14")
-    spoilt = controls.spoilt(claims.Results(RESULTS), claim.control)
-    monkeypatch.setattr(claims, "Results", lambda _: spoilt)
+    spoilt = controls.spoilt(results.Results(RESULTS), claim.control)
+    monkeypatch.setattr(results, "Results", lambda _: spoilt)
     assert main(["claims", "4.14", "--json"]) == 1
     (found,) = json.loads(capsys.readouterr().out)["claims"]
     assert (found["id"], found["holds"], found["verdict"]) == ("4.14", False, "fails")

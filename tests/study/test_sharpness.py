@@ -1,5 +1,6 @@
 """The family of the sharpness study: its places, its certificates, one member solved by itself."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -8,14 +9,13 @@ import numpy as np
 import pytest
 import sympy
 import xarray as xr
-from conftest import coupled
+from conftest import condensed, coupled
 
 from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.formulas.formula import pos
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import cell_means, exact
 from unilateral.problems.case import Case
@@ -57,7 +57,7 @@ def certified(alpha, gamma, at, j, jj):
     return replace(transitions(SQUARE, at, alpha, [gamma])[0], declaration=declared)
 
 
-FAMILY = list(product([R(-1, 4), R(1, 20), R(7, 4)], [R(1, 2), R(1), R(5, 2)]))
+FAMILY = list(product([R(-1, 4), R(1, 20), R(7, 4)], [R(1, 10), R(1, 2), R(1), R(5, 2)]))
 
 
 @pytest.mark.parametrize("at", [places(LEVELS[0], 8)[0], places(LEVELS[0], 8)[-1], places(LEVELS[-1], 8)[2]])
@@ -88,7 +88,7 @@ def test_a_member_with_contact_in_its_gap_is_refused():
         certify(moved)
 
 
-EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (5 / 4, 3 / 2), (7 / 4, 1 / 2)]
+EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (9 / 10, 1 / 10), (5 / 4, 3 / 2), (7 / 4, 1 / 2)]
 
 
 def without_cutoff(a, c, theta):
@@ -125,8 +125,8 @@ ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
 
 @cache
 def measured():
-    mesh, cells = structured(SQUARE, 1 / 8), partitions.uniform(SQUARE, 1 / 4)
-    return measure(mesh, cells, AT, (ALPHAS, GAMMAS), Stop())
+    on, cells = condensed("square", 8), partitions.uniform(SQUARE, 1 / 4)
+    return measure(on, cells, AT, (ALPHAS, GAMMAS), Stop())
 
 
 @pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
@@ -139,6 +139,9 @@ def test_a_measurement_is_the_solve_of_its_member(a, c, k):
     expected = {
         "h1_error": solution.errors.h1,
         "l2_error": solution.errors.l2,
+        "discrete_error": solution.errors.hm12_discrete,
+        "ritz_means": discrete.exact.ritz_means(spaces),
+        "held": float(solution.lambda_H[math.floor(4 * AT[k])] > 0),
         "consistency": discrete.exact.means.consistency,
         "algebraic_bound": solution.result.bound,
         "converged": 1.0,
@@ -170,7 +173,10 @@ def test_every_variable_is_described():
 
 
 def made_up(alphas, gammas):
-    """Errors H^alpha in H1 and H^gamma in L2, those in H^{-1/2} between bounds; 2 positions, 4 levels."""
+    """Errors H^alpha in H1 and H^gamma in L2, those in H^{-1/2} between bounds, D like H^(alpha + gamma).
+
+    ||Pi_H(u - z_h)||_0 is like H^(1/2 + alpha). 2 positions, 4 levels.
+    """
     H, position = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), np.array([0.6, 0.8])
     dims = ("level", "alpha", "gamma", "position")
     h, a, c, p = np.ix_(H, alphas, gammas, position)
@@ -180,6 +186,9 @@ def made_up(alphas, gammas):
         "l2_error": p * h**c + zero,
         "hm12_error_lower": 0.6 * p * h + zero,
         "hm12_error_upper": 0.8 * p * h + zero,
+        "discrete_error": p * h ** (a + c) + zero,
+        "ritz_means": p * h ** (a + 0.5) + zero,
+        "held": (p > 0.7) + zero,
         "consistency": p**2 * h ** (a + c + 1) + zero,
         "algebraic_bound": 1e-3 * h**2 * p + zero,
         "converged": 1 + zero,
@@ -195,11 +204,17 @@ def test_rates_of_errors_with_known_rates():
     alphas, gammas = [0.25, 0.75], [0.5, 1.5, 2.5]
     errors = made_up(alphas, gammas)
     found = surfaces.rates_over(errors)
-    for norm, expected in (("h1", found["alpha"]), ("hm12", 1.0), ("l2", found["gamma"])):
+    both = found["alpha"] + found["gamma"]
+    for norm, expected in (("h1", found["alpha"]), ("hm12", 1.0), ("l2", found["gamma"]), ("discrete", both)):
         rate = found["rate"].sel(norm=norm)
         np.testing.assert_allclose(rate, (xr.zeros_like(rate) + expected).transpose(*rate.dims), rtol=1e-12)
     np.testing.assert_allclose(found["error"].sel(norm="h1", level=3, alpha=0.25), 0.5**0.5 / 32**0.25)
     np.testing.assert_allclose(found["error"].sel(norm="hm12", level=3), 0.5 / 32)
+    over_all = surfaces.over_all_levels(found, "discrete").transpose("alpha", "gamma")
+    np.testing.assert_allclose(over_all, np.add.outer(alphas, gammas), rtol=1e-12)
+    np.testing.assert_allclose(found["t"].sel(level=3), 0.5**0.5 / 32 ** np.array(alphas), rtol=1e-12)
+    np.testing.assert_allclose(found["t_rate"].isel(pair=1), alphas, rtol=1e-12)
+    assert np.all(found["held"] == 0.5)
     np.testing.assert_allclose(found["uncertainty"], 0, atol=1e-12)
     predicted = found["consistency_predicted"]
     np.testing.assert_allclose(found["consistency_rate"].isel(pair=1), predicted, rtol=1e-12)
@@ -210,9 +225,12 @@ def test_rates_of_errors_with_known_rates():
 
 
 def test_shares_are_the_bound_in_the_norm_over_the_error_s_lower_bound():
-    """H = 1/4: 1e-3/16 of p, over p H^alpha; over beta = 1/2 and 0.6 p H; over 0.5 and p H^gamma."""
+    """H = 1/4: 1e-3/16 of p, over p H^alpha; over beta = 1/2 and 0.6 p H; over 0.5 and p H^gamma.
+
+    Of D it is the bound itself, over p H^(3/2).
+    """
     found = surfaces.rates_over(made_up([0.5], [1.0]))["share"].isel(level=0)
-    expected = [1e-3 / 16 / 0.5, 1e-3 / 16 / 0.5 / (0.6 / 4), 1e-3 / 16 / 0.5 / 0.25]
+    expected = [1e-3 / 16 / 0.5, 1e-3 / 16 / 0.5 / (0.6 / 4), 1e-3 / 16 / 0.5 / 0.25, 1e-3 / 16 / 0.125]
     np.testing.assert_allclose(found.values.ravel(), expected, rtol=1e-12)
 
 
@@ -234,6 +252,8 @@ def test_one_position_without_convergence_counts():
         ("l2", 0.25, 2.5, 0.75, 0.75),
         ("l2", 0.25, 0.5, 0.75, 0.375),
         ("l2", 1.75, 0.5, 1.0, 1.0),
+        ("discrete", 0.25, 0.1, 1.25, 0.675),
+        ("discrete", 0.9, 2.5, 1.5, 1.5),
     ],
 )
 def test_predicted_rates(norm, alpha, gamma, best, left):
@@ -246,9 +266,9 @@ def two_level_rates(at_third):
     """alpha = 1/2, gamma = 1 on three levels."""
     levels = []
     for H in LEVELS[1:4]:
-        mesh, cells = structured(SQUARE, float(H) / 2), partitions.uniform(SQUARE, float(H))
+        cells = partitions.uniform(SQUARE, float(H))
         at = [R(1, 3)] if at_third else places(H, 8)
-        levels.append(measure(mesh, cells, at, ([R(1, 2)], [R(1)]), Stop()))
+        levels.append(measure(condensed("square", int(2 / H)), cells, at, ([R(1, 2)], [R(1)]), Stop()))
     return surfaces.rates_over(surfaces.along_levels(levels))
 
 

@@ -1,4 +1,4 @@
-"""The paper as HTML and PDF: a page with every feature that the paper uses, and faults to be refused."""
+"""Papers as HTML and PDF: a page with every feature that they use, and faults to be refused."""
 
 import re
 
@@ -28,14 +28,20 @@ bibliography: paper.bib
 PAGE = r"""# Summary {#sec-summary}
 
 Unicode such as λ, β, ‖·‖, ∂Ω, H⁻½, ≤, ∇ and mathematics such as $\|\lambda-\lambda_H\|_{-1/2}$; see
-[Section 1.1](#sec-in), [Figure 1](#fig-one), [Table 1](#tbl-wide), [Theorem A](#thm-a) and [@Known, p. 3].
+[Section 1.1](#sec-in), [Figure 1](#fig-one), [Table 1](#tbl-wide), [Theorem A](#thm-a), [(2.7)](#eq-one) and
+[@Known, p. 3]. There are [Supplement, Table S1](other.md#tbl-there) and
+[Supplement, Lemma 3](other.md#lem-there).
 
 ## Inside {#sec-in}
 
-$$\begin{aligned} (u_h, v)_1 &= (f, v)_0 && \text{for all } v \in V_h \end{aligned} \tag{2.7}$$
+$$\begin{aligned} (u_h, v)_1 &= (f, v)_0 && \text{for all } v \in V_h \end{aligned} \tag{2.7}\label{eq-one}$$
 
 ::: {.theorem #thm-a}
 **Theorem A.** It is $O(H^{3/2})$.
+:::
+
+::: {.proof}
+*Proof.* Obvious.
 :::
 
 ![What it shows.](one.svg){#fig-one}
@@ -49,12 +55,32 @@ $$\begin{aligned} (u_h, v)_1 &= (f, v)_0 && \text{for all } v \in V_h \end{align
 : What it lists. {#tbl-wide}
 """.replace("LONG", "a sentence that is much longer than a column " * 3)
 
+OTHER = """---
+prefix: S
+---
+
+# Elsewhere {#sec-there}
+
+::: {.theorem #lem-there}
+**Lemma 3** (of another)**.** So it is.
+:::
+
+<!-- rows: begin -->
+| a |
+|---|
+| <!--=a.b:.2f-->1<!--/--> |
+<!-- rows: end -->
+
+: Rows. {#tbl-there}
+"""
+
 
 @pytest.fixture
 def typeset(tmp_path):
     """Typesets a page; returns its HTML and its PDF."""
     (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
     (tmp_path / "one.svg").write_text(PICTURE)
+    (tmp_path / "other.md").write_text(OTHER)
     templates = [ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.html", "paper.typ")]
     html, pdf = tmp_path / "paper.html", tmp_path / "paper.pdf"
 
@@ -78,10 +104,11 @@ def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
     text = shown(html).replace("\u00a0", " ")
     for expected in ("The title", "The developers1", "1Nowhere", "21 November 2026", "one tag, another"):
         assert expected in text
-    assert "see Section 1.1, Figure 1, Table 1, Theorem A and (Doe 1980, 3)" in text
+    assert "see Section 1.1, Figure 1, Table 1, Theorem A, (2.7) and (Doe 1980, 3)" in text
     for numbered in ("1 Summary", "1.1 Inside", "Figure 1. What it shows.", "Table 1. What it lists."):
         assert numbered in text
-    assert "(2.7)" in text, "pandoc drops \\tag, which the filter turns into text"
+    assert '<span class="number">(2.7)</span>' in html, "pandoc drops \\tag"
+    assert '<div class="proof">' in html
     assert html.count("<math") == 3
     assert 'form="prefix">‖' in html, "the bars of a norm open and close"
     assert "one.svg" not in html, "figures are part of the page"
@@ -89,6 +116,36 @@ def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
     anchors = re.findall(r'href="#([^"]+)"', contents)
     assert anchors == ["sec-summary", "sec-in", "bibliography"], "a section, one in it, the references"
     assert all(f'id="{anchor}"' in html for anchor in anchors)
+
+
+def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp_path):
+    """In typst's source: a box is no item of the list."""
+    (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
+
+    def printed(proof):
+        text = f"{FRONT}# One {{#sec-one}}\n\n::: {{.proof}}\n{proof}\n:::\n\nMore.\n"
+        templates = (ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.typ"))
+        return typesetting._converted(text, tmp_path / "paper.md", "typst", *templates)
+
+    assert "Obvious.#qed\n\n]" in printed("*Proof.* Obvious.")
+    assert re.search(r"^\+ Two\.\n+#qed\n+\]", printed("1. One.\n2. Two."), re.MULTILINE)
+
+
+def test_numbers_have_the_prefix_of_their_paper(typeset):
+    page = PAGE
+    for kind, number in (("Section", "1.1"), ("Figure", "1"), ("Table", "1")):
+        page = page.replace(f"[{kind} {number}]", f"[{kind} S{number}]")
+    text = shown(typeset(FRONT.replace("title:", "prefix: S\ntitle:") + page)[0])
+    for numbered in ("S1 Summary", "S1.1 Inside", "Figure S1. What", "Table S1. What", "Theorem A", "(2.7)"):
+        assert numbered in text
+
+
+def test_links_into_another_paper_lead_to_its_page_and_are_text_in_print(typeset):
+    """A PDF file would lead nowhere once it is moved; its links have a URI, those within it none."""
+    html, pdf = typeset(FRONT + PAGE)
+    assert '<a href="other.html#tbl-there">Supplement, Table\u00a0S1</a>' in html
+    assert '<a href="other.html#lem-there">Supplement, Lemma\u00a03</a>' in html
+    assert b"/URI" not in pdf
 
 
 def test_the_same_page_gives_the_same_bytes(typeset):
@@ -142,10 +199,16 @@ def test_scripts_in_plain_text_are_raised_and_lowered_and_code_and_links_are_not
     ("right", "wrong", "told"),
     [
         ("@Known", "@Unknown", "citation Unknown not found"),
-        ("(#fig-one)", "(#fig-two)", r"\[Figure 1\]\(#fig-two\) leads to no section, figure or table"),
+        ("(#fig-one)", "(#fig-two)", r"\[Figure 1\]\(#fig-two\) leads to nothing that has a number"),
         ("[Figure 1]", "[Figure 2]", r"\[Figure 2\]\(#fig-one\) should say Figure 1"),
         ("[Section 1.1]", "[]", r"\[\]\(#sec-in\) should say Section 1.1"),
-        ("(#thm-a)", "(#thm-b)", "label `<thm-b>` does not exist"),
+        ("(#thm-a)", "(#thm-b)", r"\[Theorem A\]\(#thm-b\) leads to nothing that has a number"),
+        ("[Theorem A](#thm-a)", "[it](#thm-b)", "label `<thm-b>` does not exist"),
+        ("[Theorem A]", "[Theorem B]", r"\[Theorem B\]\(#thm-a\) should say Theorem A"),
+        ("[(2.7)]", "[(2.8)]", r"\[\(2.8\)\]\(#eq-one\) should say \(2.7\)"),
+        ("Table S1]", "Table S2]", r"\[Supplement, Table S2\]\(other.md#tbl-there\) should say Table S1"),
+        ("(other.md#tbl-there)", "(other.md#tbl-gone)", "leads to nothing that has a number"),
+        ("(other.md#tbl-there)", "(gone.md#tbl-there)", "gone.md"),
         ("(one.svg)", "(two.svg)", "two.svg"),
         (r"\begin{aligned} (", r"\begin{aligned} \rule{1cm}{1cm} (", "Could not convert TeX math"),
         ("(u_h, v)_1", "+".join(["(u_h, v)_1"] * 12), "a formula is .* wide, and the text"),

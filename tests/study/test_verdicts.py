@@ -17,7 +17,13 @@ def record(**changed):
         "where": "Lemma 4.1",
         "verdict": "holds",
     }
-    numbers = {"quantity": "a number", "expected": ">= 0.9", "observed": 1.23456, "margin": 0.37}
+    numbers = {
+        "quantity": "a number",
+        "expected": ">= 0.9",
+        "observed": 1.23456,
+        "margin": 0.37,
+        "sees": "× 1.03",
+    }
     return {**fields, **numbers, **changed}
 
 
@@ -29,14 +35,15 @@ def row(**changed):
 def test_a_table_per_section_with_a_row_per_claim():
     found = verdicts.claims_tables([record(), record(id="5.1", section="algorithm", expected="<= 2")])
     assert list(found) == ["claims-estimates", "claims-algorithm"]
-    assert row() == ["4.1", "it holds [Lemma 4.1]", "a number", "1.23 ≥ 0.9", "37 %", "holds"]
+    assert row() == ["4.1", "it holds [Lemma 4.1]", "a number", "1.23 ≥ 0.9", "37 %", "× 1.03", "holds"]
     assert found["claims-algorithm"]["observed"].tolist() == ["1.23 ≤ 2"]
 
 
 def test_a_claim_holds_unless_it_fails():
     records = [record(), record(id="1.8", verdict="is an error"), record(id="9", verdict="fails")]
     records.append(record(id="10", verdict="not judged: nothing is known"))
-    assert verdicts.holding(records) == {"4.1": True, "1.8": True, "9": False, "10": False}
+    records.append(record(id="11", verdict="nothing to measure: it is a definition"))
+    assert verdicts.holding(records) == {"4.1": True, "1.8": True, "9": False, "10": False, "11": False}
 
 
 @pytest.mark.parametrize(
@@ -46,7 +53,7 @@ def test_a_claim_holds_unless_it_fails():
         ({"observed": 1e9, "margin": 1e9}, "much more ≥ 0.9 | > 1000 %"),
         ({"margin": 0.0019}, "0.19 %"),
         ({"margin": 3e-7}, "< 0.01 %"),
-        ({"margin": -0.2, "verdict": "fails"}, "-20 % | fails"),
+        ({"margin": -0.2, "verdict": "fails", "sees": None}, "-20 % | – | fails"),
         ({"expected": "<= 0", "observed": 0.0, "margin": 0.0}, "0 ≤ 0 | –"),
         ({"expected": ">= 0", "observed": 0.02, "margin": 0.02}, "0.02 ≥ 0 | –"),
     ],
@@ -56,9 +63,23 @@ def test_numbers_that_round_off_makes_are_not_shown(changed, shown):
 
 
 def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
-    numbers = dict.fromkeys(("quantity", "expected", "observed", "margin"))
+    numbers = dict.fromkeys(("quantity", "expected", "observed", "margin", "sees"))
     shown = row(**numbers, verdict="not judged: beta is not known of square")
-    assert shown[2:] == ["–", "–", "–", "not judged: β is not known of square"]
+    assert shown[2:] == ["–", "–", "–", "–", "not judged: β is not known of square"]
+
+
+@pytest.mark.parametrize(
+    ("sees", "shown"),
+    [
+        ("below 0.0001 % of the control", "< 0.0001 %"),
+        ("3 % of the control", "3 %"),
+        ("all of the control", "all"),
+        ("below × 1.0000001", "< × 1.0000001"),
+        (None, "–"),
+    ],
+)
+def test_what_a_claim_sees_is_short(sees, shown):
+    assert row(sees=sees)[-2] == shown
 
 
 def test_letters_and_signs_are_set_as_such():
@@ -67,9 +88,9 @@ def test_letters_and_signs_are_set_as_such():
     assert shown[-1] == "a → b"
 
 
-def test_every_verdict_of_the_ledger_has_a_section_of_the_paper():
+def test_every_verdict_of_the_ledger_has_a_table_in_the_supplement():
     records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.ledger()]
-    text = (ROOT / "paper.md").read_text(encoding="utf-8")
+    text = (ROOT / "supplement.md").read_text(encoding="utf-8")
     for name in verdicts.claims_tables(records):
         assert f"<!-- {name}: begin -->" in text
 

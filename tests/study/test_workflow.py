@@ -184,7 +184,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
 
 
 def test_a_portrait_needs_no_results(tree):
-    text, jobs = plan(tree, "figures/natural.svg")
+    text, jobs = plan(tree, "figures/solution.svg")
     assert jobs == {"figure": 1}
     assert built(text) == set()
 
@@ -220,7 +220,7 @@ def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, c
     kept = file.read_text()
     assert kept.count(old) == 1
     file.write_text(kept.replace(old, new))
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/natural.svg"]
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/solution.svg"]
     found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
     file.write_text(kept)
     assert (found.returncode, found.stderr) == (2, f"unilateral: {said}\n")

@@ -1,29 +1,38 @@
 -- Numbers sections, figures and tables, the same in every output, and refuses a link such as [Figure 3](#fig-rates)
--- with another number: so the text can be read unprocessed, too. Gives wide tables their columns' widths. And repairs
--- what pandoc does to \tag (dropped silently), to \| (taken for a relation) and to && and the & of cases (no space).
--- Raises and lowers scripts in plain text.
+-- with another number: so the text can be read unprocessed, too. `prefix` in the title block stands before numbers.
+-- A theorem is numbered in its first bold words, a formula by \tag{3}\label{eq-split}; links to them are looked at, too,
+-- and those into another paper: [Supplement, Figure S3](supplement.md#fig-rates), in print a text.
+-- Gives wide tables their columns' widths. Repairs what pandoc does to \| (taken for a relation) and to && and the &
+-- of cases (no space). Raises and lowers scripts in plain text.
 
 local LINE = 112 -- letters in a line of a wide table's print
 local LONGEST_WORD = 16 -- longer ones are hyphenated; in heads, which are bold, none is
 local BOLD = 1.2 -- letters of text that a letter of a head takes
 local MARGIN = 2.7 -- letters that stand for the space between columns
-local names = {}
-local sections, figures, tables = {}, 0, 0
+local KINDS = { "Section", "Figure", "Table", "Theorem", "Proposition", "Lemma", "Corollary", "Conjecture" }
+
+-- What is numbered in a paper: `names` of all by their identifiers.
+local function counters(meta)
+  local prefix = meta.prefix and pandoc.utils.stringify(meta.prefix) or ""
+  return { prefix = prefix, names = {}, sections = {}, figures = 0, tables = 0 }
+end
+local own
 
 local function number_section(header)
   if header.classes:includes("unnumbered") then return nil end
+  local sections = own.sections
   for level = #sections + 1, header.level do sections[level] = 0 end
   for level = #sections, header.level + 1, -1 do sections[level] = nil end
   sections[header.level] = sections[header.level] + 1
-  local number = table.concat(sections, ".")
-  names[header.identifier] = "Section " .. number
+  local number = own.prefix .. table.concat(sections, ".")
+  own.names[header.identifier] = "Section " .. number
   header.content:insert(1, pandoc.Space())
   header.content:insert(1, pandoc.Str(number))
   return header
 end
 
 local function number_caption(element, name)
-  names[element.identifier] = name
+  own.names[element.identifier] = name
   local first = element.caption.long[1]
   if not first then return nil end
   first.content:insert(1, pandoc.Space())
@@ -122,20 +131,29 @@ local function raise_and_lower(str)
   return found
 end
 
+-- A formula with its number at the right margin.
+local function with_number(formula, number, label)
+  local before, after = '<span class="equation" id="' .. label .. '">', '<span class="number">' .. number .. "</span></span>"
+  if FORMAT == "typst" then
+    before, after = '#numbered("' .. number .. '")[', (label ~= "" and " <" .. label .. ">" or "") .. "]"
+  end
+  return { pandoc.RawInline(FORMAT, before), formula, pandoc.RawInline(FORMAT, after) }
+end
+
 local number = {
   traverse = "topdown",
   Str = raise_and_lower,
   Link = function(link) return link, false end,
   Header = number_section,
   Figure = function(figure)
-    figures = figures + 1
-    return number_caption(figure, "Figure " .. figures)
+    own.figures = own.figures + 1
+    return number_caption(figure, "Figure " .. own.prefix .. own.figures)
   end,
   Table = function(numbered)
     set_widths(numbered)
     if numbered.identifier == "" and #numbered.caption.long == 0 then return numbered end
-    tables = tables + 1
-    return number_caption(numbered, "Table " .. tables)
+    own.tables = own.tables + 1
+    return number_caption(numbered, "Table " .. own.prefix .. own.tables)
   end,
   Math = function(formula)
     if FORMAT == "typst" then
@@ -143,12 +161,48 @@ local number = {
         return (cases:gsub("&", "&\\quad "))
       end)
     end
-    formula.text = norm_bars(formula.text)
-      :gsub("&%s*&", "&&\\quad ")
-      :gsub("\\tag%s*{([^}]*)}", "\\qquad\\text{(%1)}")
-    return formula
+    local tag, label = formula.text:match("\\tag%s*{([^}]*)}"), formula.text:match("\\label%s*{([^}]*)}")
+    formula.text = formula.text:gsub("%s*\\tag%s*%b{}", ""):gsub("%s*\\label%s*%b{}", "")
+    formula.text = norm_bars(formula.text):gsub("&%s*&", "&&\\quad ")
+    if not tag then return formula end
+    if label then own.names[label] = "(" .. tag .. ")" end
+    return with_number(formula, "(" .. tag .. ")", label or "")
+  end,
+  Div = function(div)
+    local first = div.content[1]
+    if not (div.classes:includes("theorem") and first and first.content) then return nil end
+    local head = first.content[1]
+    if head and head.t == "Strong" then own.names[div.identifier] = pandoc.utils.stringify(head):gsub("%.$", "") end
   end,
 }
+
+-- Of each other paper that is linked to, the names of what is numbered in it.
+local others = {}
+local function names_in(file)
+  if not others[file] then
+    local _, text = pandoc.mediabag.fetch(file)
+    local doc, here = pandoc.read(text:gsub("<!%-%-.-%-%->", ""), "markdown"), own
+    own = counters(doc.meta)
+    doc:walk(number)
+    others[file], own = own.names, here
+  end
+  return others[file]
+end
+
+local function is_name(text)
+  if text:match("^%([%w.]+%)$") then return true end
+  for _, kind in ipairs(KINDS) do
+    if text:match("^" .. kind .. "%s%w") then return true end
+  end
+  return text == ""
+end
+
+-- A link ends with the name of what it leads to.
+local function check(link, says, name)
+  local shown = "[" .. says .. "](" .. link.target .. ")"
+  if not name then error(shown .. " leads to nothing that has a number", 0) end
+  if says:sub(-#name) ~= name then error(shown .. " should say " .. name, 0) end
+end
 
 local finish = {
   Meta = function(meta)
@@ -160,22 +214,34 @@ local finish = {
     return meta
   end,
   Link = function(link)
-    local says, aim = pandoc.utils.stringify(link.content), link.target:match("^#(.*)$")
+    local file, aim = link.target:gsub("%.md#", "#"):match("^([%w_-]*)#(.*)$")
     if not aim then return nil end
-    local name = names[aim]
-    if not (says == "" or says:find("^Section%s") or says:find("^Figure%s") or says:find("^Table%s")) then return nil end
-    if not name then error("[" .. says .. "](" .. link.target .. ") leads to no section, figure or table", 0) end
-    if says ~= name then error("[" .. says .. "](" .. link.target .. ") should say " .. name, 0) end
-    link.content = { pandoc.Str((name:gsub(" ", "\u{a0}"))) }
+    local says, other = pandoc.utils.stringify(link.content), file ~= ""
+    if not (other or is_name(says)) then return nil end
+    check(link, says, (other and names_in(file .. ".md") or own.names)[aim])
+    link.content = { pandoc.Str((says:gsub(" (%S+)$", "\u{a0}%1"))) }
+    if not other then return link end
+    if FORMAT == "typst" then return link.content end
+    link.target = file .. ".html#" .. aim
     return link
   end,
   Div = function(div)
-    if FORMAT ~= "typst" or not div.classes:includes("theorem") then return nil end
+    if FORMAT ~= "typst" then return nil end
+    if div.classes:includes("proof") then
+      local last = div.content[#div.content]
+      if last.t == "Para" then
+        last.content:insert(pandoc.RawInline("typst", "#qed"))
+      else
+        div.content:insert(pandoc.RawBlock("typst", "#qed"))
+      end
+      return div
+    end
+    if not div.classes:includes("theorem") then return nil end
     local label = div.identifier ~= "" and " <" .. div.identifier .. ">" or ""
-    div.content:insert(1, pandoc.RawBlock("typst", "#statement["))
+    div.content:insert(1, pandoc.RawBlock("typst", "#theorem["))
     div.content:insert(pandoc.RawBlock("typst", "]" .. label))
     return div.content
   end,
 }
 
-return { number, finish }
+return { { Meta = function(meta) own = counters(meta) end }, number, finish }

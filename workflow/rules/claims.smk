@@ -13,6 +13,7 @@ rule algorithm:
         unique="results/algorithm/unique.nc",
         elimination="results/algorithm/elimination.nc",
         split="results/algorithm/split.nc",
+        formulation="results/algorithm/formulation.nc",
     log:
         "results/logs/algorithm.log",
     resources:

@@ -116,7 +116,7 @@ def claimed():
     names = [
         name.format(scene=scene)
         for claim in entries()
-        for name in claim["reads"]
+        for name in claim.get("reads", ())
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]
     return sorted(set(names))

@@ -17,7 +17,7 @@ MADE = {
     "numbers": rules.numbers.output,
     "figure": FIGURES,
     "documents": DOCUMENTS,
-    "paper": rules.paper.output,
+    "typeset": expand(rules.typeset.output, paper=PAPERS),
 }
 
 

@@ -1,23 +1,30 @@
-# The paper, typeset.
+# The paper and its supplement, typeset; each is numbered with a look at the other, to which it refers.
+
+PAPERS = ["paper", "supplement"]
 
 
-rule paper:
+wildcard_constraints:
+    paper="|".join(PAPERS),
+
+
+rule typeset:
     input:
         code("typeset_paper"),
-        lambda wildcards: pictures("paper.md"),
+        lambda wildcards: pictures(f"{wildcards.paper}.md"),
         "paper.bib",
-        paper="paper.md",
+        expand("{paper}.md", paper=PAPERS),
+        paper="{paper}.md",
         numbers="workflow/paper/numbers.lua",
         page_template="workflow/paper/paper.html",
         print_template="workflow/paper/paper.typ",
     output:
-        html=report("results/paper/paper.html", category="Paper", labels={"paper": "as a page"}),
-        pdf=report("results/paper/paper.pdf", category="Paper", labels={"paper": "in print"}),
+        html=report("results/paper/{paper}.html", category="Paper", labels={"paper": "{paper}, as a page"}),
+        pdf=report("results/paper/{paper}.pdf", category="Paper", labels={"paper": "{paper}, in print"}),
     log:
-        "results/logs/paper.log",
+        "results/logs/typeset/{paper}.log",
     resources:
-        **asked("paper"),
+        **asked("typeset"),
     message:
-        "The paper as HTML and PDF"
+        "The {wildcards.paper} as HTML and PDF"
     script:
         "../scripts/typeset_paper.py"

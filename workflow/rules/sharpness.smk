@@ -1,4 +1,4 @@
-# The family lambda ~ s_+^alpha, gap ~ s_-^gamma -> the tables of errors and of rates.
+# The family lambda ~ s_+^alpha, gap ~ s_-^gamma -> errors and rates, along h/H and along H at one h.
 
 
 rule sharpness:
@@ -7,6 +7,8 @@ rule sharpness:
     output:
         errors="results/sharpness/errors.nc",
         rates="results/sharpness/rates.nc",
+        fixed_errors="results/sharpness/fixed_errors.nc",
+        fixed_rates="results/sharpness/fixed_rates.nc",
     log:
         "results/logs/sharpness.log",
     benchmark:

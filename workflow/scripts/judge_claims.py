@@ -6,7 +6,9 @@ from pathlib import Path
 from job import run
 
 from unilateral.files import replacing
-from unilateral.study.judge.claims import Results, judge, summary
+from unilateral.study.judge.claims import judge
+from unilateral.study.judge.printed import summary
+from unilateral.study.judge.results import Results
 
 
 def main(tables, claims):

@@ -16,7 +16,8 @@ def main(study, finds, name, infsup):
         table = survey(cells, [{"nodes": find["nodes"]} for find in finds], [1])
     else:
         cells = [partition_of(domain, spec) for spec in study["partitions"]]
-        table = survey(cells, [study["mesh"]] * len(cells), study["edges_per_cell"])
+        sizes = study.get("deltas") or study["edges_per_cell"]
+        table = survey(cells, [study["mesh"]] * len(cells), sizes)
     tables.save(table, infsup, name, {"study": study, "finds": finds})
 
 

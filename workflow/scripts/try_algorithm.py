@@ -8,10 +8,11 @@ from unilateral.geometry.structured import structured
 from unilateral.study import tables
 from unilateral.study.runs import algorithm as experiments
 from unilateral.study.runs import algorithm_cost as trials
+from unilateral.study.runs import formulation as statements
 from unilateral.study.scenes import cases, domain
 
 
-def main(study, steps, certificates, singular, uniqueness, unique, elimination, split):
+def main(study, steps, certificates, singular, uniqueness, unique, elimination, split, formulation):
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
     on, cells = structured(polygon, h), partition.uniform(polygon, H)
@@ -30,6 +31,7 @@ def main(study, steps, certificates, singular, uniqueness, unique, elimination, 
     found = trials.elimination(meshes, partitions, study["compared_steps"])
     tables.save(found, elimination, "algorithm", given)
     tables.save(trials.split(on, cells, problems), split, "algorithm", given)
+    tables.save(statements.formulation(on, cells, problems), formulation, "algorithm", given)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
-from unilateral.norms.resolution import RULE, boundary_angles, fine, of_cells, resolution, steep
+from unilateral.norms.resolution import RULE, OfCells, boundary_angles, fine, of_cells, resolution, steep
 from unilateral.problems.problem_file import polygon_of
 
 LISTED = 10
@@ -33,7 +33,7 @@ MOST_CELLS = 100_000
 """On a side."""
 CELL = (
     "    cell {cell} on side {side}, s = {start:.6g} to {end:.6g}: "
-    "{edges:.4g} edges, {cell_over_edge:.4g} times the longest of them"
+    "{edges:.4g} edges, {cell_over_edge:.4g} times the longest of them, delta = {delta:.3g}"
 )
 TRIANGLE = "    triangle {triangle} at ({x:.6g}, {y:.6g}): {angle:.4g} degrees"
 
@@ -84,22 +84,26 @@ def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
         "multipliers": cells.n_cells,
         **constants._asdict(),
         **resolution(mesh, cells)._asdict(),
+        "theorem_5": bool(of_cells(mesh, cells).deltas.all()),
         "rule": _rule(mesh, cells),
     }
 
 
 def _rule(mesh: Mesh, cells: Partition) -> dict[str, Any]:
     """The local rule, whether it is kept, and which cells and triangles break it."""
-    coarse, flat = _coarse(cells, *of_cells(mesh, cells)), _flat(mesh, *boundary_angles(mesh))
+    coarse, flat = _coarse(cells, of_cells(mesh, cells)), _flat(mesh, *boundary_angles(mesh))
     return {**RULE._asdict(), "kept": not (coarse or flat), "cells": coarse, "triangles": flat}
 
 
-def _coarse(cells: Partition, edges: Array, over_longest: Array, _: Array) -> list[dict[str, float]]:
-    """The cells with edges that are too long, by their numbers and arc lengths."""
-    wrong = np.flatnonzero(~fine(over_longest))
-    s = cells.points
-    columns = (wrong, cells.side[wrong], s[wrong], s[wrong + 1], edges[wrong], over_longest[wrong])
-    names = ("cell", "side", "start", "end", "edges", "cell_over_edge")
+def _coarse(cells: Partition, of: OfCells) -> list[dict[str, float]]:
+    """The cells with edges that are too long, by their numbers and arc lengths.
+
+    A cell without a node well inside, at least H_i/4 from both ends, is among them.
+    """
+    wrong = np.flatnonzero(~fine(of.over_longest))
+    ends = cells.points[wrong], cells.points[wrong + 1]
+    columns = (wrong, cells.side[wrong], *ends, of.edges[wrong], of.over_longest[wrong], of.deltas[wrong])
+    names = ("cell", "side", "start", "end", "edges", "cell_over_edge", "delta")
     return [dict(zip(names, each, strict=True)) for each in zip(*(c.tolist() for c in columns), strict=True)]
 
 
@@ -118,6 +122,7 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
     beta = f"between {found['beta_lower']:.4f} and {found['beta_upper']:.4f}, guaranteed"
     if found["beta_upper"] == 0:
         beta = "0: lambda_H may not be unique; take larger cells or shorter edges"
+    constants = f"delta = {found['delta']:.4g}, alpha_1 = {found['alpha_1']:.4g}"
     broken = f"BROKEN by {len(rule['cells'])} cells and {len(rule['triangles'])} triangles"
     rows = {
         "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
@@ -127,6 +132,7 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
         "cell over edge": f"{found['cell_over_edge']:.4g} at least (rule: {rule['cell_over_edge']})",
         "boundary angles": f"{angle:.4g} degrees at least (rule: {rule['smallest_angle']})",
         "local rule": "kept" if rule["kept"] else broken,
+        "Theorem 5": f"{'applies' if found['theorem_5'] else 'does NOT apply'}: {constants}",
     }
     yield f"{found['polygon']}: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())

@@ -93,6 +93,12 @@ class Partition:
         """The largest H / H_i, which the paper bounds by alpha_0."""
         return self.H / float(self.lengths.min())
 
+    @property
+    def alpha_1(self) -> float:
+        """The largest ratio of the lengths of two neighbouring cells, around vertices, too."""
+        ratio = self.lengths / np.roll(self.lengths, 1)
+        return float(np.maximum(ratio, 1 / ratio).max())
+
 
 def overlay(one: Array, other: Array) -> tuple[Array, Index, Index]:
     """The arc lengths (k + 1,) of two divisions of the boundary, and in which part (k,) of each it lies."""

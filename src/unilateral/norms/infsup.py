@@ -48,6 +48,15 @@ def infsup(operator: DualOperator, gram: Bounds) -> InfSup:
     return InfSup(lower, min(upper, 1.0), beta_0)
 
 
+def cellwise(operator: DualOperator) -> float:
+    """The constant of Theorem 5: sup over V_h of <mu, v>/||v||_1 against (sum_i H_i^2 mu_i^2)^{1/2}.
+
+    On cells of one length it is beta_0, else it is larger.
+    """
+    weighted = operator.D / operator.H_i[:, None] / operator.H_i
+    return math.sqrt(max(float(eigh(weighted, eigvals_only=True, subset_by_index=[0, 0])[0]), 0.0))
+
+
 def of_runs(errors: xr.Dataset) -> xr.Dataset:
     """What Lemmas 3.1 and 4.3 say about every run of a scene, with its measured errors and constants.
 

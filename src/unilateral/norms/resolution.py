@@ -1,4 +1,9 @@
-"""How finely a mesh resolves a partition, and the local rule under which beta is bounded below."""
+"""How finely a mesh resolves a partition: the local rule, and the constants of Theorem 5 of paper.md.
+
+Theorem 5: if every cell i has a boundary node at a distance of at least delta H_i from both its ends, and
+neighbouring cells differ by a factor of at most alpha_1, both inequalities of (3.4) hold with constants that
+depend on delta > 0, alpha_1, the domain and the smallest angle only.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +35,16 @@ class Resolution(NamedTuple):
 
     `edges_per_cell` counts boundary edges, parts as fractions; `cell_over_edge` is H_i over the longest edge
     that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i; `smallest_angle` is that
-    of the triangles at the boundary, in degrees.
+    of the triangles at the boundary, in degrees. `delta` and `alpha_1` are the constants of Theorem 5, delta
+    at most 1/2, and 0 where a cell has no node inside.
     """
 
     edges_per_cell: float
     cell_over_edge: float
     nodes_per_cell: int
     smallest_angle: float
+    delta: float
+    alpha_1: float
 
 
 class OfCells(NamedTuple):
@@ -45,12 +53,14 @@ class OfCells(NamedTuple):
     edges: Array
     over_longest: Array
     nodes: Array
+    deltas: Array
 
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
     """The measures of h/H that a cell of T_H sees."""
-    edges, over_longest, nodes = (float(each.min()) for each in of_cells(mesh, partition))
-    return Resolution(edges, over_longest, int(nodes), float(boundary_angles(mesh)[1].min()))
+    edges, over_longest, nodes, delta = (float(each.min()) for each in of_cells(mesh, partition))
+    angle = float(boundary_angles(mesh)[1].min())
+    return Resolution(edges, over_longest, int(nodes), angle, delta, partition.alpha_1)
 
 
 def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
@@ -61,7 +71,24 @@ def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
     longest = np.zeros(partition.n_cells)
     np.maximum.at(longest, cell, lengths[edge])
     inside = np.bincount(cell, minlength=partition.n_cells) - 1
-    return OfCells(edges.astype(float), partition.lengths / longest, inside.astype(float))
+    deltas = inner_nodes(mesh.s, partition)[1]
+    return OfCells(edges.astype(float), partition.lengths / longest, inside.astype(float), deltas)
+
+
+def inner_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
+    """(m,) the mesh node farthest from the ends of each cell, and (m,) that distance over H_i.
+
+    `s` (nb + 1,) are the nodes' arc lengths, the perimeter last. Of a cell without a node inside, up to
+    round-off, they are its start and 0.
+    """
+    nodes, ends = s[:-1], partition.points
+    cell = np.searchsorted(ends, nodes, side="right") - 1
+    share = np.minimum(nodes - ends[cell], ends[cell + 1] - nodes) / partition.lengths[cell]
+    order = np.argsort(share, kind="stable")
+    order = order[share[order] > ROUND_OFF]
+    chosen, deltas = ends[:-1].copy(), np.zeros(partition.n_cells)
+    chosen[cell[order]], deltas[cell[order]] = nodes[order], share[order]
+    return chosen, deltas
 
 
 def boundary_angles(mesh: Mesh) -> tuple[Index, Array]:

@@ -80,7 +80,7 @@ def ritz_projections(
     interpolants = [case.value_and_gradient(mesh.points)[0] for case in cases]
     for case, values in zip(cases, interpolants, strict=True):
         _check_size(case, float(np.abs(values).max()))
-    seen = [_moments(case, mesh, v, degree) for case, v in zip(cases, interpolants, strict=True)]
+    seen = [moments(case, mesh, v, degree) for case, v in zip(cases, interpolants, strict=True)]
     f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
     traces = [_trace(case, mesh) for case in cases]
     flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
@@ -152,7 +152,7 @@ def _square(w: Array, value: Array, slope: Array) -> float:
     return float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
 
 
-def _moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
+def moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass where u or v_h is not 0."""
     mesh = _where_not_0(case, mesh, v_h)
     nodal, slopes = v_h[mesh.triangles], gradients(mesh)

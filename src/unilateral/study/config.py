@@ -93,6 +93,7 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
     falling: list[tuple[Place, list[Any]]] = [
         *((("scenes", name, "H"), scene["H"]) for name, scene in scenes.items()),
         (("sharpness", "H"), study["sharpness"]["H"]),
+        (("sharpness", "fixed", "H"), study["sharpness"]["fixed"]["H"]),
         (("cells", "H"), study["cells"]["H"]),
         (("deep", "h"), study["deep"]["h"]),
         (("cost", "stops"), study["cost"]["stops"]),
@@ -154,6 +155,10 @@ def _survey_faults(survey: Fields, name: str) -> Iterator[tuple[Place, str]]:
         for field in ("grading", "spread"):
             if real(spec.get(field, 1), "") < 1:
                 yield (*place, field), f"it is {spec[field]}; it has to be at least 1"
+
+    for i, delta in enumerate(survey.get("deltas", [])):
+        if real(delta, "") > 0.5:
+            yield ("deltas", i), f"it is {delta}; it has to be at most 1/2"
 
 
 def _domain(given: Any, name: str) -> Polygon:

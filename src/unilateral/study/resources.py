@@ -13,6 +13,8 @@ from unilateral.study.sizes import normed
 
 Fields = Mapping[str, Any]
 ROUND = 50
+EDGES_OF_INNER = 2
+"""The most boundary edges to a cell with one inner node, where the ends of cells are nodes."""
 """MB that what is asked for is a multiple of."""
 
 
@@ -105,7 +107,8 @@ def _boundary_edges(study: Fields, wildcards: Mapping[str, str]) -> float:
     given = survey["polygon"]
     domain = polygon.named(given) if isinstance(given, str) else Polygon(given, wildcards["survey"])
     cells = max(_cells_of(partition, domain.perimeter) for partition in survey["partitions"])
-    return cells * max(real(edges, "edges_per_cell") for edges in survey["edges_per_cell"])
+    numbers = survey.get("edges_per_cell", [EDGES_OF_INNER])
+    return cells * max(real(edges, "edges_per_cell") for edges in numbers)
 
 
 def _cells_of(partition: Fields, perimeter: float) -> float:

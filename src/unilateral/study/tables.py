@@ -43,7 +43,7 @@ NORMS = ("h1", "hm12", "l2")
 
 
 def error_in(table: xr.Dataset, norm: str, bound: str | None = None, of: str = "error") -> xr.DataArray:
-    """The error in a norm; in hm12 its "lower" or "upper" bound or, without one, their r.m.s. mean.
+    """The error in a norm, or D ("discrete"); in hm12 its "lower" or "upper" bound or their r.m.s. mean.
 
     The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed. `of` is what the
     variables of another quantity than the error are named by.

@@ -22,7 +22,7 @@ FIGURES = {  # of each module a figure in git, and numbers that are drawn as the
     "grid": ("grid_square", ["error"]),
     "infsup": ("infsup", ["beta_lower"]),
     "multiplier": ("multiplier", ["mu"]),
-    "portrait": ("natural", ["computed"]),
+    "portrait": ("solution", ["value"]),
     "rates": ("rates_square", ["error", "rate", "expected"]),
     "sharpness": ("sharpness", ["rate", "before"]),
     "verdict": ("verdict", ["margin"]),

@@ -1,86 +1,87 @@
-"""The picture of a solution: its tables against the solution, and what they have to hold."""
-
-from math import sqrt, tanh
+"""The picture of a solution: its table against the solution, and what of it is drawn."""
 
 import numpy as np
 import pytest
-from conftest import discrete
-from pages import committed, drawn
+from pages import committed, drawn, lines, said
 
-from unilateral.discrete import solve
+import unilateral as ul
 from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
 from unilateral.study.figures import portrait
+
+F = "-1 - 3*x - 9*x*y"
+DOMAIN = named("lshape")
 
 
 @pytest.fixture(scope="module")
-def natural():
-    table = portrait.table("square", "natural", "1/16", "1/8")
-    of_mesh = table["kind"] == "mesh"
-    return {"mesh": table[of_mesh], "boundary": table[~of_mesh]}
+def table():
+    return portrait.table("lshape", F, "1/8", "1/4", "1/16")
 
 
-def test_the_portrait_s_triangles(natural):
-    """Each with its three corners: they cover the square, and u_h is one value at each node."""
-    field = natural["mesh"]
+@pytest.fixture(scope="module")
+def solution():
+    """By the library's way from outside."""
+    return ul.solve(ul.Problem(DOMAIN, F, 0), h=1 / 8, H=1 / 4)
+
+
+def rows(table, kind, of="computed"):
+    return table[(table["kind"] == kind) & (table["of"] == of)]
+
+
+def test_the_triangles_cover_the_domain_and_u_h_is_one_value_at_each_node(table):
+    field = rows(table, "mesh")
     corners = field[["x", "y"]].to_numpy().reshape(-1, 3, 2)
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     assert np.all(areas > 0)
-    assert areas.sum() == pytest.approx(1, rel=1e-12)
-    assert len(areas) == 2 * 16**2
-    nodes = field.groupby(["x", "y"])["computed"]
-    assert nodes.ngroups == 17**2
-    assert (nodes.nunique() == 1).all()
+    assert areas.sum() == pytest.approx(3, rel=1e-12)
+    assert (field.groupby(["x", "y"])["value"].nunique() == 1).all()
 
 
-def test_the_portrait_s_u_h_is_the_solution_s(natural):
-    field = natural["mesh"]
-    nodes = structured(named("square"), 1 / 16).triangles.ravel()
-    expected = solve(discrete("natural", 16, 8)).u_h[nodes]
-    np.testing.assert_allclose(field["computed"], expected, rtol=1e-9, atol=1e-12)
+def test_values_are_those_of_the_library(table, solution):
+    """An absolute algebraic error of the size of both guaranteed stops."""
+    field, cells = rows(table, "mesh"), rows(table, "cell")
+    u = solution.u_at(field[["x", "y"]].to_numpy())
+    np.testing.assert_allclose(field["value"], u, atol=1e-2 * np.ptp(u))
+    np.testing.assert_allclose(cells["value"], solution.multiplier, atol=1e-2 * solution.multiplier.max())
 
 
-def test_the_portrait_s_traces(natural):
-    """The gap and lambda as declared; contact for x >= 1/2 on the bottom, and on all other sides."""
-    boundary = natural["boundary"]
-    trace, flux = (boundary[boundary["kind"] == kind] for kind in ("trace", "flux"))
-    assert len(trace) == len(flux) == 4 * (portrait.SAMPLES_PER_SIDE + 1)
-    x = trace["s"].to_numpy()
-    bottom = trace["side"] == 0
-    free = bottom & (trace["s"] < 0.5)
-    assert trace["contact"].tolist() == (~free).astype(int).tolist()
-    gap = np.where(free, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, 0)
-    np.testing.assert_allclose(trace["exact"], gap, atol=1e-15)
-    held = 1.5 * np.sqrt(np.maximum(x - 0.5, 0))
-    np.testing.assert_allclose(flux["exact"][flux["side"] == 0], held[bottom], atol=1e-12)
-    assert flux["computed"].isna().all()
+def test_nodes_lie_on_the_boundary_where_the_arc_length_says(table):
+    """Every vertex once for either side; 8 edges in a unit on a perimeter of 8."""
+    nodes = rows(table, "node")
+    assert len(nodes) == 8 * 8 + DOMAIN.n_sides
+    side = nodes["side"].to_numpy(dtype=int)
+    at = DOMAIN.at(side, nodes["s"].to_numpy() - DOMAIN.starts[side])
+    np.testing.assert_allclose(nodes[["x", "y"]], at, atol=1e-12)
+    inside = rows(table, "mesh").groupby(["x", "y"])["value"].first()
+    assert nodes["value"].tolist() == inside.loc[list(zip(nodes["x"], nodes["y"], strict=True))].tolist()
 
 
-def test_the_portrait_s_errors_are_those_of_the_solution(natural):
-    """int |u - u_h|^2 on the boundary <= ||u - u_h||_1^2 / sigma_1; on the square sigma_1 is known."""
-    boundary = natural["boundary"]
-    solution = solve(discrete("natural", 16, 8))
-    trace = boundary[boundary["kind"] == "trace"]
-    mean_square = np.mean((trace["computed"] - trace["exact"]) ** 2)
-    assert sqrt(4 * mean_square) <= solution.errors.h1 / sqrt(tanh(1 / (2 * sqrt(2))) / sqrt(2))
-    cells = boundary[boundary["kind"] == "multiplier"]
-    np.testing.assert_allclose(cells["computed"], solution.lambda_H, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(cells["end"] - cells["s"], 1 / 8, rtol=1e-12)
-    assert cells["side"].tolist() == np.repeat(np.arange(4), 8).tolist()
+def test_cells_follow_each_other_and_those_of_the_reference_are_finer(table):
+    for of, H in (("computed", 1 / 4), ("reference", 1 / 8)):
+        cells = rows(table, "cell", of)
+        np.testing.assert_allclose(cells["end"] - cells["s"], H, rtol=1e-12)
+        assert cells["s"].tolist()[1:] == cells["end"].tolist()[:-1]
 
 
-def test_no_contact_has_none():
-    boundary = portrait.table("square", "no_contact", "1/8", "1/4")
-    assert set(boundary["contact"].dropna()) == {0}
-    assert np.all(boundary["computed"][boundary["kind"] == "multiplier"] == 0)
+def test_contact_is_drawn_where_the_reference_has_a_multiplier():
+    """At the foot of the lower panel."""
+    data = committed("portrait")
+    figure, _ = drawn("portrait", data)
+    lower = figure.axes[3]
+    assert lower.get_xlabel().startswith("arc length")
+    (foot,) = [line for line in lower.lines if line.get_color() == portrait.CONTACT["color"]]
+    cells = rows(data, "cell", "reference")
+    held = cells["value"] > 0
+    assert 0.2 < held.mean() < 0.8
+    middle = (cells["s"] + cells["end"]) / 2
+    np.testing.assert_allclose(foot.get_xdata(), middle.where(held))
 
 
-def test_the_bar_of_colours_is_as_high_as_the_picture():
-    """Of a solution twice as wide as high, too."""
-    rows = committed("portrait")
-    figure, _ = drawn("portrait", rows.assign(x=2 * rows["x"]))
-    figure.draw_without_rendering()
-    picture, bar = (axes.get_window_extent() for axes in (figure.axes[0], figure.axes[0].child_axes[0]))
-    assert (bar.y0, bar.y1) == pytest.approx((picture.y0, picture.y1))
-    assert picture.height < 0.6 * picture.width
+def test_nodes_steps_and_sizes_are_drawn():
+    data = committed("portrait")
+    figure, _ = drawn("portrait", data)
+    nodes = rows(data, "node")
+    assert lines(figure.axes[3], markers=True) == [[*zip(nodes["s"], nodes["value"].round(9), strict=True)]]
+    assert "$u_h$,  $h=1/10$,  $H=1/4$" in said(figure)
+    steps = [value for patch in figure.axes[2].patches for value in patch.get_data().values]
+    assert set(steps) == set(rows(data, "cell")["value"])

@@ -10,8 +10,9 @@ from pages import lines, page, pairs, table
 from unilateral.study import tables
 from unilateral.study.figures import sharpness
 from unilateral.study.judge.surfaces import rates_over
+from unilateral.study.runs.sharpness import MEASURED
 
-NORMS = ("h1", "hm12", "l2", "consistency")
+NORMS = ("discrete", "hm12", "l2", "consistency")
 
 
 @pytest.fixture(params=range(4), ids=NORMS)
@@ -35,7 +36,7 @@ def test_every_rate_stands_over_its_alpha_and_is_filled_where_jj_holds(panel):
 def test_bars_reach_to_the_pair_before(panel):
     axes, rows, _ = panel
     bars = [bar for bar in axes.collections if isinstance(bar, LineCollection)]
-    ends = np.array([segment for bar in bars for segment in bar.get_segments()])
+    ends = np.array([segment for bar in bars for segment in bar.get_segments()]).reshape(-1, 2, 2)
     found = np.column_stack([ends[:, 0, 0], ends[:, :, 1]]).round(9).tolist()
     assert {tuple(end) for end in found} == pairs(rows, "alpha", "rate", "before")
 
@@ -55,8 +56,7 @@ def rates():
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
     error = np.where(h == H[0], 2.0 ** (c - a - 1), 1.0) * h ** (a + 1)
     dims = ("level", "alpha", "gamma", "position")
-    names = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error", "consistency", "converged")
-    found = {name: (dims, error) for name in (*names, "algebraic_bound")}
+    found = {name: (dims, error) for name in MEASURED}
     per_level = {name: ("level", H) for name in ("h", "H", "beta_lower", "lambda_min")}
     return rates_over(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
 
@@ -64,25 +64,27 @@ def rates():
 @pytest.fixture
 def made_up(tmp_path):
     tables.save(rates(), tmp_path / "rates.nc", "sharpness")
-    return sharpness.table(tmp_path / "rates.nc")
+    return sharpness.table(tmp_path / "rates.nc", tmp_path / "rates.nc")
 
 
 def test_the_table(made_up):
     assert set(made_up["norm"]) == set(NORMS)
     measured = made_up[made_up["kind"] == "measured"]
     assert len(measured) == 4 * 2 * 2
-    np.testing.assert_allclose(measured["rate"], measured["alpha"] + 1, rtol=1e-12)
-    np.testing.assert_allclose(measured["before"], measured["gamma"], rtol=1e-12)
+    of_pairs, of_D = (measured[(measured["norm"] == "discrete") == D] for D in (False, True))
+    np.testing.assert_allclose(of_pairs["rate"], of_pairs["alpha"] + 1, rtol=1e-12)
+    np.testing.assert_allclose(of_pairs["before"], of_pairs["gamma"], rtol=1e-12)
+    np.testing.assert_allclose(of_D["rate"], (of_D["alpha"] + 1 + of_D["gamma"]) / 2, rtol=1e-12)
+    assert of_D["before"].isna().all()
     assert measured["jj"].tolist() == ((measured["gamma"] == 1) & (measured["alpha"] > 0)).tolist()
 
 
 BENDS = {
-    ("h1", "predicted"): [(-0.25, 0.75), (0, 1), (0.75, 1)],
+    ("discrete", "predicted"): [(-0.25, 0.75), (0, 1), (0.5, 1.5), (0.75, 1.5)],
     ("hm12", "predicted"): [(-0.25, 0.75), (0, 1), (0.5, 1.5), (0.75, 1.5)],
     ("l2", "predicted"): [(-0.25, 0.25), (0, 0.5), (0.5, 1), (0.75, 1)],
-    ("h1", "left", 0.5): [(-0.25, 0.625), (0, 0.75), (0.5, 1), (0.75, 1)],
-    ("hm12", "left", 1.0): [(-0.25, 0.75), (0, 1), (0.5, 1.25), (0.75, 1.375)],
-    ("l2", "left", 0.5): [(-0.25, 0.125), (0, 0.25), (0.5, 0.5), (0.75, 0.625)],
+    ("discrete", "left", 0.5): [(-0.25, 0.625), (0, 0.75), (0.5, 1), (0.75, 1.125)],
+    ("discrete", "left", 1.0): [(-0.25, 0.75), (0, 1), (0.5, 1.25), (0.75, 1.375)],
     ("consistency", "predicted", 1.0): [(-0.25, 1.75), (0.75, 2.75)],
     ("consistency", "proved"): [(0, 2), (0.75, 2)],
     ("l2", "proved"): [(0, 0.5), (0.75, 0.5)],
@@ -93,7 +95,7 @@ BENDS = {
 
 @pytest.mark.parametrize("line", BENDS, ids=str)
 def test_lines_with_their_bends(line, made_up):
-    """By hand, from min(1, 1 + alpha), min(3/2, 1 + alpha), min(1, alpha + 1/2) and alpha + gamma + 1."""
+    """By hand, from min(3/2, 1 + alpha), min(1, alpha + 1/2), (1 + alpha + gamma)/2 and alpha + gamma + 1."""
     rows = made_up[(made_up["norm"] == line[0]) & (made_up["kind"] == line[1])]
     if len(line) == 3:
         rows = rows[rows["gamma"] == line[2]]

@@ -34,8 +34,15 @@ def test_the_kinds_of_verdicts(tmp_path):
     found = made(tmp_path, [{"verdict": verdict} for verdict in KINDS])
     assert found["kind"].tolist() == [*KINDS.values()]
     assert "fails" not in set(
-        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.ledger()])["kind"]
+        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.ledger() if claim.check])["kind"]
     )
+
+
+def test_what_has_no_check_is_left_out(tmp_path):
+    """It has no margin, so it would stand at the axis' end. Control: what is not judged is shown there."""
+    reasons = [{"verdict": f"{why}: it is"} for why in ("nothing to measure", "not judged")]
+    found = made(tmp_path, [{"margin": None, **each} for each in reasons])
+    assert found["kind"].tolist() == ["not judged"]
 
 
 def test_margins_end_where_the_axis_does(tmp_path):

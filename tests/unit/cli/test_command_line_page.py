@@ -14,6 +14,7 @@ from unilateral.cli.command import CODES
 from unilateral.study.judge import claims
 from unilateral.study.judge.checks.evidence import Unjudged
 from unilateral.study.judge.claims import Judgement
+from unilateral.study.judge.results import Results
 
 TEXT = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
 CONTEXT = click.Context(application)
@@ -98,7 +99,7 @@ def test_the_fields_of_infsup(capsys):
 
 def test_the_fields_of_claims():
     """Of a claim that is not judged; the fields are the same as of others."""
-    record = Judgement(claims.find("4.12"), Unjudged("no results")).record()
+    record = Judgement(claims.find("4.12"), Results(""), Unjudged("no results")).record()
     first, *others = fields("claims")
     assert first == "claims"
     assert set(others) == {*record, "required", "holds"}

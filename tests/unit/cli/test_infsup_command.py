@@ -58,6 +58,8 @@ def test_the_constants_are_the_library_s(run, found):
     between = f"between {expected.beta_lower:.4f} and {expected.beta_upper:.4f}, guaranteed"
     assert f"  beta in H^(-1/2)  {between}\n" in out
     assert "  local rule        kept\n" in out
+    assert "  Theorem 5         applies: delta = 0.5, alpha_1 = 1\n" in out
+    assert (told["theorem_5"], told["delta"], told["alpha_1"]) == (True, 0.5, 1)
 
 
 def test_a_mesh_and_cells_of_one_s_own(found, tmp_path):
@@ -83,9 +85,27 @@ def test_the_cells_that_break_the_rule_are_named(run, found, tmp_path):
     assert [each["cell"] for each in cells] == [0, 1, 2, 3]
     assert [each["start"] for each in cells] == [0, 0.25, 0.5, 0.75]
     assert all((each["side"], each["edges"], each["cell_over_edge"]) == (0, 0.5, 0.5) for each in cells)
+    assert [each["delta"] for each in cells] == [0, 0, 0, 0]
     out = run(*pair)[1]
     assert "BROKEN by 4 cells and" in out
-    assert "    cell 1 on side 0, s = 0.25 to 0.5: 0.5 edges, 0.5 times the longest of them\n" in out
+    assert (
+        "    cell 1 on side 0, s = 0.25 to 0.5: 0.5 edges, 0.5 times the longest of them, delta = 0\n" in out
+    )
+    assert "  Theorem 5         does NOT apply: delta = 0, alpha_1 = 1\n" in out
+
+
+def test_a_node_inside_a_long_edge_s_cell_is_enough_for_the_theorem(run, found, tmp_path):
+    """Three nodes for four cells, by hand: 0.1 in the first, 0.3, 0.6 and 0.9; the other sides have 8 edges.
+
+    delta = 0.1/0.25, from the node 0.1 and from 0.9, or 0.05/0.25, from 0.3; the edges break the rule.
+    """
+    s = np.concatenate([[0, 0.1, 0.3, 0.6, 0.9], 1 + np.arange(24) / 8])
+    write(meshes.with_boundary(square(), s), tmp_path / "own.msh")
+    told = found("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
+    assert (told["theorem_5"], told["rule"]["kept"]) == (True, False)
+    assert told["delta"] == pytest.approx(0.2, rel=1e-9)
+    expected = [0.4, 0.2, 0.4, 0.4]
+    assert [each["delta"] for each in told["rule"]["cells"]] == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_triangles_that_break_the_rule_are_named(run, found, tmp_path):

@@ -1,6 +1,7 @@
 """beta and beta_0: their zeros, kernels and symmetries by theory, their values by dense computations."""
 
 from functools import cache
+from itertools import pairwise
 from math import sqrt
 
 import numpy as np
@@ -20,7 +21,7 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Bounds, dual_norm
-from unilateral.norms.infsup import infsup, of_runs, worst_multiplier
+from unilateral.norms.infsup import cellwise, infsup, of_runs, worst_multiplier
 from unilateral.norms.resolution import resolution
 
 RECTANGLE = Polygon(np.array([[0, 0], [1.7, 0], [1.7, 1], [0, 1]]), "rectangle")
@@ -206,6 +207,17 @@ def test_beta_0_against_a_search_of_minima(polygon):
     assert np.all(found <= quotients)
 
 
+def test_the_cellwise_constant_against_a_generalised_eigenvalue():
+    """(sum_i H_i^2 mu_i^2)^{1/2} for H^{1/2} ||mu||_0; on equal cells it is beta_0."""
+    cells = partitions.shifted(square(), 1 / 4, 0.6)
+    op = operator(structured(square(), 1 / 18), cells)
+    expected = sqrt(eigh(op.D, np.diag(op.H_i**2), eigvals_only=True)[0])
+    assert cellwise(op) == pytest.approx(expected, rel=1e-10)
+    assert cellwise(op) > 1.1 * infsup(op, gram(cells)).beta_0
+    op, form = on("square", 8, 4)
+    assert cellwise(op) == pytest.approx(infsup(op, form).beta_0, rel=1e-10)
+
+
 def symmetries(m):
     """Of the unit square with m cells a side: the half-turn and the reflection in the diagonal x = y."""
     i = np.arange(4 * m)
@@ -249,15 +261,19 @@ def test_the_worst_multiplier_of_a_single_class_is_the_eigenvector():
 
 
 def brute_resolution(mesh, cells):
-    """The three measures by loops over cells and edges."""
-    edges, ratio, nodes = [], [], []
+    """The measures by loops over cells and edges."""
+    edges, ratio, nodes, deltas = [], [], [], []
     for a, b in zip(cells.points[:-1], cells.points[1:], strict=True):
         parts = [(min(b, d) - max(a, c), d - c) for c, d in zip(mesh.s[:-1], mesh.s[1:], strict=True)]
         parts = [(part, length) for part, length in parts if part > 0]
         edges.append(sum(part / length for part, length in parts))
         ratio.append((b - a) / max(length for _, length in parts))
         nodes.append(sum(a < s < b for s in mesh.s))
-    return min(edges), min(ratio), min(nodes), min(map(smallest_angle, at_boundary(mesh)))
+        deltas.append(max(min(s - a, b - s) for s in [a, *mesh.s] if a <= s <= b) / (b - a))
+    lengths = [*np.diff(cells.points), cells.points[1]]
+    alpha_1 = max(max(p / q, q / p) for p, q in pairwise(lengths))
+    angle = min(map(smallest_angle, at_boundary(mesh)))
+    return min(edges), min(ratio), min(nodes), angle, min(deltas), alpha_1
 
 
 def at_boundary(mesh):
@@ -286,5 +302,5 @@ def test_the_resolution_against_brute_force(seed):
 
 def test_the_resolution_of_uniform_meshes_is_H_over_h():
     mesh = structured(square(), 1 / 12)
-    assert_allclose(resolution(mesh, uniform("square", 4)), (3, 3, 2, 45), rtol=1e-12)
-    assert_allclose(resolution(mesh, uniform("square", 24)), (0.5, 0.5, 0, 45), rtol=1e-12)
+    assert_allclose(resolution(mesh, uniform("square", 4)), (3, 3, 2, 45, 1 / 3, 1), rtol=1e-12)
+    assert_allclose(resolution(mesh, uniform("square", 24)), (0.5, 0.5, 0, 45, 0, 1), rtol=1e-12)

@@ -19,16 +19,18 @@ CLAIM_FAILS = 1
 @as_json
 def claims(claim: str | None, results: str, json: bool) -> int:
     """Judge the paper's statements by the study's results, in the folder that `make` writes."""
-    judge = load("unilateral.study.judge.claims")
-    found = judge.judge(judge.Results(results), [judge.find(claim)] if claim else None)
+    judge, printed = (load(f"unilateral.study.judge.{name}") for name in ("claims", "printed"))
+    tables = load("unilateral.study.judge.results").Results(results)
+    found = judge.judge(tables, [judge.find(claim)] if claim else None)
     if json:
         say(load("unilateral.certificate").text({"claims": [_record(each) for each in found]}))
     else:
-        say(judge.explanation(found[0]) if claim else judge.summary(found))
-    return 0 if all(each.holds for each in found) else CLAIM_FAILS
+        say(printed.explanation(found[0]) if claim else printed.summary(found))
+    return CLAIM_FAILS if any(each.counts_against for each in found) else 0
 
 
 def _record(judgement: Any) -> dict[str, Any]:
     """As stored, and whether it holds; the number that was required without its sign."""
     required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
-    return judgement.record() | {"required": required, "holds": judgement.holds}
+    holds = None if judgement.evidence is None else judgement.holds
+    return judgement.record() | {"required": required, "holds": holds}

@@ -21,7 +21,7 @@ KINDS = {
 }
 LIMITS = {
     "log10_limit": (style.COLOURS[2], (0, 1), "predicted limit of plain Uzawa"),
-    "log10_tool_limit": ("black", (-1, 0), "predicted limit of the tool"),
+    "log10_tool_limit": ("black", (-1, 0), "predicted limit of unilateral solve"),
 }
 STEP, STRIP, TOP, FOOT = 1.32, 0.44, 0.1, 1.6
 LEFT, STRIP_WIDTH = (0.35, 8.85), 7.8

@@ -1,4 +1,4 @@
-"""The inf-sup constant over h/H, and over the number of boundary edges that the cells of T_H see."""
+"""The inf-sup constant over h/H, and over delta of Theorem 5: how far inside its cell a mesh node lies."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
@@ -14,7 +15,16 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from unilateral.study import tables
 from unilateral.study.figures import style
 
-PER_PAIR = ["h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle", "beta_lower", "beta_upper"]
+PER_PAIR = [
+    "h_over_H",
+    "edges_per_cell",
+    "cell_over_edge",
+    "smallest_angle",
+    "delta",
+    "alpha_1",
+    "beta_lower",
+    "beta_upper",
+]
 PLACES = {"uniform": (1.25, 5.35, 0.1), "local": (7.3, 4.55, 6.95), "worst": (12.3, 4.55, 11.95)}
 """Centimetres: where the axes begin, how wide they are, where the key of a kind begins."""
 TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
@@ -54,30 +64,29 @@ def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str,
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
-    """beta of uniform meshes over h/H; beta of all over h/H, and over the fewest edges per cell.
+    """beta of uniform meshes over h/H; beta of all over h/H, and over delta.
 
     Columns: scene, label (a line or a marker each), kind (uniform, local, worst), H, h_over_H,
-    edges_per_cell (the smallest over the cells), beta_lower, beta_upper; and, for the note, widest (largest
+    delta (the smallest over the cells), beta_lower, beta_upper; and, for the note, widest (largest
     beta_upper/beta_lower - 1), if known.
     """
     data = style.read(csv_path)
-    data = data.assign(cells_per_edge=1 / data["edges_per_cell"])
     looks = {kind: _looks(kind, data) for kind in TITLES}
     data = data.sort_values("h_over_H", kind="stable")
     rows = max(len(looks["uniform"]), len(looks["local"]) + 1, len(looks["worst"]))
     bottom = 2.45 + 0.44 * rows
     with style.figure_in(svg_path, bottom + 5.85) as figure:
         panels = (style.axes_at(figure, x, bottom, width, 5.2) for x, width, _ in PLACES.values())
-        uniform, ratio, local = panels
+        uniform, ratio, inner = panels
         _uniform(uniform, data, looks["uniform"])
-        for axes, x in ((ratio, "h_over_H"), (local, "cells_per_edge")):
+        for axes, x in ((ratio, "h_over_H"), (inner, "delta")):
             _all_kinds(axes, data, looks, x)
-        _ratio_axis(uniform, data[data["kind"] == "uniform"], "h_over_H")
-        _ratio_axis(local, data, "cells_per_edge")
+        _ratio_axis(uniform, data[data["kind"] == "uniform"])
+        _delta_axis(inner)
         _log_axis(ratio, data["h_over_H"])
         uniform.set(title="uniform meshes", xlabel="$h/H$", ylabel=r"$\beta$")
         ratio.set(title="all, over the global ratio", xlabel="$h/H$")
-        local.set(title="all, over the local one", xlabel="$1$ / (fewest edges per cell)")
+        inner.set(title=r"all, over $\delta$ of Theorem 5", xlabel=r"$\delta$")
         for kind, (_, _, left) in PLACES.items():
             handles = [style.key(label, **look) for label, look in looks[kind].items()]
             if kind == "local":
@@ -120,8 +129,9 @@ def _all_kinds(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, style.
     axes.tick_params(labelleft=False)
 
 
-def _ratio_axis(axes: Axes, rows: pd.DataFrame, x: str) -> None:
-    """From 0 to a little over 1, if all that lies beyond is 0."""
+def _ratio_axis(axes: Axes, rows: pd.DataFrame) -> None:
+    """h/H from 0 to a little over 1, if all that lies beyond is 0."""
+    x = "h_over_H"
     beyond = rows[rows[x] > LAST]
     cut = (beyond["beta_upper"] < UNSEEN).all()
     axes.set_xlim(0, LAST if cut else 1.05 * rows[x].max())
@@ -133,6 +143,15 @@ def _ratio_axis(axes: Axes, rows: pd.DataFrame, x: str) -> None:
         axes.text(LAST - 0.03, 0.1, text, ha="right", va="bottom", fontsize=style.SMALL)
         arrow = {"arrowstyle": "-|>", "lw": 0.8, "color": "black", "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (LAST - 0.02, 0.06), (LAST - 0.22, 0.06), arrowprops=arrow)
+
+
+def _delta_axis(axes: Axes) -> None:
+    """From 0 to 1/2, with the bound of claim T.node."""
+    delta = np.linspace(0, 0.5)
+    axes.plot(delta, 2 * delta * (1 - delta), color="0.25", lw=0.8, ls=(0, (4, 2)), zorder=1)
+    axes.text(0.24, 0.29, r"$2\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
+    axes.set_xlim(-0.012, 0.512)
+    _beta_axis(axes)
 
 
 def _log_axis(axes: Axes, x: pd.Series) -> None:

@@ -20,10 +20,14 @@ from unilateral.study.figures import style
 from unilateral.study.judge import surfaces
 
 Array = NDArray[np.float64]
-TITLES = {**style.NORMS, "consistency": r"consistency term $\langle\Pi_H\lambda,\,u-g\rangle$"}
+TITLES = {
+    "discrete": r"$D=\Vert z_h-u_h\Vert_1$ over $H$, at a fixed $h$",
+    **{norm: f"{style.NORMS[norm]}, at $H=2h$" for norm in ("hm12", "l2")},
+    "consistency": r"consistency term $\langle\Pi_H\lambda,\,u-g\rangle$",
+}
 COLUMNS = ["kind", "norm", "alpha", "gamma", "rate", "before", "jj"]
 HEIGHT = 15.3
-PLACES = {"h1": (1.2, 9.75), "hm12": (9.8, 9.75), "l2": (1.2, 3.15), "consistency": (9.8, 3.15)}
+PLACES = {"discrete": (1.2, 9.75), "hm12": (9.8, 9.75), "l2": (1.2, 3.15), "consistency": (9.8, 3.15)}
 STEP = 1.7
 """Points between markers of different gamma at one alpha, which else would hide each other."""
 PREDICTED: style.Look = {"color": "black", "lw": 0.9}
@@ -33,21 +37,30 @@ ATTAINED: style.Look = {"marker": "o", "ms": 8.5, "mfc": "none", "mec": "black",
 FAILS: style.Look = {"fc": "0.93", "lw": 0}
 
 
-def table(rates: style.FilePath) -> pd.DataFrame:
-    """Rows by `kind`, in each norm and of the consistency term.
+def table(rates: style.FilePath, fixed: style.FilePath) -> pd.DataFrame:
+    """Rows by `kind`, of D over H at a fixed h, and at H = 2h of lambda's errors and the consistency term.
 
-    `measured`: the finest pair's rate with that of the pair `before`, per alpha and gamma, and whether (jj)
-    holds; `predicted`: points of the predicted lines, a line per gamma for the consistency term; `left`: of
-    what the proof leaves; `proved`: ends of the theorem's line; `attained`: where predicted lines meet it.
+    `measured`: the finest pair's rate with that of the pair `before`, of D that over all levels, per alpha
+    and gamma, and whether (jj) holds; `predicted`: points of the predicted lines, a line per gamma for the
+    consistency term; `left`: of what the choice Pi_H lambda leaves of D; `proved`: ends of Theorem 4.1's
+    line; `attained`: where predicted lines meet it.
     """
     found, parts = tables.load(rates), []
     for norm in TITLES:
-        rate = found["consistency_rate"] if norm == "consistency" else found["rate"].sel(norm=norm, drop=True)
-        measured = xr.Dataset({"rate": rate.isel(pair=-1), "before": rate.isel(pair=-2), "jj": found["jj"]})
+        measured = _of_D(tables.load(fixed)) if norm == "discrete" else _of_pairs(found, norm)
         rows = measured.to_dataframe(["alpha", "gamma"]).reset_index().assign(kind="measured")
         theory = _theory(norm, found["alpha"].values, found["gamma"].values)
         parts.append(pd.concat([rows, *theory]).assign(norm=norm))
     return pd.concat(parts)[COLUMNS]
+
+
+def _of_D(found: xr.Dataset) -> xr.Dataset:
+    return xr.Dataset({"rate": surfaces.over_all_levels(found, "discrete"), "jj": found["jj"]})
+
+
+def _of_pairs(found: xr.Dataset, norm: str) -> xr.Dataset:
+    rate = found["consistency_rate"] if norm == "consistency" else found["rate"].sel(norm=norm, drop=True)
+    return xr.Dataset({"rate": rate.isel(pair=-1), "before": rate.isel(pair=-2), "jj": found["jj"]})
 
 
 def _theory(norm: str, alphas: Array, gammas: Array) -> Iterator[pd.DataFrame]:
@@ -63,18 +76,18 @@ def _theory(norm: str, alphas: Array, gammas: Array) -> Iterator[pd.DataFrame]:
     yield pd.DataFrame({"kind": "attained", "alpha": [0.0], "rate": proved})
     bends = np.unique([*alphas, 0.0, surfaces.bend(norm)])
     yield pd.DataFrame({"kind": "predicted", "alpha": bends, "rate": surfaces.predicted(norm, bends)})
-    for gamma in gammas:
+    for gamma in gammas if norm == "discrete" else ():
         x = np.unique([*bends, np.clip(surfaces.bend_left(norm, gamma), min(alphas), max(alphas))])
         rate = surfaces.left_by_proof(norm, x, gamma)
         yield pd.DataFrame({"kind": "left", "alpha": x, "gamma": gamma, "rate": rate})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
-    """Rates over alpha in the three norms and of the consistency term, a colour and marker per gamma.
+    """Rates over alpha of D, lambda's errors and the consistency term, a colour and marker per gamma.
 
-    Columns: kind (measured, predicted, left, proved, attained), norm (h1, hm12, l2, consistency), alpha,
-    gamma (empty for lines of all gamma), rate; of measured rates also before (that of the pair before) and
-    jj (0, 1: whether (jj) holds).
+    Columns: kind (measured, predicted, left, proved, attained), norm (discrete, hm12, l2, consistency),
+    alpha, gamma (empty for lines of all gamma), rate; of measured rates also before (that of the pair before,
+    empty for D) and jj (0, 1: whether (jj) holds).
     """
     data = style.read(csv_path)
     gammas = np.unique(data.loc[data["kind"] == "measured", "gamma"]).tolist()
@@ -108,7 +121,8 @@ def _measured(
     for i, (gamma, look) in enumerate(looks.items()):
         shift = ScaledTranslation((i - 0.5 * (len(looks) - 1)) * aside, 0, figure.dpi_scale_trans)
         beside, of_gamma = axes.transData + shift, rows[rows["gamma"] == gamma]
-        ends = of_gamma["alpha"], of_gamma["rate"], of_gamma["before"]
+        paired = of_gamma.dropna(subset="before")
+        ends = paired["alpha"], paired["rate"], paired["before"]
         axes.vlines(*ends, color=look["color"], lw=0.9, transform=beside, zorder=3)
         for holds, part in of_gamma.groupby("jj"):
             face, place = look["color"] if holds else "white", (part["alpha"], part["rate"])
@@ -136,14 +150,14 @@ def _key(figure: Figure, looks: dict[float, style.Look]) -> None:
     ]
     measured.append(style.key("(jj) fails", ls="", ms=4.6, marker="o", color="0.25", mfc="white"))
     lines = [
-        style.key("predicted", **PREDICTED),
-        style.key(r"$m+c^{1/2}$ in the proof, by $\gamma$", color="0.25", **LEFT),
-        style.key("proved by Theorem 4.1", **PROVED),
+        style.key("Theorems 2 and 4", **PREDICTED),
+        style.key(r"what $\mu_H=\Pi_H\lambda$ gives, by $\gamma$", color="0.25", **LEFT),
+        style.key("Theorem 4.1 (1980)", **PROVED),
         style.key(r"where it is attained: $\alpha\to 0$", **ATTAINED),
         Patch(label=r"$\alpha\leq 0$: (j) fails", **FAILS),
     ]
     space = {"labelspacing": 0.45, "columnspacing": 1.4, "handlelength": 1.9}
-    style.legend(figure, measured, 1.0, 2.0, ncols=2, **space)
-    style.legend(figure, lines, 6.7, 2.0, ncols=2, **space)
-    note = "Markers: rates of the finest pair of levels, side by side at one $\\alpha$;"
-    style.note(figure, f"{note} bars: to the rate of the pair before.", 1.0, 0.25)
+    style.legend(figure, measured, 1.0, 2.0, ncols=3, **space)
+    style.legend(figure, lines, 7.9, 2.0, ncols=2, **space)
+    note = "Markers, side by side at one $\\alpha$: rates of the finest pair of levels, of $D$ over all"
+    style.note(figure, f"{note} levels; bars: to the pair before.", 1.0, 0.25)

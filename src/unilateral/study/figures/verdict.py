@@ -37,8 +37,9 @@ BEGINNINGS = {
 
 
 def table(claims: style.FilePath) -> pd.DataFrame:
-    """One row per claim: id, title, kind of its verdict, margin, within the limits of the axis."""
-    found = pd.DataFrame(records.read(claims))
+    """One row per claim that has a check: id, title, kind of its verdict, margin, within the axis' limits."""
+    measured = [each for each in records.read(claims) if not each["verdict"].startswith(records.UNMEASURED)]
+    found = pd.DataFrame(measured)
     margin = found["margin"].astype(float).fillna(records.LEAST).clip(records.LEAST, records.PLENTY)
     return found[["id", "title"]].assign(kind=found["verdict"].map(_kind), margin=margin)
 

@@ -9,15 +9,23 @@ from typing import Any
 
 from unilateral.errors import StorageError
 
-FAILS, UNJUDGED = "fails", "not judged"
-"""Verdicts that no document may rest on; the second one goes on with its reason."""
+FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
+"""Verdicts that no document may rest on; the last two go on with their reasons."""
+ORIGINS = {
+    "derived": "derived",
+    "tolerance": "derived up to a tolerance",
+    "taken": "taken from another source",
+    "before": "set before values were known",
+    "after": "set after values had been seen",
+}
+"""Where a required number comes from, by a short name: so a claim's source begins, before a colon."""
 LEAST, PLENTY = 1e-4, 10.0
 """Margins below and above are told as these."""
 
 
 def holds(verdict: str) -> bool:
     """Whether a sentence may rest on a claim with that verdict."""
-    return not verdict.startswith((FAILS, UNJUDGED))
+    return not verdict.startswith((FAILS, UNJUDGED, UNMEASURED))
 
 
 def read(path: str | os.PathLike[str]) -> Any:
@@ -29,3 +37,8 @@ def read(path: str | os.PathLike[str]) -> Any:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError:
         raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
+
+
+def origin(source: str) -> str:
+    """The short name of where the number comes from. Raises KeyError for a source that does not begin so."""
+    return {text: name for name, text in ORIGINS.items()}[source.partition(":")[0]]

@@ -27,12 +27,11 @@ from unilateral.geometry.partition import Partition, from_points, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import infsup
-from unilateral.norms.resolution import resolution
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
+from unilateral.study.runs.stability import constants
 
 Row = dict[str, float]
 
@@ -115,14 +114,16 @@ def _errors(problem: Case | Problem, solution: Solution) -> Row:
 
 
 def stability(mesh: Mesh, cells: Partition) -> Row:
-    """The constants of (3.4), how finely the mesh resolves its cells, and beta with an edge in each cell.
+    """The `constants` of a mesh and its cells, and beta with an edge in each cell.
 
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
     edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh)
     gram = dual_norm(edges).gram()
-    found, of_edges = (infsup(mixed_spaces(condensed, of).operator, gram.on(of).p0) for of in (cells, edges))
-    return resolution(mesh, cells)._asdict() | found._asdict() | {"beta_of_edges": of_edges.beta_upper}
+    found, of_edges = (
+        constants(mesh, of, mixed_spaces(condensed, of).operator, gram.on(of).p0) for of in (cells, edges)
+    )
+    return found | {"beta_of_edges": of_edges["beta_upper"]}
 
 
 def together(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:

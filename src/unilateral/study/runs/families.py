@@ -1,9 +1,9 @@
 """Families of partitions and of boundary nodes, declared as plain mappings as the configuration holds them.
 
 A partition is one of {H}, {H, shift}, {H, grading}, {H, spread, seed}, {counts}, {points}. Boundary nodes
-are one of {kind: follow}, {kind: equal}, {kind: graded, grading}, {kind: random, spread, seed}, {nodes}; a
-mesh is one of these or {kind: structured}. Numbers may be formulas such as 1/16. `config` refuses any other
-mapping.
+are one of {kind: follow}, {kind: equal}, {kind: graded, grading}, {kind: random, spread, seed},
+{kind: inner}, {kind: inner, ends}, {kind: inner, seed}, {nodes}; a mesh is one of these or
+{kind: structured}. Numbers may be formulas such as 1/16. `config` refuses any other mapping.
 """
 
 from __future__ import annotations
@@ -50,17 +50,22 @@ def partition_of(polygon: Polygon, spec: Spec) -> Partition:
     return uniform(polygon, H)
 
 
-def boundary_nodes(partition: Partition, spec: Spec, edges_per_cell: object) -> Array:
-    """(nb,) arc lengths of mesh nodes; a side with m cells has n = max(1, round(edges_per_cell m)) edges.
+def boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
+    """(nb,) arc lengths of mesh nodes; a side with m cells has n = max(1, round(size m)) edges, unless inner.
 
     `follow` places node j of n as the point j m / n of the partition's, linear between its points, so that
     every cell has the same number of edges; `equal`, `graded` and `random` divide the sides as partitions
-    do; {nodes} are arc lengths from 0, the perimeter left out.
+    do; {nodes} are arc lengths from 0, the perimeter left out. `inner` puts one node into every cell, at the
+    share `size` of it from the end nearer to the middle of the side, and at half of a cell in the middle or
+    next to it; with a `seed` at random, that share or more from both ends. The ends of cells are nodes only
+    where `ends` says so.
     """
     if "nodes" in spec:
         return _reals(spec["nodes"], "boundary nodes: nodes")
+    if spec["kind"] == "inner":
+        return _inner(partition, real(size, "deltas"), spec)
     cells = np.bincount(partition.side, minlength=partition.polygon.n_sides)
-    counts = np.maximum(1, np.floor(real(edges_per_cell, "edges_per_cell") * cells + 0.5)).astype(np.intp)
+    counts = np.maximum(1, np.floor(real(size, "edges_per_cell") * cells + 0.5)).astype(np.intp)
     if spec["kind"] == "follow":
         return _followed(partition, cells, counts)
     divided = {"graded": _graded, "random": _random, "equal": lambda polygon, n, _: polygon.divided(n)}
@@ -68,19 +73,19 @@ def boundary_nodes(partition: Partition, spec: Spec, edges_per_cell: object) -> 
 
 
 def meshes_of(
-    polygon: Polygon, partitions: Sequence[Partition], specs: Sequence[Spec], edges_per_cell: object
+    polygon: Polygon, partitions: Sequence[Partition], specs: Sequence[Spec], size: object
 ) -> list[Mesh]:
     """The mesh of each partition of the polygon, one object for all that have the same boundary nodes.
 
-    {kind: structured}, its h = H / edges_per_cell; or a mesh by gmsh with the boundary nodes of `spec`.
+    {kind: structured}, its h = H / size; or a mesh by gmsh with the boundary nodes of `spec`.
     Raises InputError for nodes that are out of order, or without the vertices.
     """
     by_nodes, found = cache(lambda nodes: meshes.with_boundary(polygon, nodes)), []
     for partition, spec in zip(partitions, specs, strict=True):
         if spec.get("kind") == "structured":
-            found.append(structured(polygon, partition.H / real(edges_per_cell, "edges_per_cell")))
+            found.append(structured(polygon, partition.H / real(size, "edges_per_cell")))
         else:
-            found.append(by_nodes(tuple(boundary_nodes(partition, spec, edges_per_cell).tolist())))
+            found.append(by_nodes(tuple(boundary_nodes(partition, spec, size).tolist())))
     return found
 
 
@@ -88,6 +93,17 @@ def _followed(partition: Partition, cells: Counts, counts: Counts) -> Array:
     side, index = _indices(counts)
     place = (np.cumsum(cells) - cells)[side] + index * cells[side] / counts[side]
     return np.interp(place, np.arange(partition.n_cells + 1), partition.points)
+
+
+def _inner(partition: Partition, delta: float, spec: Spec) -> Array:
+    cells = np.bincount(partition.side)
+    side, number = _indices(cells)
+    beyond = 2 * number + 1 - cells[side]
+    share = np.where(np.abs(beyond) <= 1, 0.5, np.where(beyond < 0, 1 - delta, delta))
+    if "seed" in spec:
+        share = np.random.default_rng(spec["seed"]).uniform(delta, 1 - delta, partition.n_cells)
+    nodes = partition.points[:-1] + share * partition.lengths
+    return np.union1d(nodes, partition.points[:-1] if spec.get("ends") else partition.polygon.starts[:-1])
 
 
 def _graded(polygon: Polygon, counts: Counts, spec: Spec) -> Array:

@@ -1,8 +1,8 @@
-"""How sharp Theorem 4.1 is within a family: lambda ~ s_+^alpha and a gap ~ s_-^gamma at a transition.
+"""How sharp estimates are within a family: lambda ~ s_+^alpha and a gap ~ s_-^gamma at a transition.
 
 The transition is put at n places (k + 1/2)/n of a cell, the same on every level, and errors are averaged over
 them: a rate between levels is then not one of the position. u is a harmonic atom whose cutoff ends contact;
-on the exponents depends what the hypotheses (j) and (jj) say.
+on the exponents depends what the hypotheses (j) and (jj) say. Levels are of h and H together, or of H alone.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ import xarray as xr
 
 from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
-from unilateral.fem.condense import condense
+from unilateral.fem.condense import Condensed
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import pos
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import dual_norm
@@ -39,6 +38,9 @@ MEASURED = (
     "hm12_error_lower",
     "hm12_error_upper",
     "l2_error",
+    "discrete_error",
+    "ritz_means",
+    "held",
     "consistency",
     "algebraic_bound",
     "converged",
@@ -72,7 +74,7 @@ def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
 
 
 def measure(
-    mesh: Mesh,
+    condensed: Condensed,
     partition: Partition,
     at: Sequence[sympy.Expr],
     exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]],
@@ -80,8 +82,7 @@ def measure(
 ) -> xr.Dataset:
     """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
     alphas, gammas = exponents
-    polygon = mesh.polygon
-    condensed = condense(mesh)
+    mesh, polygon = condensed.mesh, condensed.mesh.polygon
     spaces = mixed_spaces(condensed, partition)
     family = [[transitions(polygon, x, alpha, gammas) for x in at] for alpha in alphas]
     of_u = [[members[0] for members in row] for row in family]
@@ -92,6 +93,7 @@ def measure(
     for a, row in enumerate(family):
         problems = ritz_projections(of_u[a], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
+            crossed = np.searchsorted(partition.points, polygon.arc_length(0, float(at[k]))) - 1
             for c, cells in enumerate(cell_means_of_gaps(members, partition)):
                 exact = Exact(replace(problem, case=members[c]), cells)
                 solution = solve(with_solution(spaces, exact), stop, beta)
@@ -103,6 +105,9 @@ def measure(
                     max(float(lower[0]), errors.hm12_discrete),
                     float(upper[0]),
                     errors.l2,
+                    errors.hm12_discrete,
+                    exact.ritz_means(spaces),
+                    float(solution.lambda_H[crossed] > 0),
                     cells.consistency,
                     solution.result.bound,
                     float(solution.result.converged),

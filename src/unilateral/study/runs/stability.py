@@ -11,28 +11,36 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.fem.condense import condense
-from unilateral.fem.spaces import SINGULAR, mixed_spaces
+from unilateral.fem.spaces import SINGULAR, DualOperator, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import InfSup, infsup, worst_multiplier
+from unilateral.norms.dual import Bounds, dual_norm
+from unilateral.norms.infsup import InfSup, cellwise, infsup, worst_multiplier
+from unilateral.norms.pairing import certified_cellwise, pairing_constant
 from unilateral.norms.resolution import Resolution, resolution
 from unilateral.study.runs.families import Spec, meshes_of
 
-OF_PAIR = ("h", "h_over_H", *Resolution._fields, *InfSup._fields)
+OF_PAIR = (
+    "h",
+    "h_over_H",
+    *Resolution._fields,
+    *InfSup._fields,
+    "beta_0_cellwise",
+    "beta_0_certified",
+    "pairing",
+)
 
 
-def survey(
-    partitions: Sequence[Partition], meshes: Sequence[Spec], edges_per_cell: Sequence[object]
-) -> xr.Dataset:
-    """The constants of (3.4) for partitions of one polygon, on meshes with so many boundary edges in a cell.
+def survey(partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object]) -> xr.Dataset:
+    """The constants of (3.4) for partitions of one polygon, on meshes of these sizes against their cells.
 
-    `meshes` holds the mapping of `families` that makes each partition's meshes. The dimension `mesh` counts
-    the numbers of edges. A mesh that several partitions have is condensed once. `worst` is the worst
-    multiplier, NaN where beta = 0 on more than one of them; `side` the side of each cell.
+    `meshes` holds the mapping of `families` that makes each partition's meshes; a size is the number of
+    boundary edges in a cell or, of inner nodes, delta. The dimension `mesh` counts the sizes. A mesh that
+    several partitions have is condensed once. `worst` is the worst multiplier, NaN where beta = 0 on more
+    than one of them; `side` the side of each cell.
     """
-    shape = (len(edges_per_cell), len(partitions))
+    shape = (len(sizes), len(partitions))
     longest = max(partition.n_cells for partition in partitions)
     values = {name: np.full(shape, np.nan) for name in OF_PAIR}
     worst = np.full((*shape, longest), np.nan)
@@ -42,14 +50,13 @@ def survey(
     for p, partition in enumerate(partitions):
         points[p, : len(partition.points)] = partition.points
         side[p, : partition.n_cells] = partition.side
-    for k, K in enumerate(edges_per_cell):
+    for k, size in enumerate(sizes):
         condensed = cache(condense)
-        on = meshes_of(partitions[0].polygon, partitions, meshes, K)
+        on = meshes_of(partitions[0].polygon, partitions, meshes, size)
         for p, (partition, mesh, gram) in enumerate(zip(partitions, on, grams, strict=True)):
             operator = mixed_spaces(condensed(mesh), partition).operator
-            sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            found = resolution(mesh, partition)._asdict() | infsup(operator, gram)._asdict()
-            for name, value in (sizes | found).items():
+            sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            for name, value in (sizes_of | constants(mesh, partition, operator, gram)).items():
                 values[name][k, p] = value
             if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
                 symmetries = _symmetries(mesh, partition, meshes[p])
@@ -61,6 +68,17 @@ def survey(
     H = [partition.H for partition in partitions]
     regularity = [partition.H_over_Hi_max for partition in partitions]
     return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
+
+
+def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Bounds) -> dict[str, float]:
+    """The constants of (3.4) and of Theorem 5 of one pair, and how finely the mesh resolves the cells."""
+    return {
+        **resolution(mesh, partition)._asdict(),
+        **infsup(operator, gram)._asdict(),
+        "beta_0_cellwise": cellwise(operator),
+        "beta_0_certified": certified_cellwise(mesh, partition),
+        "pairing": pairing_constant(mesh.s, partition),
+    }
 
 
 def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[NDArray[np.intp]]:

@@ -52,6 +52,7 @@ def collect(told: Sources) -> dict[str, str]:
     base = {"H_over_h": told.H_over_h, "coarsest": told.coarsest}
     frames = verdicts.claims_tables(told.claims) | {
         "rates": error_tables.rates(told.rates, real(study["judged_ratio"], "judged_ratio")),
+        "rates-by-case": error_tables.rates_by_case(told.rates, real(study["judged_ratio"], "judged_ratio")),
         "beta": error_tables.beta(told.pairs, ratios),
         "correlations": error_tables.correlations(told.pairs, RULE.smallest_angle),
         "floors": error_tables.floors(of["floors"]),

@@ -11,6 +11,7 @@ import xarray as xr
 
 from unilateral.study.judge.rates import NORMS
 from unilateral.study.judge.rates_table import smallest_rate
+from unilateral.study.judge.surfaces import taken_by_logarithm
 from unilateral.study.text.formats import cells, shown
 
 SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
@@ -20,6 +21,7 @@ MEASURES = {
     "edges_per_cell": "fewest boundary edges in a cell",
     "cell_over_edge": "smallest $H_i$ over the longest edge at it",
 }
+NOTHING = "–"
 ROUNDED = 1e-4
 """Relative, of the numbers in a committed table."""
 
@@ -52,6 +54,32 @@ def _rate(of: xr.Dataset) -> str:
     suffix = "" if verdict == "holds" else f", **{verdict}**"
     counted = "1 pair" if pairs == 1 else f"{pairs} pairs"
     return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({counted}){suffix}"
+
+
+def rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per case, the smallest rates of all scenes; none of a case that is nowhere judged."""
+    rows = []
+    for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
+        of = {
+            name: found.sel(case=case, h_over_H=ratio)
+            for name, found in scenes.items()
+            if case in found["case"]
+        }
+        shown_of = {
+            TITLES[norm]: _smallest([found.sel(norm=norm) for found in of.values()]) for norm in NORMS
+        }
+        if set(shown_of.values()) != {NOTHING}:
+            rows.append({"case": f"`{case}`", "scenes": ", ".join(of)} | shown_of)
+    return pd.DataFrame(rows)
+
+
+def _smallest(found: Sequence[xr.Dataset]) -> str:
+    judged = [of for of in found if of["verdict"].item() in ("holds", "fails")]
+    if not judged:
+        return "exact" if found[0]["verdict"].item() == "exact" else NOTHING
+    failed = any(of["verdict"].item() == "fails" for of in judged)
+    expected = max(float(of["expected"]) for of in judged)
+    return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
 
 
 FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
@@ -89,16 +117,27 @@ def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
 
 
+HELD = "positions with a multiplier in the transition's cell"
+
+
 def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFrame:
-    """Where, for alpha > 0, rates of the multiplier on the finest levels miss those predicted."""
+    """Where, for alpha > 0, rates of the multiplier on the finest levels miss those predicted.
+
+    In brackets what they would lack of a rate with the factor (1 + ln 1/H)^(1/2); and how many positions of
+    the transition have a multiplier in its cell on the finest level.
+    """
     missing = (found["predicted"] - found["rate"].isel(pair=-1)).where(found["alpha"] > 0, drop=True)
-    rows = []
+    taken, held, rows = 0.5 * taken_by_logarithm(found["H"].values)[-1], found["held"].isel(level=-1), []
     for alpha, gamma in itertools.product(missing["alpha"].values, missing["gamma"].values):
         here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
         if any(here[norm] > tolerances[norm] for norm in tolerances):
-            lacks = {TITLES[n]: f"{here[n]:.2f}" if here[n] > tolerances[n] else "–" for n in tolerances}
-            rows.append({"α": f"{alpha:g}", "γ": f"{gamma:g}"} | lacks)
-    return pd.DataFrame(rows, columns=["α", "γ", *(TITLES[norm] for norm in tolerances)])
+            lacks = {
+                TITLES[n]: f"{here[n]:.2f} ({here[n] - taken:.2f})" if here[n] > tolerances[n] else "–"
+                for n in tolerances
+            }
+            share = {HELD: f"{100 * float(held.sel(alpha=alpha, gamma=gamma)):.3g} %"}
+            rows.append({"α": f"{alpha:g}", "γ": f"{gamma:g}"} | lacks | share)
+    return pd.DataFrame(rows, columns=["α", "γ", *(TITLES[norm] for norm in tolerances), HELD])
 
 
 def beta(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:

@@ -12,12 +12,12 @@ import xarray as xr
 from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.text.formats import shown
 
-ALWAYS, NEVER, NO_TOOL = "–", "none", "no tool"
-TOLD = {RESCUED: "by the tool only"}
+ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
+TOLD = {RESCUED: "by another algorithm only"}
 
 
 def limits(table: xr.Dataset) -> pd.DataFrame:
-    """Per axis its range, the limits of plain Uzawa and of the tool, and the outcomes.
+    """Per axis its range, the limits of plain Uzawa and of `unilateral solve`, and the outcomes.
 
     Axes without limits on which all is right are left out; `unlimited` has them.
     """
@@ -28,7 +28,9 @@ def limits(table: xr.Dataset) -> pd.DataFrame:
         count = Counter(kinds(table)[points].tolist())
         row = _axis(table, name)
         row["limit of plain Uzawa: predicted, met at"] = _limits(of, "limit")
-        row["limit of the tool: predicted, met at"] = _limits(of, "tool_limit") if tooled else NO_TOOL
+        row["limit of `unilateral solve`: predicted, met at"] = (
+            _limits(of, "tool_limit") if tooled else NO_TOOL
+        )
         row["points"] = ", ".join(f"{many} {TOLD.get(kind, kind)}" for kind, many in count.items())
         rows.append(row)
     return pd.DataFrame(rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from unilateral.formulas.formula import real
 from unilateral.norms.resolution import RULE
 from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
+from unilateral.study.judge.records import ORIGINS, origin
 from unilateral.study.runs.cost.variants import REFRESH
 from unilateral.study.text import adaptive_tables, benchmark_tables, cost_tables, extremes_tables
 from unilateral.study.text.error_tables import ROUNDED
@@ -37,8 +38,9 @@ def collect(told: Sources) -> dict[str, Value]:
         {
             "study": {**told.study, "infsup": {"rule": RULE._asdict()}},
             "claims": {each["id"]: {"observed": each["observed"]} for each in told.claims}
-            | {"all": len(told.claims)},
-            "beta": beta(told.pairs, *RULE) | uniform_beta(told.pairs),
+            | ledger(told.claims),
+            "beta": beta(told.pairs, *RULE) | uniform_beta(told.pairs) | inner_nodes(told.pairs),
+            "theorems": theorems({each["id"]: each["observed"] for each in told.claims}),
             "cost": recommended(of["case"], H_over_h, coarsest)
             | {
                 "enough_times": trade.ENOUGH,
@@ -59,6 +61,13 @@ def collect(told: Sources) -> dict[str, Value]:
     )
 
 
+def ledger(claims: Sequence[Mapping[str, Any]]) -> Group:
+    """How many claims have a check and how many have none, and where the required numbers come from."""
+    origins = Counter(origin(each["source"]) for each in claims if each["source"] is not None)
+    known = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
+    return known | {"thresholds": {name: origins[name] for name in ORIGINS}}
+
+
 def taken(measured: Mapping[str, float]) -> Group:
     """Minutes, and GB of memory and of the disk, from seconds and MB."""
     sizes = {name: measured[name] / 1024 for name in ("memory", "disk") if name in measured}
@@ -77,12 +86,13 @@ def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
 
 
 def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> Group:
-    """How many pairs keep the rule; the worst of those with flat triangles, and by edges per cell alone."""
+    """How many pairs keep the rule; the worst with flat triangles, and, of a search, by edges alone."""
     few = cell_over_edge * (1 - ROUNDED)
     flat_ones, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
+    searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
     worst = {
         name: of.nsmallest(1, "beta_upper").iloc[0]
-        for name, of in (("flat", pairs[fine & flat_ones]), ("edges", pairs[pairs["edges_per_cell"] >= few]))
+        for name, of in (("flat", pairs[fine & flat_ones]), ("edges", searched))
     }
     return {"kept": len(pairs[fine & ~flat_ones])} | {
         name: {"beta": float(of["beta_upper"]), "mesh": of["label"], "angle": float(of["smallest_angle"])}
@@ -96,6 +106,20 @@ def uniform_beta(pairs: pd.DataFrame) -> Group:
     below = (pairs["kind"] == "uniform") & (ratio < 1) & ~equal
     odd = pairs.loc[(pairs["scene"] == "betaodd") & equal, "beta_lower"]
     return {"uniform": float(pairs.loc[below, "beta_lower"].min()), "odd": odd.item()}
+
+
+def inner_nodes(pairs: pd.DataFrame) -> Group:
+    """How many pairs there are; the least beta at h = H with nodes in the middle of the cells."""
+    equal = np.isclose(pairs["h_over_H"], 1, rtol=ROUNDED) & np.isclose(pairs["delta"], 0.5, rtol=ROUNDED)
+    return {
+        "pairs": len(pairs),
+        "middle": float(pairs.loc[equal & (pairs["alpha_1"] == 1), "beta_lower"].min()),
+    }
+
+
+def theorems(observed: Mapping[str, float]) -> Group:
+    """By how much an exponent of Theorem 2 is missed at most, and how near Lemma 1 comes to its bound."""
+    return {"deficit": max(0.0, -observed["T.H"]), "slack": 1 - observed["T.D"]}
 
 
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> Group:

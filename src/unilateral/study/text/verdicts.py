@@ -41,6 +41,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
             "claim": each["id"],
             "statement": f"{each['statement']} [{_letters(each['where'])}]",
             **_numbers(each),
+            "sees": _sees(each["sees"]),
             "verdict": _letters(each["verdict"]),
         }
         rows.setdefault(f"claims-{each['section']}", []).append(row)
@@ -48,7 +49,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
-    """What is shown of the evidence; nothing of what is not judged."""
+    """What is shown of the evidence; nothing of what is not judged, or not to be measured."""
     if record["observed"] is None:
         return dict.fromkeys(("what counts", "observed", "margin"), NONE)
     return {
@@ -56,6 +57,11 @@ def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
         "observed": f"{_observed(record)} {record['expected']}".replace(">=", "≥").replace("<=", "≤"),
         "margin": NONE if _requires_0(record) else _percent(record["margin"]),
     }
+
+
+def _sees(part: str | None) -> str:
+    """Short, for a narrow column: a factor, or a part of the control."""
+    return part.replace("below", "<").removesuffix(" of the control") if part else NONE
 
 
 def _letters(text: str) -> str:

@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import eigh
 
 from unilateral.norms.dual import Gram
+from unilateral.norms.pairing import least_pairing_constant
 from unilateral.norms.resolution import fine, steep
-from unilateral.study.judge.checks.evidence import ZERO, Evidence, Tables, all_of, along_ratio, forms, worst
+from unilateral.study.judge.checks.evidence import (
+    ZERO,
+    Evidence,
+    Tables,
+    all_of,
+    along_ratio,
+    forms,
+    inverse_constant,
+    worst,
+)
 
 
 def values(
@@ -78,16 +87,21 @@ def closed_form(tables: Tables, scene: str) -> Evidence:
     return Evidence("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
 
 
-def inverse_estimate(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
-    """The constant C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by the largest eigenvalue."""
-    found = {}
+def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> Evidence:
+    """C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H) times beta_0: at most 1, for V_h is a part of H^1.
+
+    C is that of the norm from below, so not too small. The lines are the constants.
+    """
+    found, constants = {}, []
     for scene in scenes:
-        for cells, gram in forms(tables, scene):
-            top = len(cells.lengths) - 1
-            mass = np.diag(cells.H * cells.lengths)
-            largest = eigh(mass, gram.p0.lower, eigvals_only=True, subset_by_index=[top, top])[0]
-            found[f"{scene}, H = {cells.H:g}"] = float(np.sqrt(largest))
-    return worst(found, "the largest C", most, False)
+        errors = tables[f"{scene}/errors"]
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            at = np.isclose(errors["h_over_H"].values[:, k], 1 / H_over_h)
+            if at.any():
+                C, name = inverse_constant(cells, gram.p0.lower), f"{scene}, H = {cells.H:g}"
+                found[name] = C * float(errors["beta_0"].values[at, k].max())
+                constants.append(f"  {name}: C = {C:.4g}")
+    return worst(found, f"the largest C beta_0 at H = {H_over_h:g}h", 1.0, False)._replace(lines=constants)
 
 
 def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:
@@ -99,6 +113,64 @@ def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:
         if kept.any():
             found[scene] = float(data["beta_lower"].values[kept].min())
     return worst(found, "the smallest beta", least, True)
+
+
+def inner_nodes(
+    tables: Tables,
+    scenes: Sequence[str],
+    variable: str,
+    least: float,
+    alpha_1: float,
+    smallest_angle: float,
+) -> Evidence:
+    """The smallest constant of Theorem 5 over 4 delta (1 - delta), which is 1 for nodes in the middle."""
+    found = {}
+    for scene in scenes:
+        data = tables[f"{scene}/infsup"]
+        delta = data["delta"]
+        regular = (data["alpha_1"] <= alpha_1) & (data["smallest_angle"] >= smallest_angle)
+        share = (data[variable] / (4 * delta * (1 - delta))).where((delta > 0) & regular)
+        if share.notnull().any():
+            found[scene] = float(share.min())
+    return worst(found, f"the smallest {variable} / (4 delta (1 - delta))", least, True)
+
+
+def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """The smallest pairing constant over the bound of Theorem 5's proof, where all cells have inner nodes."""
+    found = {}
+    for scene in scenes:
+        data = tables[f"{scene}/infsup"]
+        paired = data["delta"].values > 0
+        if paired.any():
+            bound = least_pairing_constant(data["delta"].values)
+            found[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
+    return worst(found, "the smallest singular value over its bound", 1 - ZERO, True)
+
+
+def certified(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """The smallest constant over its certified lower bound, where that is not 0."""
+    found = {}
+    for scene in scenes:
+        data = tables[f"{scene}/infsup"]
+        ratio = (data["beta_0_cellwise"] / data["beta_0_certified"]).where(data["beta_0_certified"] > 0)
+        if ratio.notnull().any():
+            found[scene] = float(ratio.min())
+    return worst(found, "the smallest constant over its bound", 1 - ZERO, True)
+
+
+def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
+    """How far the orders of beta from one H to the next are from 1: at delta = H, and at the least delta."""
+    data = tables[f"{scene}/infsup"]
+    H, delta = data["H"].values, data["delta"].values
+    found: dict[str, float] = {}
+    for name, mesh in (
+        ("delta = H", np.abs(delta - H).argmin(axis=0)),
+        ("least delta", delta.argmin(axis=0)),
+    ):
+        beta = data["beta_lower"].values[mesh, np.arange(len(H))]
+        orders = np.diff(np.log(beta)) / np.diff(np.log(H))
+        found |= {f"{name}, H = {size:g}": abs(p - 1) for size, p in zip(H[1:], orders, strict=True)}
+    return worst(found, "how far an order of beta is from 1", tolerance, False)
 
 
 def edges_alone(tables: Tables, scene: str, edges_per_cell: float, most: float) -> Evidence:

@@ -1,0 +1,19 @@
+"""What the abstract bounds of section 4 are made of: forms of the dual norm, and means of the gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import xarray as xr
+
+from unilateral.geometry.partition import Partition
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import cell_means
+from unilateral.problems.case import Case
+
+
+def dual_forms(partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
+    """The forms that bound ||.||_{-1/2}, see `Gram`, and the cell means of u - g, (case, cell)."""
+    forms = dual_norm(partition, cases).gram(cases).table(cases)
+    gaps = [cell_means(case, partition).gap_means for case in cases]
+    return forms.assign(gap_means=(("case", "cell"), gaps))

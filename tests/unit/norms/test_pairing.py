@@ -1,0 +1,126 @@
+"""The pairing of Theorem 5: by the matrix B of all boundary nodes, and by hand on equal cells."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import named, square
+from unilateral.geometry.structured import structured
+from unilateral.norms.infsup import cellwise
+from unilateral.norms.pairing import (
+    certified_cellwise,
+    extended,
+    least_pairing_constant,
+    pairing,
+    pairing_constant,
+)
+from unilateral.norms.resolution import inner_nodes
+
+
+def between(s, nodes, period):
+    """(nb, m) values at arc lengths s of the hats of the nodes, linear and periodic."""
+    hats, places = np.eye(len(nodes)), np.concatenate([nodes - period, nodes, nodes + period])
+    return np.array([np.interp(s, places, np.tile(hat, 3)) for hat in hats]).T
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_pairing_is_that_of_traces_of_V_h(seed):
+    """Interpolated at all boundary nodes, vertices among them, a hat of V has B's integrals.
+
+    Up to rounding, for between two kept nodes a hat is linear: it is a trace of V_h.
+    """
+    rng, polygon = np.random.default_rng(seed), [square(), named("lshape")][seed % 2]
+    points = np.union1d(polygon.starts, rng.uniform(0, polygon.perimeter, 9))
+    cells = partitions.from_points(polygon, points)
+    inside = cells.points[:-1] + rng.uniform(0.1, 0.9, (3, cells.n_cells)) * cells.lengths
+    s = np.unique([*polygon.starts, *inside.ravel(), *(cells.points[1:4] if seed < 2 else [])])[:-1]
+    mesh = meshes.with_boundary(polygon, s)
+    nodes = inner_nodes(mesh.s, cells)[0]
+    B = coupling(mesh, cells) @ between(mesh.s[:-1], nodes, polygon.perimeter)
+    assert_allclose(pairing(nodes, cells), B / cells.lengths[:, None], atol=1e-13)
+
+
+@pytest.mark.parametrize("delta", [0.5, 0.3, 0.01])
+def test_on_equal_cells_alternating_values_are_the_worst(delta):
+    """M is circulant, 1 - r - l, r = (1 - delta)^2/2, l = delta^2/2; |its symbol| is least at -1."""
+    cells = partitions.uniform(square(), 1 / 4)
+    nodes = cells.points[:-1] + delta * cells.lengths
+    M = pairing(nodes, cells)
+    assert_allclose(M.sum(axis=1), 1, rtol=1e-14)
+    assert_allclose(M[0, [0, 1, -1]], [0.5 + delta - delta**2, (1 - delta) ** 2 / 2, delta**2 / 2])
+    found = pairing_constant(np.append(nodes, 4.0), cells)
+    assert found == pytest.approx(2 * delta * (1 - delta), rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [1, 30, 1e6])
+def test_the_bound_of_the_proof_holds_for_random_cells_and_nodes(ratio):
+    """By (6), whatever the lengths of the cells."""
+    rng, sides = np.random.default_rng(int(ratio)), square().starts
+    for _ in range(100):
+        of_side = ratio ** rng.random((4, 3))
+        ends = sides[:-1, None] + np.cumsum(of_side, axis=1) / of_side.sum(axis=1)[:, None]
+        cells = partitions.from_points(square(), np.append(0.0, ends.ravel()))
+        delta = rng.uniform(0.01, 0.5)
+        nodes = cells.points[:-1] + rng.uniform(delta, 1 - delta, 12) * cells.lengths
+        delta = inner_nodes(np.append(nodes, 4.0), cells)[1].min()
+        found = pairing_constant(np.append(nodes, 4.0), cells)
+        assert found >= least_pairing_constant(delta) == pytest.approx(delta / 4, rel=1e-14)
+
+
+def test_no_bound_holds_that_is_eight_times_as_large():
+    """Control: on equal cells the constant is 2 delta (1 - delta)."""
+    cells = partitions.uniform(square(), 1 / 4)
+    nodes = cells.points[:-1] + 0.01 * cells.lengths
+    assert pairing_constant(np.append(nodes, 4.0), cells) < 8 * least_pairing_constant(0.01)
+
+
+def test_there_is_no_pairing_where_a_cell_has_no_node_inside():
+    """A node at an end, up to round-off, is not inside."""
+    cells = partitions.uniform(square(), 1 / 2)
+    s = np.append(cells.points[:-1] + 0.25, 4.0)
+    s[2] = cells.points[2] + 1e-12
+    nodes, deltas = inner_nodes(s, cells)
+    assert (nodes[2], deltas[2]) == (cells.points[2], 0)
+    assert np.isnan(pairing_constant(s, cells))
+
+
+PAIRS = {
+    "two edges": lambda: (structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)),
+    "staggered": lambda: (structured(square(), 1 / 12), partitions.shifted(square(), 1 / 8, 0.3)),
+    "re-entrant": lambda: (
+        meshes.unstructured(named("lshape"), 0.2),
+        partitions.uniform(named("lshape"), 0.4),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_the_extended_hats_by_their_definition(name):
+    """At a boundary node the hat; inside the largest hat(b) - |x - b| / width over boundary nodes b, or 0."""
+    mesh, cells = PAIRS[name]()
+    nodes = inner_nodes(mesh.s, cells)[0]
+    hats = between(mesh.s[:-1], nodes, mesh.polygon.perimeter)
+    gaps = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
+    distance = np.linalg.norm(mesh.points[:, None] - mesh.points[mesh.boundary], axis=2)
+    width = np.minimum(gaps, np.roll(gaps, 1))
+    expected = np.max(hats - (distance[..., None] / width), axis=1).clip(0)
+    expected[mesh.boundary] = hats
+    assert_allclose(extended(mesh, nodes).toarray(), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_the_certified_constant_lies_below_the_one_by_solving_and_within_a_half(name):
+    """Below: by the proof. Control: without the energy, as sigma alone, it would not."""
+    mesh, cells = PAIRS[name]()
+    solved = cellwise(mixed_spaces(condense(mesh), cells).operator)
+    found = certified_cellwise(mesh, cells)
+    assert solved / 2 < found <= solved < pairing_constant(mesh.s, cells)
+
+
+def test_nothing_is_certified_where_a_cell_has_no_node_inside():
+    assert certified_cellwise(structured(square(), 1 / 4), partitions.uniform(square(), 1 / 4)) == 0
