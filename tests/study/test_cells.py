@@ -1,11 +1,14 @@
 """Infinitely many transitions on cells of many sizes: runs one by one, and the consistency term."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conftest import load
 from scipy.integrate import quad
+from scipy.special import beta
+from sympy import Rational as Q
 
 from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
@@ -13,7 +16,9 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import cell_means
+from unilateral.problems.certificate import certify
 from unilateral.solvers.stop import Stop
+from unilateral.study.runs.alternating import alternating
 from unilateral.study.runs.cells import measure
 
 STOP = Stop(fraction=0.01, max_steps=200_000, algorithm="nesterov")
@@ -72,6 +77,24 @@ def test_the_consistency_term_by_an_independent_sum(name, gamma):
     found = cell_means(case, uniform(square(), 1 / n)).consistency
     assert expected * (1 - 1e-7) <= found <= 1.01 * expected
     assert not expected <= n * flux @ integrals(atom.family, gamma + 0.1, n, 1) <= 1.01 * expected
+
+
+@pytest.mark.parametrize("gamma", [Q(1, 2), Q(3, 2)])
+def test_contact_and_a_gap_alternate(gamma):
+    """On each cell between 1/4 and 3/4; by hand the integrals are those of Beta functions, with l = H/2.
+
+    Of lambda l^(alpha+1) B((alpha+1)/2, 5)/2, of the gap l^(gamma+1) B(gamma+1, gamma+1). Control: cells
+    that keep both apart.
+    """
+    (case,) = alternating(square(), Q(1, 8), Q(1, 2), [gamma])
+    declared = {"hypotheses": {"j": True, "jj": bool(gamma >= 1), "jjj": True}}
+    found = certify(replace(case, declaration=declared))
+    np.testing.assert_allclose(found.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], atol=1e-14)
+    flux = (1 / 16) ** 1.5 * beta(0.75, 5) / 2
+    of_gap = (1 / 16) ** float(gamma + 1) * beta(float(gamma + 1), float(gamma + 1))
+    expected = 4 * flux * of_gap * 8
+    assert cell_means(case, uniform(square(), 1 / 8)).consistency == pytest.approx(expected, rel=1e-10)
+    assert cell_means(case, uniform(square(), 1 / 16)).consistency < 1e-12 * expected
 
 
 def test_cases_with_another_u_are_refused():

@@ -389,6 +389,16 @@ def test_exponents_of_errors_that_were_not_found_are_not_judged():
     assert made_is("of D$", transitions.exponents, on_cells(converged=0.0), *given)
 
 
+def test_rates_where_each_cell_has_contact_and_a_gap():
+    """1/2 and 1 over factors of 4, where (1/4 + 3/4)/2 is 1/2."""
+    errors = np.array([[1.0, 9], [1 / 2, 8], [1 / 8, 7]])
+    run = over(("partition", "gamma"), discrete_error=errors, algebraic_bound=0 * errors, converged=errors**0)
+    of = table(run, alpha=1 / 4, gamma=[3 / 4, 1], H=("partition", [1, 1 / 4, 1 / 16]))
+    assert made_is((0.5, False), transitions.attained, of, "a/errors", 0.75, 0.1)
+    of["a/errors"]["discrete_error"][2] = 1 / 4
+    assert made_is((0, True), transitions.attained, of, "a/errors", 0.75, 0.1)
+
+
 def test_the_way_from_what_is_proved_to_the_best_approximation():
     """3/4 is at (1/2 + 1)/2, and 5/8 at (1/2 + 3/4)/2; with tau = 1/4 it is 1/4 of 5/8 above 3/8."""
     of = on_cells()

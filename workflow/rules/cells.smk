@@ -7,6 +7,7 @@ rule cells:
         case_files(config["cells"]["cases"]),
     output:
         errors="results/cells/errors.nc",
+        alternating="results/cells/alternating.nc",
     log:
         "results/logs/cells.log",
     resources:

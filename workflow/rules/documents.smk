@@ -14,6 +14,7 @@ rule numbers:
         floors="results/square/floors.nc",
         sharpness="results/sharpness/rates.nc",
         cells="results/cells/errors.nc",
+        alternating="results/cells/alternating.nc",
         adapted="results/adaptive/errors.nc",
         adapted_rates="results/adaptive/rates.nc",
         adapted_beta="results/adaptive/infsup.nc",

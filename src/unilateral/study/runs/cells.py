@@ -38,7 +38,10 @@ def measure(mesh: Mesh, cases: Sequence[Case], sizes: Sequence[float], period: i
     ritz = ritz_projection(cases[0], condensed)
     H = np.array(sizes)[:, None] / [1.0, period]
     found = np.array(
-        [[_on(condensed, cases, ritz, uniform(mesh.polygon, size), stop) for size in row] for row in H]
+        [
+            [on_partition(condensed, cases, ritz, uniform(mesh.polygon, size), stop) for size in row]
+            for row in H
+        ]
     )
     table = {
         name: (("case", "start", "level"), found[..., k].T.swapaxes(1, 2)) for k, name in enumerate(MEASURED)
@@ -61,7 +64,7 @@ def _flux_order(case: Case, first: Case) -> float:
     return atom.flux_order
 
 
-def _on(
+def on_partition(
     condensed: Condensed, cases: Sequence[Case], ritz: RitzProjection, partition: Partition, stop: Stop
 ) -> Array:
     """(case, MEASURED) on one partition."""

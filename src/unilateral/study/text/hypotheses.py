@@ -13,7 +13,7 @@ import pandas as pd
 
 from unilateral.declarations import own
 from unilateral.formulas.formula import real
-from unilateral.study.judge.checks.transitions import exponent
+from unilateral.study.judge.checks.transitions import exponent, rates
 from unilateral.study.judge.rates_table import smallest_rate
 from unilateral.study.text.formats import shown
 from unilateral.study.text.numbers import uniform_beta
@@ -25,7 +25,8 @@ HEADS = {"hypothesis": "hypothesis", "used": "used in 1980", "needed": "needed?"
 def numbers(told: Sources) -> dict[str, float]:
     """Exponents without one hypothesis or two, of u in H1 and of D over H; and beta where h/H is not small.
 
-    `proved` is that of D by Theorem 1 where (jj) and (jjj) fail.
+    `proved` is that of D by Theorem 1 where (jj) and (jjj) fail. In `alternating` each cell has contact
+    and a gap.
     """
     ratio = real(told.study["judged_ratio"], "judged_ratio")
     of_u = {
@@ -38,6 +39,7 @@ def numbers(told: Sources) -> dict[str, float]:
     return {
         **of_u,
         "cantor": min(over_H["cantor_2"], over_H["cantor_1.5"]),
+        "alternating": float(rates(told.tables["alternating"].sel(gamma=0.5)).min()),
         "violates_jj_jjj": over_H["violates_jj_jjj"],
         "proved": float(rough["flux_order"] + rough["gap_order"]) / 2,
         "uniform": uniform_beta(told.pairs)["uniform"],

@@ -24,6 +24,7 @@ TABLES = (
     "floors",
     "sharpness",
     "cells",
+    "alternating",
     "adapted",
     "adapted_rates",
     "adapted_beta",

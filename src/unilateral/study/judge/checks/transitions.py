@@ -44,6 +44,15 @@ def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evid
     return provided(worst(found, quantity, most, False), _faults(data))
 
 
+def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
+    """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2: contact and a gap in each cell."""
+    data = tables[table].sel(gamma=gamma)
+    distance = abs(rates(data) - (float(data["alpha"]) + gamma) / 2)
+    found = {f"from H = {H:g}": float(each) for H, each in zip(data["H"].values, distance, strict=False)}
+    quantity = "the distance of a rate of D from (sigma + tau)/2"
+    return provided(worst(found, quantity, most, False), _faults(data))
+
+
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: float) -> Evidence:
     """Where the exponent of D lies between (sigma + tau)/2, at 0, and sigma + 1/2, at 1."""
     data = tables[table].sel(case=list(cases))
@@ -52,6 +61,12 @@ def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: floa
     found = {case: float((each - low) / (high - low)) for (case, each), low, high in pairs}
     quantity = "the exponent of D, on the way from (sigma + tau)/2 to sigma + 1/2"
     return provided(worst(found, quantity, least, True), _faults(data))
+
+
+def rates(data: xr.Dataset) -> NDArray[np.float64]:
+    """Those of D over neighbouring partitions."""
+    error, H = np.log(data["discrete_error"].values), np.log(data["H"].values)
+    return np.diff(error) / np.diff(H)
 
 
 def exponent(data: xr.Dataset, variable: str) -> dict[str, float]:
