@@ -24,7 +24,7 @@ KINDS = {
     "holds; the rate is larger, so sharp as alpha -> 0": "holds, and is sharp",
     "needs h/H small": "needs a condition that is left out",
     "is an error of the source": "is an error of the source",
-    "is supported by every run": "supported beyond the paper",
+    "is supported by every run": "supported by numbers",
     "fails": "fails",
 }
 

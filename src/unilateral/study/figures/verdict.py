@@ -20,7 +20,7 @@ KINDS = {
     "holds, and is sharp": ("s", style.COLOURS[2]),
     "needs a condition that is left out": ("^", style.COLOURS[1]),
     "is an error of the source": ("X", "black"),
-    "supported beyond the paper": ("D", style.COLOURS[3]),
+    "supported by numbers": ("D", style.COLOURS[3]),
     "not contradicted": ("v", style.COLOURS[6]),
     "not judged": ("P", "red"),
     "fails": ("*", "red"),
@@ -30,7 +30,7 @@ BEGINNINGS = {
     records.UNJUDGED: "not judged",
     "is an error": "is an error of the source",
     "needs": "needs a condition that is left out",
-    "is supported": "supported beyond the paper",
+    "is supported": "supported by numbers",
     "is not contradicted": "not contradicted",
 }
 """Kinds by how a verdict begins; of others it counts whether they say `sharp`."""
