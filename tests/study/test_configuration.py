@@ -196,8 +196,8 @@ def test_defaults_are_filled_in():
         ("extremes.axes.ratio.values", [1, -1]),
         ("extremes.axes.ratio.steps", 3),
         ("extremes.axes", {}),
-        ("figures.natural.parameters.levels", 3),
-        ("figures.natural.parameters.H", REMOVED),
+        ("figures.solution.parameters.levels", 3),
+        ("figures.solution.parameters.H", REMOVED),
         ("rates.judged_ratio", "0"),
         ("rates.norms.h1.bound.reference", "h"),
         ("rates.norms.energy", {}),
@@ -275,10 +275,6 @@ SAID = [
     (
         ("rates.cases.vertex", REMOVED),
         "rates.cases: there is no 'vertex'; add it, for scene 'irregular' has that case",
-    ),
-    (
-        ("figures.natural.parameters.case", "violates_j"),
-        "figures.natural.parameters.case: case 'violates_j' is for lshape, not for 'square'",
     ),
     (
         ("figures.grid_square.parameters.cases", ["rough"]),

@@ -11,7 +11,13 @@ from unilateral.study import resources
 
 FILES = ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
 PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
-WILDCARD = {"cost_runs": "job", "survey": "survey", "figure": "figure", "deep_level": "level"}
+WILDCARD = {
+    "cost_runs": "job",
+    "survey": "survey",
+    "figure": "figure",
+    "deep_level": "level",
+    "typeset": "paper",
+}
 NOT_IN_ALL = {"deep_level", "deep_levels"}
 
 
