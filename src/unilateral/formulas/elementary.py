@@ -13,7 +13,7 @@ import sympy
 from unilateral.arrays import Array
 from unilateral.formulas import interval
 from unilateral.formulas.formula import pos
-from unilateral.formulas.interval import Interval
+from unilateral.formulas.interval import QUIET, Interval
 from unilateral.formulas.positive import rounded
 from unilateral.formulas.taylor import (
     EPS,
@@ -25,6 +25,7 @@ from unilateral.formulas.taylor import (
     number,
     series,
     settled,
+    upward,
 )
 
 Function = Callable[[Model], Model]
@@ -33,8 +34,10 @@ Steps = Mapping[sympy.Expr, Array]
 
 OF_TANH = 1024 * EPS
 """The error of a Taylor coefficient: every step of the recursion at most doubles the error before it."""
-AROUND_TANH = math.tan(1.0)
-"""The largest |tanh| up to a distance of 1 from the real axis."""
+AROUND_TANH = 1.5575
+"""The largest |tanh| up to a distance of 1 from the real axis, tan 1 = 1.55740.., rounded up."""
+OF_EXPONENT = 1e-10
+"""More than what the rounding of an exponent up to 100 changes in a power, relatively: |log x| < 745."""
 
 
 def _around(a: Model) -> tuple[Array, Interval, int]:
@@ -47,12 +50,11 @@ def _factorials(n: int) -> Array:
     return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
 
 
+@QUIET
 def exp(a: Model) -> Model:
     at, values, n = _around(a)
     fact = _factorials(n)
-    with np.errstate(all="ignore"):
-        range_ = interval.exp(a.range)
-        return composed(a, np.exp(at) / fact[:-1], interval.exp(values)[1] / fact[-1], range_)
+    return composed(a, np.exp(at) / fact[:-1], interval.exp(values)[1] / fact[-1], interval.exp(a.range))
 
 
 def _wave(shift: int, range_of: Range) -> Function:
@@ -67,13 +69,12 @@ def _wave(shift: int, range_of: Range) -> Function:
 
 
 def _hyperbolic(first: Any, second: Any, range_of: Range) -> Function:
+    @QUIET
     def function(a: Model) -> Model:
         at, values, n = _around(a)
         fact = _factorials(n)
-        with np.errstate(all="ignore"):
-            found = np.stack([(first, second)[k % 2](at) for k in range(n + 1)]) / fact[:-1]
-            last = interval.cosh(values)[1] / fact[-1]
-            return composed(a, found, last, range_of(a.range))
+        found = np.stack([(first, second)[k % 2](at) for k in range(n + 1)]) / fact[:-1]
+        return composed(a, found, interval.cosh(values)[1] / fact[-1], range_of(a.range))
 
     return function
 
@@ -96,28 +97,29 @@ def _binomials(exponent: float, n: int) -> Array:
     return np.array(found)[:, None]
 
 
+@QUIET
 def _power_series(a: Model, exponent: float, range_: Interval) -> Model:
-    """a^exponent where a > 0, or a is not 0 and the exponent is whole and negative; elsewhere its range."""
+    """a^exponent where a > 0, or a is not 0 and the exponent is whole and negative; elsewhere its range.
+
+    The exponent is negative or fractional, so that no coefficient is 0.
+    """
     at, (low, high), n = _around(a)
     *found, next_ = _binomials(exponent, n)
-    either_sign = exponent < 0 and exponent == int(exponent)
-    with np.errstate(all="ignore"):
-        coefficients = np.array(found) * at ** (exponent - np.arange(n + 1)[:, None])
-        nearest = np.where(low > 0, low, -high if either_sign else np.nan)
-        farthest = np.maximum(np.abs(low), np.abs(high))
-        ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
-        last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends) if next_ else 0.0, np.inf)
-        # a fractional exponent is rounded, which counts log a times
-        error = (OF_FUNCTIONS + 4 * EPS * (n + abs(exponent)) * (1 + np.abs(np.log(np.abs(at))))) * np.abs(
-            coefficients
-        )
-        return composed(a, coefficients, (1 + 1e-12) * last, range_, error)
+    either_sign = exponent == int(exponent)
+    coefficients = np.array(found) * at ** (exponent - np.arange(n + 1)[:, None])
+    nearest = np.where(low > 0, low, -high if either_sign else np.nan)
+    farthest = np.maximum(np.abs(low), np.abs(high))
+    ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
+    last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends), np.inf)
+    # a fractional exponent is rounded, which counts log a times
+    logs = 1 + np.abs(np.log(np.abs(at)))
+    error = (OF_FUNCTIONS + 4 * EPS * (n + abs(exponent)) * logs) * np.abs(coefficients)
+    return composed(a, coefficients, (1 + OF_EXPONENT) * last, range_, error)
 
 
 def power(a: Model, n: int) -> Model:
     """a^n for a whole number n that is not 0."""
-    with np.errstate(all="ignore"):
-        values = interval.power(a.range, n)
+    values = interval.power(a.range, n)
     if n < 0:
         return _power_series(a, float(n), values)
     found = a
@@ -127,9 +129,9 @@ def power(a: Model, n: int) -> Model:
 
 
 def positive_power(a: Model, k: float) -> Model:
-    """a_+^k for k > 0. Where a >= -d has both signs it is a^k up to d^k, for a whole k, and in its range."""
+    """a_+^k for k != 0. Where a >= -d has both signs it is a^k up to d^k, for a whole k > 0, else in its range."""
     lower, upper = a.range
-    whole = k == int(k)
+    whole = k > 0 and k == int(k)
 
     def of_positive(a: Model) -> Model:
         values = interval.of_positive_part(a.range, k)
@@ -145,6 +147,7 @@ def positive_power(a: Model, k: float) -> Model:
     return by_part([(of_positive, known), (of_both, (upper > 0) & ~known)], a)
 
 
+@QUIET
 def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> Model:
     """r^beta cos(beta (theta - phase)), x + i y = r exp(i theta), for theta in [0, omega] and beta > 0.
 
@@ -154,15 +157,15 @@ def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> M
     n, turn = x.basis.order, np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
     z, sizes = (x.c + 1j * y.c) * turn, np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
-    with np.errstate(all="ignore"):
-        at, reach = np.abs(z[0]), np.abs(z[1:]).sum(axis=0) + rad
-        found, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
-        coefficients = found[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
-        error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
-        ratio = max(1.0, (beta - n - 1) / (n + 2)) * reach / at
-        last = np.where(ratio < 1, np.abs(found[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
-        c, rad = series(x.basis, (z, rad), coefficients, last, error)
-        most = interval.of_positive_part(interval.outward(at + reach, at + reach), beta)[1]
+    at, reach = np.abs(z[0]), np.abs(z[1:]).sum(axis=0) + rad
+    found, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
+    coefficients = found[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
+    error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
+    ratio = (1 + OF_EXPONENT) * max(1.0, (beta - n - 1) / (n + 2)) * reach / at
+    last = np.where(ratio < 1, np.abs(found[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
+    c, rad = series(x.basis, (z, rad), coefficients, (1 + OF_EXPONENT) * last, error)
+    reach = upward(x.basis, at + reach)
+    most = interval.of_positive_part((reach, reach), beta)[1]
     return settled(x.basis, c.real.copy(), rad, (-most, most))
 
 
@@ -209,7 +212,7 @@ def _operation(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Mo
     if e.func is not pos:
         return FUNCTIONS[e.func](a)
     k = float(e.args[1])
-    return positive_power(a, k) if k > 0 else _step(a)
+    return positive_power(a, k) if k else _step(a)
 
 
 def _step(a: Model) -> Model:

@@ -1,7 +1,8 @@
 """Interval arithmetic on arrays: every result contains all values, for the rounding goes outward.
 
-An interval is a pair (lower, upper) of arrays (k,). NumPy's sums and products are correctly rounded and its
-functions are off by at most four units in the last place; every result is widened by ULPS of them.
+An interval is a pair (lower, upper) of arrays (k,), which are infinite where a bound is not known, and never
+NaN. NumPy's sums and products are correctly rounded and its functions are off by at most four units in the last
+place, of subnormal numbers, too; every result is widened by ULPS of them.
 """
 
 from __future__ import annotations
@@ -22,8 +23,11 @@ EXPONENT = 2.0**-51
 """What rounds a fractional exponent, relatively, and the logarithm."""
 NEAR_EXTREMUM = 1e-12
 """Of an argument of sin or cos and 1: how far from an extremum it still counts as one."""
+QUIET = np.errstate(all="ignore")
+"""What overflows, or is NaN then, becomes an infinite bound."""
 
 
+@QUIET
 def outward(lower: Array, upper: Array) -> Interval:
     """Wider by the rounding; what overflows is at least LARGE."""
     lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
@@ -31,16 +35,18 @@ def outward(lower: Array, upper: Array) -> Interval:
     return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 
 
+@QUIET
 def total(a: Interval, b: Interval) -> Interval:
     return outward(a[0] + b[0], a[1] + b[1])
 
 
+@QUIET
 def product(a: Interval, b: Interval) -> Interval:
-    with np.errstate(over="ignore", invalid="ignore"):  # of infinite ends
-        found = [x * y for x in a for y in b]
+    found = [x * y for x in a for y in b]
     return outward(reduce(np.minimum, found), reduce(np.maximum, found))
 
 
+@QUIET
 def power(base: Interval, n: int) -> Interval:
     """base^n for a whole number n, infinite where n < 0 and the base may be 0."""
     lower, upper = base
@@ -61,8 +67,12 @@ def power(base: Interval, n: int) -> Interval:
     return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
 
 
+@QUIET
 def of_positive_part(base: Interval, k: float) -> Interval:
-    """base_+^k for k >= 0."""
+    """base_+^k; 0 where the base is 0, whatever the sign of k."""
+    if k < 0:
+        low, high = power(of_positive_part(base, -k), -1)
+        return np.where(base[0] > 0, np.maximum(low, 0.0), 0.0), np.where(base[1] > 0, high, 0.0)
     low, high = outward(*(positive_power(end, k) for end in base))
     spare = [np.full_like(end, PRODUCT * k) for end in base]
     if k != int(k):  # its rounding counts log of the base times
@@ -82,6 +92,7 @@ def cos(a: Interval) -> Interval:
     return _wave(np.cos, a, 0.0)
 
 
+@QUIET
 def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
     """sin or cos, whose maxima are at `crest` + 2 pi times whole numbers."""
     lower, upper = a
@@ -97,21 +108,25 @@ def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
     return np.where(holds(crest + np.pi), -1.0, low), np.where(holds(crest), 1.0, high)
 
 
+@QUIET
 def cosh(a: Interval) -> Interval:
     inside = (a[0] <= 0) & (a[1] >= 0)
     low, high = np.minimum(*np.cosh(a)), np.maximum(*np.cosh(a))
     return outward(np.where(inside, 1.0, low), high)
 
 
+@QUIET
 def exp(a: Interval) -> Interval:
     low, high = outward(np.exp(a[0]), np.exp(a[1]))
     return np.maximum(low, 0.0), high
 
 
+@QUIET
 def sinh(a: Interval) -> Interval:
     return outward(np.sinh(a[0]), np.sinh(a[1]))
 
 
+@QUIET
 def tanh(a: Interval) -> Interval:
     low, high = outward(np.tanh(a[0]), np.tanh(a[1]))
     return np.maximum(low, -1.0), np.minimum(high, 1.0)

@@ -6,7 +6,9 @@ On box j the variables are affine functions of sigma in [-1, 1]^d. A model says 
 
 with |alpha| <= n (Makino and Berz, 2003). Rounding is part of `rad`, and goes outward in the range. A
 polynomial that is not sharper than the range gives way to the range's midpoint, so that kinks and
-singularities end at their range. EPS bounds the rounding of one operation, twice over.
+singularities end at their range; so does one that overflows. EPS bounds the rounding of one operation, twice
+over, and TINY is added wherever numbers may underflow. Coefficients are finite, and `rad` is infinite where
+nothing is known (`settled`).
 """
 
 from __future__ import annotations
@@ -22,11 +24,11 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas import interval
-from unilateral.formulas.interval import Interval
+from unilateral.formulas.interval import QUIET, Interval
 
 EPS = 2.0**-52
 TINY = 1e-300
-"""More than what underflows."""
+"""More than what underflows in all operations that make a coefficient, each at most 2^-1022."""
 OF_FUNCTIONS = 8 * EPS
 """The relative error of a Taylor coefficient of a function."""
 
@@ -77,6 +79,7 @@ class Model:
     rad: Array
     range: Interval
 
+    @QUIET
     def __add__(self, other: Model) -> Model:
         c = self.c + other.c
         rad = self.rad + other.rad + EPS * (np.abs(self.c) + np.abs(other.c)).sum(axis=0)
@@ -86,10 +89,11 @@ class Model:
         c, rad = _product(self.basis, (self.c, self.rad), (other.c, other.rad))
         return settled(self.basis, c, rad, interval.product(self.range, other.range))
 
+    @QUIET
     def scaled(self, number: float) -> Model:
-        """Times a number that is rounded."""
-        sizes = np.abs(self.c).sum(axis=0)
-        rad = abs(number) * ((1 + EPS) * self.rad + 4 * EPS * sizes)
+        """Times a number that is rounded, and may be subnormal or infinite then."""
+        sizes, doubt = np.abs(self.c).sum(axis=0), 4 * EPS * abs(number) + TINY
+        rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
         values = interval.product(self.range, interval.outward(np.array([number]), np.array([number])))
         return settled(self.basis, number * self.c, rad, values)
 
@@ -100,6 +104,7 @@ class Model:
         )
 
 
+@QUIET
 def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: float = 0.0) -> Model:
     """centre (k,) + sum over i of arms (d, k) sigma_i, of that range, up to their rounding and that much."""
     c = np.zeros((len(of.degree), len(centre)))
@@ -144,27 +149,40 @@ def by_part(parts: Sequence[tuple[Callable[..., Model], Mask]], *arguments: Mode
     return joined([*found, (zero, np.flatnonzero(rest))])
 
 
+@QUIET
 def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
-    """With the better of both: a range that knows the polynomial, and a polynomial that knows the range."""
-    with np.errstate(all="ignore"):
-        rad = (1 + 4 * len(of.degree) * EPS) * rad + TINY
-        reach = (1 + 4 * len(of.degree) * EPS) * (np.abs(c[1:]).sum(axis=0) + rad)
-        lower, upper = interval.outward(c[0] - reach, c[0] + reach)
-        lower, upper = np.fmax(lower, range_[0]), np.fmin(upper, range_[1])
-        flat = ~(rad <= 0.5 * (upper - lower))
-        if flat.any():
-            c, (middle, half) = np.where(flat, 0.0, c), _middle((lower, upper))
-            c[0], rad = np.where(flat, middle, c[0]), np.where(flat, half, rad)
+    """With the better of both: a range that knows the polynomial, and a polynomial that knows the range.
+
+    No polynomial that is not finite, or not known to be near, is kept, whatever became of its remainder.
+    """
+    rad = upward(of, rad)
+    reach = upward(of, np.abs(c[1:]).sum(axis=0) + rad)
+    ends = c[0] - reach, c[0] + reach
+    lower, upper = interval.outward(*ends)
+    finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
+    if not finite.all():
+        lower, upper = np.where(finite, lower, -np.inf), np.where(finite, upper, np.inf)
+    lower, upper = np.fmax(lower, range_[0]), np.fmin(upper, range_[1])
+    flat = ~(finite & (rad <= 0.5 * upper - 0.5 * lower))
+    if flat.any():
+        c, (middle, half) = np.where(flat, 0.0, c), _middle((lower, upper))
+        c[0], rad = np.where(flat, middle, c[0]), np.where(flat, half, rad)
     return Model(of, c, rad, (lower, upper))
 
 
+def upward(of: Basis, size: Array) -> Array:
+    """(k,) sizes and what the rounding of their own sums and products, one per monomial, may take away."""
+    return (1 + 4 * len(of.degree) * EPS) * size + TINY
+
+
+@QUIET
 def _middle(values: Interval) -> tuple[Array, Array]:
     """The midpoints (k,) of intervals and how far they reach from there; 0 and inf where there is none."""
     lower, upper = values
-    with np.errstate(all="ignore"):
-        middle = 0.5 * upper + 0.5 * lower
-        known, half = np.isfinite(middle), 0.5 * (upper - lower)
-        return np.where(known, middle, 0.0), np.where(known, half + 4 * EPS * np.abs(middle) + TINY, np.inf)
+    middle, half = 0.5 * upper + 0.5 * lower, 0.5 * upper - 0.5 * lower
+    known = np.isfinite(middle)
+    reach = (1 + 4 * EPS) * (half + EPS * np.abs(middle)) + TINY
+    return np.where(known, middle, 0.0), np.where(known, reach, np.inf)
 
 
 def _by_degree(of: Basis, c: Array) -> Array:
@@ -173,22 +191,22 @@ def _by_degree(of: Basis, c: Array) -> Array:
     return np.stack([sizes[i] + sizes[i + 1 : j].sum(axis=0) for i, j in pairwise(of.first.tolist())])
 
 
+@QUIET
 def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
     """Coefficients and remainder of a product."""
     (x, r), (y, s) = a, b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
-    with np.errstate(all="ignore"):
-        for i in np.flatnonzero(x.any(axis=1)):
-            for others, into in of.times[i]:
-                c[into] += x[i] * y[others]
-        of_x, of_y = _by_degree(of, x), _by_degree(of, y)
-        from_y = of_y.copy()
-        for k in range(of.order)[::-1]:
-            from_y[k] += from_y[k + 1]
-        above = (of_x[1:] * from_y[:0:-1]).sum(axis=0)
-        all_x, all_y = of_x.sum(axis=0), from_y[0]
-        rad = above + (all_x + r) * s + all_y * r + (len(of.degree) + 2) * EPS * all_x * all_y
-    return c, rad
+    for i in np.flatnonzero(x.any(axis=1)):
+        for others, into in of.times[i]:
+            c[into] += x[i] * y[others]
+    of_x, of_y = _by_degree(of, x), _by_degree(of, y)
+    from_y = of_y.copy()
+    for k in range(of.order)[::-1]:
+        from_y[k] += from_y[k + 1]
+    above = (of_x[1:] * from_y[:0:-1]).sum(axis=0)
+    all_x, all_y = of_x.sum(axis=0), from_y[0]
+    rounding = (len(of.degree) + 2) * EPS * all_x * all_y
+    return c, upward(of, above + (all_x + r) * s + all_y * r + rounding)
 
 
 def composed(
@@ -196,28 +214,27 @@ def composed(
 ) -> Model:
     """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) of the next one.
 
-    `last` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, `error` is that of the
-    coefficients, by default OF_FUNCTIONS, relatively, and `range_` is that of g(a).
+    `last` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow. `error` is
+    that of the coefficients, by default OF_FUNCTIONS, relatively, and `range_` is that of g(a).
     """
     c, rad = series(a.basis, (a.c, a.rad), coefficients, last, error)
     return settled(a.basis, c, rad, range_)
 
 
+@QUIET
 def series(
     of: Basis, a: tuple[Array, Array], coefficients: Array, last: Array, error: Array | float | None = None
 ) -> tuple[Array, Array]:
     """The same as coefficients and a remainder, which may be complex."""
     inner = a[0].copy()
     inner[0] = 0.0
-    with np.errstate(all="ignore"):
-        size = np.abs(inner).sum(axis=0) + a[1]
-        c, rad = np.zeros_like(inner, dtype=np.result_type(inner, coefficients)), np.zeros(len(size))
-        c[0] = coefficients[-1]
-        for g in coefficients[-2::-1]:
-            c, rad = _product(of, (c, rad), (inner, a[1]))
-            c[0] += g
-        sizes = np.abs(coefficients)
-        errors = EPS * sizes + (OF_FUNCTIONS * sizes if error is None else error)
-        rad += (errors * size ** np.arange(len(sizes))[:, None]).sum(axis=0)
-        rad += np.where(last == 0, 0.0, last * size ** len(sizes))
-    return c, rad
+    size = upward(of, np.abs(inner).sum(axis=0) + a[1])
+    sizes = np.abs(coefficients)
+    errors = EPS * sizes + (OF_FUNCTIONS * sizes if error is None else error) + TINY
+    c, rad = np.zeros_like(inner, dtype=np.result_type(inner, coefficients)), np.zeros(len(size))
+    c[0], beyond = coefficients[-1], (last + TINY) * size + errors[-1]
+    for g, e in zip(coefficients[-2::-1], errors[-2::-1], strict=True):
+        c, rad = _product(of, (c, rad), (inner, a[1]))
+        c[0] += g
+        beyond = beyond * size + e  # not by powers of the size, which may underflow
+    return c, rad + beyond
