@@ -47,10 +47,11 @@ def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho
         rho = 1 / operator.lambda_max
     if not operator.lambda_low > 0:
         return _by_energy(operator, mu, gap, delta)
-    R, root = np.minimum(mu, rho * gap.values), np.sqrt(operator.H_i)
-    in_L2, doubt = float(dnrm2(root * R)), float(dnrm2(root * gap.doubt))
-    a = (1 + FORMS) * energy_norm(operator.D, R, in_L2) + rho * doubt * math.sqrt(2 * operator.lambda_max)
-    return a + (in_L2 / rho + doubt) / math.sqrt(operator.lambda_low) + 3 * delta
+    low, R, high = (np.minimum(mu, rho * (gap.values + sign * gap.doubt)) for sign in (-1, 0, 1))
+    root = np.sqrt(operator.H_i)
+    in_L2, doubt = float(dnrm2(root * R)), float(dnrm2(root * (high - low)))
+    a = (1 + FORMS) * energy_norm(operator.D, R, in_L2) + doubt * math.sqrt(2 * operator.lambda_max)
+    return a + (in_L2 + doubt) / (rho * math.sqrt(operator.lambda_low)) + 3 * delta
 
 
 def _by_energy(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:

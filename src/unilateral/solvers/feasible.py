@@ -33,7 +33,8 @@ def feasible(
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
-    doubt = gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside]))
+    moved = (lambda_H > 0) | (gap.values < gap.doubt)
+    doubt = np.where(moved, gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
     own = A[inside][:, inside]
     norm = root(w, own @ w) + 2 * root(doubt, abs(own) @ doubt)
     return residual(A, mass, v, loaded(load, B, lambda_H)), SLACK * norm
