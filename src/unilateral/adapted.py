@@ -19,7 +19,8 @@ from unilateral.bounds.kept import kept
 from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete import FIRST, flux_load, obstacle_means
 from unilateral.discrete_solution import AIM, Solution
-from unilateral.fem.p1 import coupling, load, stiffness_and_mass
+from unilateral.fem.p1 import coupling, load, lumped_mass, stiffness_and_mass
+from unilateral.fem.rounded import dual_norm
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
@@ -100,7 +101,7 @@ class Adapted:
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
         R = self.system.B.T @ lambda_H
-        v = riesz(self.system, R, ROUGH * self.system.dual_norm(R))
+        v = riesz(self.system, R, ROUGH * dual_norm(R, self.system.mass))
         norm = math.sqrt(float(v @ (self.system.A @ v)))
         return float(R @ v) / norm if norm > 0 else 0.0
 
@@ -165,6 +166,6 @@ def adapted(problem: Data, of: AdaptedMesh, guess: Array, before: Source | None 
         B=(coupling(mesh, partition)[cells] @ at_nodes).tocsr(),
         d=(partition.lengths * means)[cells],
         inside=of.inside[cells],
-        mass=load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1)),
+        mass=lumped_mass(mesh),
     )
     return Adapted(of, cells, means, system, guess, problem, source)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,9 +14,10 @@ from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete_solution import Solution
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import sampled_edge_load, sampled_moments
-from unilateral.fem.p1 import edge_load
+from unilateral.fem.p1 import edge_load, h1_norm
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.rounded import SLACK, Rounded, dual_norm, loaded, means, residual
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -23,14 +25,17 @@ from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
+from unilateral.solvers.certified import certified
 from unilateral.solvers.iterate import iterate, joined
 from unilateral.solvers.stop import Stop
-from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound
+from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
 
 FIRST = 0.01
 """Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
 UNKNOWN = 1e-4
 """Of that residual: what the errors are taken to be where nothing is known of them."""
+ROOM = 2.0
+"""Times what rounding adds to the bound: for that in a tolerance, as it depends on lambda_H."""
 MOST_BOUNDED = 100_000
 """Unknowns up to which the error is bounded to find a tolerance, which takes 3 GB."""
 
@@ -83,11 +88,17 @@ class Discrete:
         return float(np.linalg.norm(self.spaces.operator.half @ lambda_H))
 
     @cached_property
-    def first_residual(self) -> float:
-        """The algebraic bound of lambda = 0."""
-        operator = self.spaces.operator
-        zero = np.zeros(len(self.offset))
-        return residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max) if len(zero) else 0.0
+    def first(self) -> DualResult:
+        """lambda = 0 and its bound."""
+        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
+        rho = 1.9 / operator.lambda_max if len(zero) else math.nan
+        bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
+        result = DualResult(zero, 0, 0, bound, False, rho, "none")
+        return self.solution(result, 0.0).result if bound < math.inf else result
+
+    def crude(self, share: float) -> float:
+        """A tolerance: that share of the residual at lambda = 0, and what rounding may add to the bound."""
+        return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
 
     def solved(self, stop: Stop) -> Solution:
         """See `solve`."""
@@ -96,11 +107,20 @@ class Discrete:
     def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
         """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
 
-        Without a tolerance a crude one: a share of the residual at 0.
+        Without a tolerance a crude one: a share of the residual at 0. What rounding adds to the bound is
+        known at the end only; if then the bound misses the tolerance the iteration goes on once.
         """
-        if tolerance is None:
-            tolerance = FIRST * self.first_residual
-        return self.solution(iterate(self.spaces.operator, self.offset, tolerance, stop, start), tolerance)
+        operator = self.spaces.operator
+        wanted = self.crude(FIRST) if tolerance is None else tolerance
+        result = iterate(operator, self.offset, wanted, stop, start)
+        solution = self.solution(result, wanted)
+        less = wanted - ROOM * solution.result.rounding
+        if result.converged and solution.result.bound > wanted and less > 0:
+            more = iterate(operator, self.offset, less, stop, result.lambda_H)
+            solution = self.solution(joined(result, more), wanted)
+        if result.converged:
+            warn_unless_converged(solution.result, wanted)
+        return solution
 
     def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
         """The solution, iterated on to a smaller tolerance."""
@@ -108,11 +128,24 @@ class Discrete:
         return replace(more, result=joined(solution.result, more.result))
 
     def solution(self, result: DualResult, tolerance: float) -> Solution:
-        """What belongs to the lambda_H that was found."""
-        lambda_H = self.spaces.extended(result.lambda_H)
-        return Solution(
-            self, result, tolerance, lambda_H, lambda: self.spaces.response(self.load, result.lambda_H)
-        )
+        """What belongs to the lambda_H that was found, its bound now with what was rounded on the way."""
+        u_h = self.spaces.response(self.load, result.lambda_H)
+        bound = self._certified(result, u_h)
+        rounding = max(bound - result.bound, 0.0)
+        result = replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
+        return Solution(self, result, tolerance, self.spaces.extended(result.lambda_H), lambda: u_h)
+
+    def _certified(self, result: DualResult, u_h: Array) -> float:
+        """The bound for u_h (n,) as it was computed."""
+        spaces, on, boundary = self.spaces, self.spaces.condensed, self.mesh.boundary
+        load, mu = Rounded(self.load.copy(), np.zeros(len(self.load))), result.lambda_H
+        load.values[boundary], load.doubt[boundary] = loaded(self.load[boundary], spaces.B, mu)
+        left = residual(on.for_products, on.mass, u_h, load)
+        z = on.solve(left.values)
+        rest = residual(on.for_products, on.mass, z, left)
+        gap = means(spaces.B, spaces.operator.H_i, u_h[boundary], self.g_means[self.cells])
+        delta = SLACK * h1_norm(self.mesh, z) + dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
+        return certified(spaces.operator, mu, gap, delta, result.rho)
 
 
 def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> Discrete:
@@ -183,9 +216,9 @@ def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) ->
         return discrete.iterated(stop.tolerance, stop)
     bounded = discrete.data is not None and discrete.mesh.n_nodes <= MOST_BOUNDED
     if discrete.exact is None and not bounded:
-        return discrete.iterated(stop.fraction * UNKNOWN * discrete.first_residual, stop)
+        return discrete.iterated(discrete.crude(stop.fraction * UNKNOWN), stop)
     if discrete.exact is None:
-        solved = discrete.iterated(FIRST * discrete.first_residual, stop)
+        solved = discrete.iterated(discrete.crude(FIRST), stop)
         return solved.improved(stop.fraction * solved.total("h1"), stop)
     return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 

@@ -177,7 +177,11 @@ class Solution:
         return max((1 - SUMS) * of_discrete - self.total(norm, sharp), 0.0)
 
     def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
-        """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that."""
-        if self.result.bound <= tolerance or not self.result.converged:
+        """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.
+
+        Not so where half of the bound is rounding.
+        """
+        enough = max(tolerance, 2 * self.result.rounding)
+        if self.result.bound <= enough or not self.result.converged:
             return self
         return self.discrete.continued(self, aim * tolerance, stop)

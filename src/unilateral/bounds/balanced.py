@@ -12,7 +12,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.equilibrated import equilibrated
 from unilateral.bounds.misfit import defects
 from unilateral.bounds.source import Source
-from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
+from unilateral.fem.p1 import edge_load, load, lumped_mass, stiffness_and_mass
 from unilateral.solvers.descent import solved
 
 SHARE = 0.01
@@ -44,5 +44,5 @@ def _solved(source: Source, w: Array, sigma: Array, least: float) -> Array:
     """
     mesh = source.mesh
     stiffness, mass = stiffness_and_mass(mesh)
-    third = load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
-    return solved(stiffness + mass, load(mesh, source.moments) + edge_load(mesh, sigma), w, third, least)[0]
+    rhs = load(mesh, source.moments) + edge_load(mesh, sigma)
+    return solved(stiffness + mass, rhs, w, lumped_mass(mesh), least)[0]

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.inherited import refined_matrix
-from unilateral.fem.p1 import boundary_mass, load, stiffness_and_mass
+from unilateral.fem.p1 import boundary_mass, lumped_mass, stiffness_and_mass
 from unilateral.fem.recursive import Recursive
 from unilateral.fem.sparse import Sparse, dissected, last_block
 from unilateral.geometry.mesh import Mesh
@@ -44,6 +44,11 @@ class Condensed:
     def A(self) -> sp.csr_array:
         """(n, n)"""
         return matrix(self.mesh)
+
+    @cached_property
+    def mass(self) -> Array:
+        """(n,) the sums of the rows of A."""
+        return lumped_mass(self.mesh)
 
     @cached_property
     def for_products(self) -> sp.csr_array:
@@ -85,20 +90,15 @@ def condense(mesh: Mesh) -> Condensed:
     if mesh.halvings < REFINED:
         return by_sparse(mesh, dissected(matrix(mesh), mesh.boundary))
     factors = Recursive(mesh)
-    check_constants(mesh, factors.solve(_of_one(mesh)))
+    check_constants(mesh, factors.solve(lumped_mass(mesh)))
     return Condensed(mesh, factors, factors.A_3, factors.cholesky)
 
 
 def by_sparse(mesh: Mesh, factors: Sparse) -> Condensed:
     """From the factors of A with the boundary last. Raises InputError as `condense` does."""
-    check_constants(mesh, factors.solve(_of_one(mesh)))
+    check_constants(mesh, factors.solve(lumped_mass(mesh)))
     cholesky = last_block(factors.lu, len(mesh.boundary))
     return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky)
-
-
-def _of_one(mesh: Mesh) -> Array:
-    """(n,) values of (1, phi_i)."""
-    return load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
 
 
 def check_constants(mesh: Mesh, found: Array) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Int32
-from unilateral.fem.inherited import Elements, elements, matrix, prolongation
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.inherited import Elements, elements, lumped, matrix, prolongation
+from unilateral.fem.p1 import lumped_mass, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 
 
@@ -17,12 +17,13 @@ from unilateral.geometry.mesh import Mesh
 class Level:
     """V_l, with n nodes, nb of them on the boundary.
 
-    `A` (n, n) is the matrix of (., .)_1, its rows not sorted; `P` (n, N) the prolongation from the
-    level before, the identity on level 0. `roundness` (n - N,) belongs to the new nodes: the sums over
-    the triangles at their edges. `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`.
+    `A` (n, n) is the matrix of (., .)_1, its rows not sorted, `mass` (n,) their sums; `P` (n, N) the
+    prolongation from the level before, the identity on level 0. `roundness` (n - N,) belongs to the new
+    nodes: the sums over the triangles at their edges. `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`.
     """
 
     A: sp.csr_array
+    mass: Array
     P: sp.csr_array
     roundness: Array
     boundary: Int32
@@ -38,7 +39,7 @@ def hierarchy(mesh: Mesh) -> list[Level]:
     coarse = mesh.coarse or mesh
     A, P = sum(stiffness_and_mass(coarse)), sp.eye_array(coarse.n_nodes, format="csr")
     A = sp.csr_array((A.data, A.indices.astype(np.int32), A.indptr.astype(np.int32)), shape=A.shape)
-    levels = [Level(A, P, np.zeros(0), coarse.boundary.astype(np.int32), coarse.s)]
+    levels = [Level(A, lumped_mass(coarse), P, np.zeros(0), coarse.boundary.astype(np.int32), coarse.s)]
     of = elements(coarse) if mesh.halvings else None
     while of:
         every = 2 ** (mesh.halvings - len(levels))
@@ -62,4 +63,4 @@ def _finer(coarser: Elements, boundary: Int32, s: Array) -> Level:
     """The level whose triangles are the children of these."""
     P = prolongation(coarser.of)
     of_edges = coarser.of.sums(roundness(coarser.stiffness)[:, None])
-    return Level(matrix(coarser, P), P, of_edges, boundary, s)
+    return Level(matrix(coarser, P), lumped(coarser), P, of_edges, boundary, s)

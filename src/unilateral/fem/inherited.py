@@ -80,9 +80,15 @@ def matrix(coarser: Elements, P: sp.csr_array) -> sp.csr_array:
     _fill_within(coarser, start, columns, values)
     rows = np.concatenate([starts[:-1], start])
     A = sp.csr_array((values, columns, rows), shape=(of.n + E, of.n + E))
-    lumped = np.bincount(of.nodes.ravel(), np.repeat(coarser.area / 12, 3), of.n)
-    values[rows[:-1]] = np.concatenate([lumped, 3 * mass]) - A @ np.ones(of.n + E)
+    values[rows[:-1]] = lumped(coarser) - A @ np.ones(of.n + E)
     return A
+
+
+def lumped(coarser: Elements) -> Array:
+    """(n + E,) a third of the area around each node, of the children: the sums of that matrix's rows."""
+    of = coarser.of
+    old = np.bincount(of.nodes.ravel(), np.repeat(coarser.area / 12, 3), of.n)
+    return np.concatenate([old, 3 * of.sums(coarser.area[:, None] / 12)])
 
 
 def refined_matrix(mesh: Mesh) -> sp.csr_array:

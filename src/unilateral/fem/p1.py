@@ -39,6 +39,11 @@ def load(mesh: Mesh, moments: Array) -> Array:
     return values.astype(float)
 
 
+def lumped_mass(mesh: Mesh) -> Array:
+    """(n,) a third of the area around each node: values of (1, phi_i), and the sums of the rows of K + M."""
+    return load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
+
+
 def edge_load(mesh: Mesh, values: Array) -> Array:
     """(n,) values <sigma, phi_i> for sigma linear on boundary edges, with `values` (nb, 2) at their ends."""
     at_ends = np.diff(mesh.s)[:, None] / 6 * (values + values.sum(axis=1, keepdims=True))

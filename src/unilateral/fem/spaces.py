@@ -14,11 +14,14 @@ from scipy.linalg import eigvalsh, solve_triangular
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
 SINGULAR = 1e-12
 """lambda_min / lambda_max of S below which beta counts as 0."""
+FORMS = 1e-6
+"""Of a quadratic form of A_3 or S: its rounding, at most; see `condense.CONSTANTS`."""
 STEKLOV_GUARD = 0.5
 """sigma_1 is known from above, by its Ritz value; half of it is taken where beta is not known."""
 
@@ -58,6 +61,11 @@ class DualOperator:
     @property
     def lambda_max(self) -> float:
         return float(self.spectrum[-1])
+
+    @property
+    def lambda_low(self) -> float:
+        """A lower bound of lambda_min: forming S and its spectrum rounds each by some EPS tr(S)."""
+        return (1 - FORMS) * self.lambda_min - EPS * sum(self.half.shape) * float(self.spectrum.sum())
 
     @property
     def singular(self) -> bool:

@@ -17,7 +17,7 @@ pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R 
         = ||R||^2 + 2 (B v - B u_h) . (lambda - lambda_H) <= ||R||^2,
 
 so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
-`fem.residual`. All this holds up to rounding.
+`fem.residual`, for w `feasible`; the rounding of both is in the bound.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from unilateral.arrays import Array, Mask
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.nested_cells import Cells
 from unilateral.fem.residual import downwards, dual_norm
+from unilateral.solvers.feasible import feasible
 from unilateral.solvers.kernel_cg import Grid, Run, grid
 
 DECADE = 1e-2
@@ -112,18 +113,10 @@ class Multigrid:
 
     def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
-        finest = self.grids[-1]
-        B, inside, A = finest.cells.B, finest.cells.inside, finest.A
-        gap = B @ u - finest.d
-        w = np.where(lambda_H > 0, gap, np.minimum(gap, 0)) / B[:, inside].diagonal()
-        v = u.copy()
-        v[inside] -= w
-        R = A @ v
-        R -= finest.load
-        R -= B.T @ lambda_H
-        del v  # three vectors of that size are needed next
-        norm_of_w = math.sqrt(max(float(w @ (A[inside][:, inside] @ w)), 0.0))
-        return dual_norm(finest.levels, self.coarsest, R) + norm_of_w
+        finest, levels = self.grids[-1], self.grids[-1].levels
+        cells, mass = finest.cells, levels[-1].mass
+        R, norm = feasible(finest.A, mass, finest.load, cells.B, finest.d, cells.inside, u, lambda_H)
+        return dual_norm(levels, self.coarsest, *R) + norm
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""

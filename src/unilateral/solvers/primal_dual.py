@@ -10,19 +10,12 @@ active set. That the sets settle is not proved, and always seen.
 
 The end is guaranteed, for any u and lambda >= 0, whatever the set. As in `multigrid` v = u - w fulfils
 B v >= d and lambda . (B v - d) = 0, and ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most
-||R|| + ||w||_1 with R = A v - load - B^T lambda and its dual norm on V_h. On any mesh, with m_i a third of
-the area of the triangles at node i,
-
-    R . x <= (sum R_i^2 / m_i)^{1/2} (sum m_i x_i^2)^{1/2},     sum m_i x_i^2 <= 4 ||x||_0^2,
-
-the second since on every triangle the lumped mass, 1/3, is at most 4 times the least eigenvalue of the mass,
-1/12. So ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is too large by up to 1/h, h the shortest edge, but a few
-more steps make up for it. All this holds up to rounding.
+||R|| + ||w||_1 with R = A v - load - B^T lambda and its dual norm on V_h, for which see `rounded`. That is
+too large by up to 1/h, h the shortest edge, but a few more steps make up for it. Rounding is in the bound.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,7 +23,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.rounded import dual_norm
 from unilateral.solvers.descent import solved
+from unilateral.solvers.feasible import feasible
 
 ROUNDING = 1e-13
 """Of the largest |u|: a mean of g - u of that size is no violation."""
@@ -41,7 +36,10 @@ MOST_SETS = 40
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A (n, n), load (n,), B (m, n), d (m,); `inside` (m,) is a node in each cell, `mass` (n,) the m_i."""
+    """A (n, n), load (n,), B (m, n), d (m,).
+
+    `inside` (m,) is a node in each cell, `mass` (n,) are the sums of A's rows.
+    """
 
     A: sp.csr_array
     load: Array
@@ -55,17 +53,10 @@ class System:
         """(m,) the integrals of the hats at the nodes inside."""
         return np.asarray(self.B[np.arange(len(self.d)), self.inside]).ravel()
 
-    def dual_norm(self, R: Array) -> float:
-        """A bound of that of R (n,) on V_h."""
-        return 2 * math.sqrt(float(R @ (R / self.mass)))
-
     def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
-        gap = self.B @ u - self.d
-        w = np.zeros(len(u))
-        w[self.inside] = np.where(lambda_H > 0, gap, np.minimum(gap, 0)) / self.weights
-        R = self.A @ (u - w) - self.load - self.B.T @ lambda_H
-        return self.dual_norm(R) + math.sqrt(max(float(w @ (self.A @ w)), 0.0))
+        R, norm = feasible(self.A, self.mass, self.load, self.B, self.d, self.inside, u, lambda_H)
+        return dual_norm(np.abs(R.values) + R.doubt, self.mass) + norm
 
     def next_set(self, u: Array, active: Mask, lambda_H: Array) -> Mask:
         """(m,) the active cells that are pressed, and the others on which u lies below g."""

@@ -32,7 +32,8 @@ LEAST = float(np.finfo(float).tiny)
 class DualResult:
     """lambda_H (m,) with `bound` on ||lambda_H - exact||_{-1/2,h} = ||u(lambda_H) - u_h||_1.
 
-    `iterations` and `rho` are NaN for an algorithm that has or tells none.
+    `iterations` and `rho` are NaN for an algorithm that has or tells none. `rounding` is the part of the
+    bound that no step takes away.
     """
 
     lambda_H: Array
@@ -42,13 +43,14 @@ class DualResult:
     converged: bool
     rho: float
     algorithm: str
+    rounding: float = 0.0
 
 
 def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float) -> float:
     """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
 
-    Guaranteed for the problem with the operator as it was computed, that is up to the rounding of A_3:
-    relative to the solution of the order of eps tr(K) / |Omega|, on the unit square 1e-15 / h^2.
+    Guaranteed for the problem with the operator and the offset as they were computed; for the problem itself
+    see `certified`.
     """
     if operator.singular:
         return math.inf

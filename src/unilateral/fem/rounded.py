@@ -1,0 +1,97 @@
+"""Residuals of A u = load with a bound of their rounding, and what that can do in the dual norm of V_h.
+
+A, the matrix of (., .)_1, is told by its entries off the diagonal and the sums m_i of its rows, thirds of the
+areas of the triangles at each node:
+
+    (A u)_i = m_i u_i + sum_j A_ij (u_j - u_i).
+
+Where u is nearly a constant, however large, little is then lost. A sum of k products, one factor of each a
+difference, is off by at most k + 2 units of rounding of the sum of their absolute values (N. J. Higham,
+Accuracy and Stability of Numerical Algorithms, 2002, chapter 3).
+
+On any mesh, for R on V_h,
+
+    R . x <= (sum R_i^2 / m_i)^{1/2} (sum m_i x_i^2)^{1/2},     sum m_i x_i^2 <= 4 ||x||_0^2,
+
+the second since on every triangle the lumped mass, 1/3, is at most 4 times the least eigenvalue of the mass,
+1/12. So ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is too large by up to 1/h, h the shortest edge.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg.blas import dnrm2
+
+from unilateral.arrays import Array
+from unilateral.formulas.taylor import EPS
+
+BLOCK = 1 << 15
+"""Rows at a time, whose numbers fit into a processor's cache."""
+UNIT = EPS / 2
+"""Of a number: its rounding, at most. Two units more than are needed are for the rounding of the bounds."""
+SLACK = 1 + 1e-9
+"""Times a norm that is computed from A x: its rounding, but for that of A x."""
+
+
+class Rounded(NamedTuple):
+    """Numbers (k,), and bounds (k,) of what rounding has done to them."""
+
+    values: Array
+    doubt: Array
+
+
+def terms(matrix: sp.csr_array) -> int:
+    """The largest number of entries in a row."""
+    return int(np.diff(matrix.indptr).max(initial=0))
+
+
+def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
+    """A u (n,), A (n, n) with those sums (n,) of its rows, which each have an entry."""
+    values, sizes = mass * u, mass * np.abs(u)
+    for begin in range(0, len(u), BLOCK):
+        rows = slice(begin, min(begin + BLOCK, len(u)))
+        start = A.indptr[rows.start : rows.stop + 1]
+        of = slice(start[0], start[-1])
+        parts = A.data[of] * (u[A.indices[of]] - np.repeat(u[rows], np.diff(start)))
+        values[rows] += np.add.reduceat(parts, start[:-1] - start[0])
+        sizes[rows] += np.add.reduceat(np.abs(parts), start[:-1] - start[0])
+    return Rounded(values, UNIT * (terms(A) + 4) * sizes)
+
+
+def constrained(B: sp.csr_array, u: Array, d: Array) -> Rounded:
+    """B u - d (m,), no entry of B (m, n) negative."""
+    sizes = B @ np.abs(u) + np.abs(d)
+    return Rounded(B @ u - d, UNIT * (terms(B) + 4) * sizes)
+
+
+def means(B: sp.csr_array, lengths: Array, u: Array, g: Array) -> Rounded:
+    """B u / lengths - g (m,)."""
+    values, sizes = B @ u / lengths - g, B @ np.abs(u) / lengths + np.abs(g)
+    return Rounded(values, UNIT * (terms(B) + 4) * sizes)
+
+
+def loaded(load: Array, B: sp.csr_array, pressure: Array) -> Rounded:
+    """load + B^T pressure (n,), for B (m, n) without negative entries and pressure (m,) >= 0."""
+    pull, most = B.T @ pressure, int(np.bincount(B.indices).max(initial=0))
+    return Rounded(load + pull, UNIT * (most + 4) * (np.abs(load) + pull))
+
+
+def residual(A: sp.csr_array, mass: Array, u: Array, load: Rounded) -> Rounded:
+    """load - A u (n,), A as in `product`."""
+    of_u = product(A, mass, u)
+    values = load.values - of_u.values
+    return Rounded(values, load.doubt + of_u.doubt + UNIT * np.abs(values))
+
+
+def dual_norm(R: Array, mass: Array) -> float:
+    """A bound of that of R (n,) on V_h; squares neither overflow nor vanish."""
+    return SLACK * 2 * float(dnrm2(R / np.sqrt(mass)))
+
+
+def root(x: Array, y: Array) -> float:
+    """(x . y)^{1/2} for numbers (n,) of one size, or 0 if that is below 0; in units of the largest one."""
+    unit = max(float(np.max(np.abs(each), initial=0.0)) for each in (x, y))
+    return unit * max(float(x / unit @ (y / unit)), 0.0) ** 0.5 if unit > 0 else 0.0

@@ -1,0 +1,66 @@
+"""The algebraic bound of u_h and lambda_H as they were computed, with their rounding.
+
+Let u in V_h and mu >= 0 be any, e = u - u_h with the exact u_h and lambda of the discrete problem, and
+
+    r = load + B^T mu - A u,     ||r|| <= delta in the dual norm of V_h,
+
+so that (e, .)_1 = <mu - lambda, .> - r and ||mu - lambda||_{-1/2,h} <= ||e||_1 + delta. Let F be the means of
+u - g and F_h those of u_h - g, so that (F - F_h, nu) = <nu, e> for nu in Lambda_H. With
+
+    R = mu - max(0, mu - rho F),     a = ||R||_{-1/2,h},     b = ||R||_0 / (rho lambda_min(S)^{1/2}),
+
+rho (F - F_h, mu - R - lambda) <= (R, mu - R - lambda), as for the projection in (5.2), and therefore
+
+    ||e||_1^2 <= <mu - lambda, e> + delta ||e||_1 <= (a + delta) ||e||_1 + b (||e||_1 + delta),
+
+which is not so for ||e||_1 > a + b + 2 delta. Where S is singular take c >= 0 such that no mean of v - g is
+below 0 for v = u + c. Then <mu - lambda, v - u_h> <= <mu, v - g>, and as <mu - lambda, c> = (e, c)_1 + r(c)
+
+    ||e||_1^2 <= <mu, v - g> + (c |Omega|^{1/2} + delta) ||e||_1 + c |Omega|^{1/2} delta,
+    ||e||_1^2 <= 2 <mu, v - g> + (c |Omega|^{1/2} + 2 delta)^2.
+
+For ||mu - lambda||_{-1/2,h} another delta is added.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg.blas import dnrm2
+
+from unilateral.arrays import Array
+from unilateral.fem.rounded import SLACK, Rounded
+from unilateral.fem.spaces import FORMS, DualOperator
+from unilateral.solvers.uzawa import energy_norm
+
+
+def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho: float) -> float:
+    """Of ||u - u_h||_1 and ||mu - lambda||_{-1/2,h}, for any u and mu (m,) >= 0.
+
+    `gap` (m,) are the cell means of u - g, and `delta` bounds the residual of (5.1). A rho that is NaN is
+    1 / lambda_max(S).
+    """
+    if not len(mu):
+        return delta
+    if math.isnan(rho):
+        rho = 1 / operator.lambda_max
+    if not operator.lambda_low > 0:
+        return _by_energy(operator, mu, gap, delta)
+    low, R, high = (np.minimum(mu, rho * (gap.values + sign * gap.doubt)) for sign in (-1, 0, 1))
+    root = np.sqrt(operator.H_i)
+    in_L2, doubt = float(dnrm2(root * R)), float(dnrm2(root * (high - low)))
+    a = (1 + FORMS) * energy_norm(operator.D, R, in_L2) + doubt * math.sqrt(2 * operator.lambda_max)
+    return a + (in_L2 + doubt) / (rho * math.sqrt(operator.lambda_low)) + 3 * delta
+
+
+def _by_energy(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
+    """In units of the largest number, for the square of a tiny one would be 0."""
+    weighted = operator.H_i * mu
+    unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.doubt, weighted, [delta]))
+    if not 0 < unit < math.inf:
+        return unit
+    c = max(0.0, float(np.max(gap.doubt - gap.values))) / unit
+    product = float(weighted / unit @ ((gap.values + gap.doubt) / unit + c))
+    of_c = c * math.sqrt(operator.area) + 2 * delta / unit
+    return SLACK * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), of_c) + delta

@@ -1,0 +1,200 @@
+"""The algebraic bounds against solutions of the same matrices with 60 digits, where data nearly cancel."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from flint import arb, arb_mat, ctx
+
+import unilateral as ul
+from unilateral.adapted import adapted
+from unilateral.arrays import Array, Mask
+from unilateral.discrete import Discrete, discretise
+from unilateral.discrete_solution import Solution
+from unilateral.fem import rounded
+from unilateral.geometry.adapted import adapted as adapted_mesh
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.structured import structured
+from unilateral.nested import nested
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import energy_bound, residual_bound
+
+DIGITS = 60
+SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+@pytest.fixture(autouse=True)
+def digits():
+    before, ctx.dps = ctx.dps, DIGITS
+    yield
+    ctx.dps = before
+
+
+class System(NamedTuple):
+    """A u = load + B^T lambda, B u >= d with lambda: double numbers, exact."""
+
+    A: sp.csr_array
+    mass: Array
+    load: Array
+    B: sp.csr_array
+    d: arb_mat
+
+
+def of(discrete) -> System:
+    """Those that the bound is for: the rows of A add up to the mass."""
+    if isinstance(discrete, Discrete):
+        on, n = discrete.spaces.condensed, discrete.mesh.n_nodes
+        B = sp.csr_array((len(discrete.cells), n)).tolil()
+        B[:, discrete.mesh.boundary] = discrete.spaces.B.toarray()
+        lengths, means = discrete.spaces.operator.H_i, discrete.g_means[discrete.cells]
+        d = column([arb(H) * arb(g) for H, g in zip(lengths.tolist(), means.tolist(), strict=True)])
+        return System(on.for_products, on.mass, discrete.load, B.tocsr(), d)
+    if hasattr(discrete, "grids"):
+        finest = discrete.grids.grids[-1]
+        level = finest.levels[-1]
+        return System(level.A, level.mass, finest.load, finest.cells.B, column(finest.d.tolist()))
+    system = discrete.system
+    return System(system.A, system.mass, system.load, system.B, column(system.d.tolist()))
+
+
+def column(numbers) -> arb_mat:
+    return arb_mat([[number] for number in numbers])
+
+
+def exact(numbers: Array) -> arb_mat:
+    return arb_mat(numbers.tolist())
+
+
+def stiffness(system: System) -> arb_mat:
+    """A with the diagonal that makes its rows add up to the mass."""
+    A = system.A.toarray()
+    np.fill_diagonal(A, 0.0)
+    found = exact(A)
+    for i, m in enumerate(system.mass.tolist()):
+        found[i, i] = arb(m) - sum((found[i, j] for j in np.flatnonzero(A[i]).tolist()), arb(0))
+    return found
+
+
+class Exact(NamedTuple):
+    A: arb_mat
+    B: arb_mat
+    u: arb_mat
+    lambda_: arb_mat
+
+    def errors(self, u: Array, lambda_H: Array) -> tuple[arb, arb]:
+        """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
+        e = column(u.tolist()) - self.u
+        pull = self.B.transpose() * (column(lambda_H.tolist()) - self.lambda_)
+        return tuple(
+            (e.transpose() * f)[0, 0].sqrt() for e, f in ((e, self.A * e), (self.A.solve(pull), pull))
+        )
+
+
+def solved_exactly(system: System, active: Mask) -> Exact:
+    """By active sets, the last of which is proved to be right by intervals."""
+    A, B, n, m = stiffness(system), exact(system.B.toarray()), len(system.mass), len(active)
+    lambda_ = column([0] * m)
+    for _ in range(20):
+        cells = np.flatnonzero(active).tolist()
+        whole = arb_mat(n + len(cells), n + len(cells))
+        rhs = [arb(value) for value in system.load.tolist()] + [system.d[i, 0] for i in cells]
+        for i in range(n):
+            for j in range(n):
+                whole[i, j] = A[i, j]
+        for k, i in enumerate(cells):
+            for j in range(n):
+                whole[n + k, j], whole[j, n + k] = B[i, j], -B[i, j]
+        found = whole.solve(column(rhs))
+        u = arb_mat([[found[i, 0]] for i in range(n)])
+        lambda_ = column([0] * m)
+        for k, i in enumerate(cells):
+            lambda_[i, 0] = found[n + k, 0]
+        gap = B * u - system.d
+        after = np.array([bool(lambda_[i, 0] > 0) if active[i] else bool(gap[i, 0] < 0) for i in range(m)])
+        if np.array_equal(after, active):
+            assert all(active[i] or gap[i, 0] > 0 for i in range(m))
+            return Exact(A, B, u, lambda_)
+        active = after
+    raise AssertionError("the sets do not settle")
+
+
+def problem(scale: float) -> ul.Problem:
+    """u and g are about that large, and differ by about 1; a part of the boundary is in contact."""
+    return ul.Problem(SQUARE, f"{scale:.0f} + 20*x - 10", g=f"{scale:.0f}")
+
+
+POLYGON = problem(1).polygon
+MESH = structured(POLYGON, 1 / 8)
+
+
+def made(way: str, scale: float):
+    of_scale = problem(scale)
+    if way == "adapted":
+        mesh = adapted_mesh(MESH)
+        return adapted(of_scale, mesh, np.zeros(mesh.mesh.n_nodes))
+    cells = uniform(POLYGON, 1 / 8 if way == "singular" else 1 / 4)
+    return nested(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
+
+
+def solution(way: str, scale: float, tolerance: float = 1e-9) -> Solution:
+    algorithm = way if way in ("uzawa", "nesterov", "newton", "active_set") else "auto"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return made(way, scale).iterated(tolerance, Stop(algorithm=algorithm))
+
+
+def largest_error(found: Solution) -> float:
+    """Of both errors; it is proved that the solution with 60 digits is one."""
+    lambda_H = found.result.lambda_H
+    solved = solved_exactly(of(found.discrete), lambda_H > 0)
+    assert 0 < sum(bool(solved.lambda_[i, 0] > 0) for i in range(len(lambda_H))) < len(lambda_H)
+    return max(float(error.upper()) for error in solved.errors(found.u_h, lambda_H))
+
+
+WAYS = ["uzawa", "nesterov", "newton", "active_set", "singular", "multigrid", "adapted"]
+
+
+@pytest.mark.parametrize("scale", [1e0, 1e4, 1e8, 1e12])
+@pytest.mark.parametrize("way", WAYS)
+def test_the_bound_is_one_however_much_cancels(way: str, scale: float) -> None:
+    """Nor is it too large: by 1e-12 of u, which is what residuals of some EPS u are over h^2."""
+    found = solution(way, scale)
+    error = largest_error(found)
+    assert 0 < error <= found.result.bound
+    assert found.result.converged == (found.result.bound <= 1e-9)
+    if way != "singular":  # its bound is a root of what is rounded
+        assert found.result.bound <= 1e-9 + 1e-12 * scale
+
+
+@pytest.mark.parametrize("way", ["uzawa", "newton", "active_set", "singular"])
+def test_the_bounds_of_the_iteration_alone_are_none(way: str) -> None:
+    """Control: for the operator and the offset as they are computed they hold, and for the problem not."""
+    found = solution(way, 1e12)
+    discrete, mu = found.discrete, found.result.lambda_H
+    operator = discrete.spaces.operator
+    alone = residual_bound(operator, discrete.offset, mu, 1 / operator.lambda_max)
+    if way == "singular":
+        alone = energy_bound(operator, discrete.offset, mu)
+    assert alone < 0.1 * largest_error(found)
+
+
+@pytest.mark.parametrize("way", ["newton", "singular", "multigrid", "adapted"])
+def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Were numbers rounded a million times more, the bound would be nearly that much larger."""
+    found = solution(way, 1e4)
+    discrete = found.discrete
+
+    def bound() -> float:
+        if isinstance(discrete, Discrete):
+            return discrete.solution(found.result, 0.0).result.bound
+        system = discrete.system if way == "adapted" else discrete.grids
+        return system.bound(found.u_h, found.result.lambda_H)
+
+    before = bound()
+    monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
+    power = 0.5 if way == "singular" else 1.0
+    assert bound() > 0.1 * 1e6**power * before
