@@ -48,8 +48,8 @@ def check(polygon: Polygon, places: Array, distorted: Array) -> None:
         x, y = places[worst]
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
-            f"coordinates changes triangle {worst} at ({x:.6g}, {y:.6g}) by {distorted[worst]:.1g} of its height, more "
-            f"than {MOST:g}; move the polygon to the origin, or take larger or less flat triangles"
+            f"coordinates changes triangle {worst} at ({x:.6g}, {y:.6g}) by {distorted[worst]:.1g} of its "
+            f"height, more than {MOST:g}; move the polygon to the origin, or take larger or less flat triangles"
         )
     if polygon.stretch[short] > MOST:
         raise InputError(

@@ -66,7 +66,7 @@ class Polygon:
 
     @cached_property
     def stretch(self) -> Array:
-        """(n,) by how much the differences of `starts` may differ from the exact lengths, relative to these."""
+        """(n,) how far the differences of `starts` may be from the exact lengths, relative to these."""
         unit = float(np.finfo(float).eps)
         return (np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * unit
 
