@@ -10,8 +10,6 @@ from unilateral.errors import InputError
 from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
-TOLERANCE = 1e-10
-"""Of the polygon's diameter: how far outside a point may lie and count as one of the boundary."""
 NEAR = 1e-6
 """Of the least height of the triangles at a boundary node: how far beside its side the node may lie.
 

@@ -49,7 +49,7 @@ def check(polygon: Polygon, places: Array, distorted: Array) -> None:
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
             f"coordinates changes triangle {worst} at ({x:.6g}, {y:.6g}) by {distorted[worst]:.1g} of its "
-            f"height, more than {MOST:g}; move the polygon to the origin, or take larger or less flat triangles"
+            f"height, more than {MOST:g}; move the polygon to the origin, or take larger or less flat ones"
         )
     if polygon.stretch[short] > MOST:
         raise InputError(
