@@ -174,7 +174,7 @@ class Solution:
     def size(self, norm: str, sharp: bool = False) -> float:
         """A lower bound of the norm of the exact solution, from that of the discrete one."""
         of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
-        return max((1 - SUMS) * of_discrete - self.total(norm, sharp), 0.0)
+        return max((1 - SUMS) * of_discrete / self.discrete.mesh.growth - self.total(norm, sharp), 0.0)
 
     def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
         """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.

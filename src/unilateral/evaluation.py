@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.geometry.checks import TOLERANCE, round_off
+from unilateral.geometry.checks import round_off
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
+
+OUTSIDE = 1e-10
+"""Of the polygon's diameter: how far outside a point may lie and count as one of the boundary."""
 
 
 def at_points(mesh: Mesh, u_h: Array, points: Array) -> Array:
@@ -20,7 +23,7 @@ def at_points(mesh: Mesh, u_h: Array, points: Array) -> Array:
     values[inside] = _linear(mesh, u_h, points[inside], mesh.triangles[found[inside]])
     off = np.flatnonzero(~inside)
     s, distance = _nearest(mesh.polygon, points[off])
-    near = distance <= TOLERANCE * mesh.polygon.diameter + round_off(mesh.polygon)
+    near = distance <= OUTSIDE * mesh.polygon.diameter + round_off(mesh.polygon)
     trace = np.append(u_h[mesh.boundary], u_h[mesh.boundary[0]])
     values[off[near]] = np.interp(s[near], mesh.s, trace)
     return values

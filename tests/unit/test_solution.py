@@ -62,6 +62,15 @@ def test_u_at_any_point_of_the_boundary(shelter):
     np.testing.assert_allclose(shelter.u_at(points), trace, rtol=0, atol=1e-9)
 
 
+def test_points_beside_the_boundary_are_on_it_or_outside(shelter):
+    """On it up to 1e-10 of the diameter; at twice that they are outside, whichever side it is."""
+    polygon = shelter.mesh.polygon
+    middles, normals = 0.5 * (polygon.vertices + np.roll(polygon.vertices, -1, axis=0)), polygon.normals
+    near, far = (middles + part * 1e-10 * polygon.diameter * normals for part in (0.9, 2.0))
+    np.testing.assert_allclose(shelter.u_at(near), shelter.u_at(middles), rtol=0, atol=1e-8)
+    assert np.isnan(shelter.u_at(far)).all()
+
+
 def test_lambda_along_a_side(shelter):
     """The values of the cells that `cells` lists; NaN beyond the ends."""
     of = shelter.cells().query("side == 1")

@@ -10,6 +10,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.constraint import Constraint
 from unilateral.errors import InputError
+from unilateral.geometry import exact
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
@@ -63,9 +64,13 @@ def in_contact(g: Constraint, u_h: Array, push: Array) -> Mask:
 
 
 def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int]) -> None:
-    """Raises InputError unless these are of V_h and Lambda_H, lambda_H >= 0, and 0 on the `free` sides."""
+    """Raises InputError unless these are of V_h and Lambda_H, lambda_H >= 0, and 0 on the `free` sides.
+
+    So it does where the mesh is too far from the exact one.
+    """
     if not np.array_equal(mesh.polygon.vertices, cells.polygon.vertices):
         raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
+    exact.check(mesh.polygon, mesh.circles[0], mesh.distortion)
     for name, values, n in (("u_h", u_h, mesh.n_nodes), ("lambda_H", lambda_H, cells.n_cells)):
         if np.shape(values) != (n,) or not np.all(np.isfinite(values)):
             raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")

@@ -53,15 +53,15 @@ def forces(
     """
     pressed = coupling(mesh, cells).T @ lambda_H
     held = ~np.isin(mesh.side, [*free])
-    extended = _extensions(mesh)
+    extended, grown = _extensions(mesh), (1 + SUMS) * mesh.growth
     found = []
     for part in parts:
         on = np.isin(mesh.side, [*part]) & held
         value = float(cells.lengths @ (lambda_H * np.isin(cells.side, [*part])))
         over, under = _traces(mesh, on, held & ~on, pressed > 0)
-        upper = float(pressed @ over) + bound * extended(over)
-        lower = float(pressed @ under) - bound * extended(under) if under.any() else 0.0
-        found.append(Force(value, max((1 - SUMS) * lower, 0.0), (1 + SUMS) * upper if on.any() else 0.0))
+        upper = grown * (float(pressed @ over) + bound * extended(over)) if on.any() else 0.0
+        lower = float(pressed @ under) / grown - grown * bound * extended(under) if under.any() else 0.0
+        found.append(Force(value, max(lower, 0.0), upper))
     return found
 
 

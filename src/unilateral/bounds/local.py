@@ -26,6 +26,9 @@ f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So
 there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
 makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is asked of u_h and
 lambda_H. The sums over triangles have what rounding may have done to them added.
+
+u_h stands for the function with its nodal values on the exact mesh (`geometry.exact`), a triangulation of the
+polygon itself. What that changes of differences is added like rounding, and `growth` has the rest.
 """
 
 from __future__ import annotations
@@ -114,8 +117,8 @@ def local_bound(
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
     return LocalBound(
-        u=of_u + data,
-        lambda_=min(distance + of_u, eta) + oscillation + data if np.any(held) else 0.0,
+        u=mesh.growth * (of_u + data),
+        lambda_=mesh.growth * (min(distance + of_u, eta) + oscillation + data) if np.any(held) else 0.0,
         flux=root(of_gradient),
         residual=math.sqrt(mesh.areas @ residual**2),
         lifting=distance,

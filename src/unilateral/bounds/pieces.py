@@ -44,8 +44,8 @@ class Pieces(NamedTuple):
 
 
 def size_of(mesh: Mesh) -> float:
-    """The largest coordinate."""
-    return float(np.abs(mesh.polygon.vertices).max())
+    """The largest coordinate, and more: ROUNDING of it holds what nodes are off the exact ones, too."""
+    return float(np.abs(mesh.polygon.vertices).max() + mesh.shift.max() / ROUNDING)
 
 
 def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:

@@ -25,7 +25,7 @@ gradients, of which every iterate will do. With R, D, X and Y as in `local`, for
     Y <= eta,     X^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2.
 
 Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is asked of u_h
-and lambda_H. What rounding may have done to the sums over triangles is added.
+and lambda_H. What rounding and the exact mesh may do to the sums over triangles is added, as in `local`.
 """
 
 from __future__ import annotations
@@ -114,8 +114,8 @@ def sharp_bound(
     data = (1 + SUMS) * (source.distance + tau.distance)
     of_lambda = min(distance + math.sqrt(squares), eta) + oscillation + data
     return SharpBound(
-        u=math.sqrt(squares - max(distance - eta, 0.0) ** 2) + data,
-        lambda_=of_lambda if np.any(held) else 0.0,
+        u=mesh.growth * (math.sqrt(squares - max(distance - eta, 0.0) ** 2) + data),
+        lambda_=mesh.growth * of_lambda if np.any(held) else 0.0,
         eta=eta,
         steps=steps,
         lifting=distance,
@@ -131,7 +131,7 @@ class _Away:
     """What a flux q is away from w (n,) of V_h, for which it was made: functions of P2 are told by v - w.
 
     grad w - q by its coefficients (m, 3, 2) of hats and bubbles, and w - f_h - div q by its values (m, 3);
-    `rounding` is what that may add to the root of a `square`.
+    `rounding` is what that and the exact mesh may add to the root of a `square`.
     """
 
     spaces: Quadratic
@@ -144,7 +144,8 @@ class _Away:
     def turned(self, phi: Array) -> _Away:
         """For q + curl phi, curl phi = (d_y phi, -d_x phi)."""
         hats = self.hats + _turned(self.spaces.gradient(phi))
-        return replace(self, hats=hats, rounding=self.rounding + self._rounding(phi))
+        more = self._rounding(phi, ROUNDING + self.spaces.mesh.distortion)
+        return replace(self, hats=hats, rounding=self.rounding + more)
 
     def square(self, d: Array) -> float:
         """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d."""
@@ -154,13 +155,13 @@ class _Away:
 
     def norm(self, d: Array) -> float:
         """Its root, not below that without rounding."""
-        return math.sqrt(self.square(d)) + self.rounding + self._rounding(d)
+        return math.sqrt(self.square(d)) + self.rounding + self._rounding(d, ROUNDING)
 
-    def _rounding(self, d: Array) -> float:
-        """That of d and its gradient: a height of a triangle is twice its area over an edge."""
+    def _rounding(self, d: Array, by: Array | float) -> float:
+        """That of d and its gradient, `by` (m,): a height of a triangle is twice its area over an edge."""
         mesh, largest = self.spaces.mesh, np.abs(d[self.spaces.unknowns]).sum(axis=1)
-        sizes = largest * (1 + mesh.longest_edges / mesh.areas)
-        return ROUNDING * math.sqrt(float(mesh.areas @ sizes**2))
+        sizes = by * largest * (1 + mesh.longest_edges / mesh.areas)
+        return math.sqrt(float(mesh.areas @ sizes**2))
 
 
 def _turned(field: Array) -> Array:
@@ -176,7 +177,8 @@ def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
     along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
     of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
     theta = _share(linear_squares(mesh.areas, rest), squares(mesh.areas, np.zeros_like(of_r), of_r))[:, None]
-    rounding += ROUNDING * math.sqrt(float(mesh.areas @ (mesh.longest_edges * np.abs(p).max(axis=1)) ** 2))
+    sizes = (ROUNDING + mesh.distortion) * (mesh.longest_edges + 2) * np.abs(p).max(axis=1)
+    rounding += math.sqrt(float(mesh.areas @ sizes**2))
     left = residual[:, None] + (1 - theta) * rest
     return _Away(spaces, w, misfit(mesh, w, q, slice(None)), theta[..., None] * of_r, left, rounding)
 

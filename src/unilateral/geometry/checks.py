@@ -10,8 +10,14 @@ from unilateral.errors import InputError
 from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
-TOLERANCE = 1e-10
-"""Of positions relative to the polygon's diameter, and of areas relative to the polygon's."""
+NEAR = 1e-6
+"""Of the least height of the triangles at a boundary node: how far beside its side the node may lie.
+
+Moved onto the side it changes gradients there by about that part, far less than a mesh resolves. Files with
+seven digits or more keep to it.
+"""
+BESIDE = 0.5
+"""Of that height: up to which a node is taken for a node of the side, and the side is named."""
 SAME_POINT = 1e-12
 """Nodes nearer than this part of the diameter are one node listed twice."""
 FLAT = 1e-12
@@ -48,8 +54,14 @@ def check_arrays(points: Array, triangles: Index, where: str) -> None:
         raise InputError(f"{where}: node {node(points, unused[0])} belongs to no triangle; leave it out")
 
 
-def check_triangles(polygon: Polygon, points: Array, triangles: Index, where: str) -> None:
-    """Raises InputError if two nodes coincide, or a triangle is clockwise or degenerate."""
+def anticlockwise(points: Array, triangles: Index) -> Index:
+    """(m, 3) the triangles, those turned whose nodes run clockwise."""
+    clockwise = signed_areas(points, triangles) < 0
+    return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
+
+
+def check_distinct(polygon: Polygon, points: Array, where: str) -> None:
+    """Raises InputError if two nodes coincide."""
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * polygon.diameter)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))
@@ -57,17 +69,16 @@ def check_triangles(polygon: Polygon, points: Array, triangles: Index, where: st
         first = int(twice[0])
         second = int(nearest[first][nearest[first] != first][0])
         raise InputError(f"{where}: node {second} repeats node {node(points, first)}; list every node once")
-    areas = signed_areas(points, triangles)
-    limit = FLAT * longest_edges(points, triangles) ** 2
-    wrong = np.flatnonzero(areas <= limit)
-    if wrong.size:
-        k = wrong[0]
-        fault = (
-            "clockwise; list its nodes anticlockwise"
-            if areas[k] < -limit[k]
-            else "degenerate; it needs an area"
+
+
+def check_areas(points: Array, triangles: Index, where: str) -> None:
+    """Raises InputError if a triangle is degenerate."""
+    flat = signed_areas(points, triangles) <= FLAT * longest_edges(points, triangles) ** 2
+    if flat.any():
+        k = int(flat.argmax())
+        raise InputError(
+            f"{where}: triangle {k} with the nodes {triangles[k].tolist()} is degenerate; it needs an area"
         )
-        raise InputError(f"{where}: triangle {k} with the nodes {triangles[k].tolist()} is {fault}")
 
 
 def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
@@ -93,18 +104,66 @@ def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     return np.where((keys[once] & 1)[:, None] == 1, pairs[:, ::-1], pairs)
 
 
-def sides(polygon: Polygon, points: Array, edges: Index, tolerance: float, where: str) -> Index:
-    """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none."""
+def reach(polygon: Polygon, points: Array, triangles: Index, edges: Index) -> Array:
+    """(n,) how far the nodes of the boundary edges (nb, 2) may lie beside their side, round-off of others."""
+    found = np.full(len(points), np.inf)
+    found[np.delete(np.arange(len(points)), edges)] = 0.0
+    there = triangles[np.isinf(found)[triangles].any(axis=1)]
+    heights = 2 * np.abs(signed_areas(points, there)) / longest_edges(points, there)
+    np.minimum.at(found, there, heights[:, None])
+    return NEAR * found + round_off(polygon)
+
+
+def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, where: str) -> Index:
+    """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none.
+
+    The nodes may lie beside it by their `reach` (n,).
+    """
     ends = np.roll(polygon.vertices, -1, axis=0)
-    distance = [segment_distances(points[k], polygon.vertices, ends) for k in edges.T]
-    forward = (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T > 0
-    off = np.where(forward, np.maximum(*distance), np.inf)
-    stray = edges[off.min(axis=1) > tolerance]
+    off = np.stack(
+        [segment_distances(points[k], polygon.vertices, ends) / reach[k][:, None] for k in edges.T]
+    )
+    off[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
+    side = off.max(axis=0).argmin(axis=1)
+    least = off[:, np.arange(len(edges)), side]
+    stray = np.flatnonzero(least.max(axis=0) > 1)
     if stray.size:
-        a, b = stray[np.hypot(*(points[stray[:, 1]] - points[stray[:, 0]]).T).argmax()]
+        a, b = edges[stray].T
+        worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
+        (a, b), end = edges[worst], int(least[:, worst].argmax())
+        if NEAR * least[end, worst] < BESIDE:
+            raise _beside(polygon, points, edges[worst, end], side[worst], reach, where)
         raise InputError(
             f"{where}: the boundary edge from node {node(points, a)} to node {node(points, b)} does not run "
             f"anticlockwise along one side of polygon '{polygon.name}'; move its nodes there, close a gap "
             "beside it, or split its triangle at a node that hangs on it"
         )
-    return off.argmin(axis=1)
+    return side
+
+
+def snapped(polygon: Polygon, points: Array, nodes: Index, side: Index, reach: Array, where: str) -> Array:
+    """(n, 2) the points, the boundary nodes (nb,), which begin edges on the sides (nb,), moved onto these.
+
+    They go to the nearest points, the first of each side to the vertex. What is there up to round-off stays.
+    Raises InputError for nodes farther away than their `reach` (n,).
+    """
+    from_vertex, normals = points[nodes] - polygon.vertices[side], polygon.normals[side]
+    by = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
+    by = np.where((side != np.roll(side, 1))[:, None], -from_vertex, by)
+    away, found = np.hypot(*by.T), points.copy()
+    far = np.flatnonzero(away > reach[nodes])
+    if far.size:
+        raise _beside(polygon, points, nodes[far[0]], side[far[0]], reach, where)
+    moved = away > round_off(polygon)
+    found[nodes[moved]] += by[moved]
+    return found
+
+
+def _beside(polygon: Polygon, points: Array, number: int, side: int, reach: Array, where: str) -> InputError:
+    start, end = polygon.vertices[side], polygon.vertices[(side + 1) % polygon.n_sides]
+    away = float(segment_distances(points[[number]], start[None], end[None])[0, 0])
+    return InputError(
+        f"{where}: the boundary node {node(points, number)} lies {away:.2g} beside side {side} of polygon "
+        f"'{polygon.name}', where up to {reach[number]:.2g} would be mended; move it onto the side, or give "
+        "the polygon that the mesh has"
+    )

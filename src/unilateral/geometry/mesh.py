@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index, Int32
 from unilateral.errors import InputError
-from unilateral.geometry import checks, refinement
+from unilateral.geometry import checks, exact, refinement
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import circles, longest_edges, signed_areas
@@ -106,23 +106,38 @@ class Mesh:
         """(m,) areas of the triangles."""
         return signed_areas(self.points, self.triangles)
 
+    @cached_property
+    def shift(self) -> Array:
+        """(n,) how far the nodes may be from those of the `exact` mesh."""
+        found = np.full(self.n_nodes, self.polygon.doubt)
+        found[self.boundary] = exact.shifts(self.polygon, self.points[self.boundary], self.side, self.s[:-1])
+        return found
+
+    @cached_property
+    def distortion(self) -> Array:
+        """(m,) by how much the triangles may differ from those of the `exact` mesh."""
+        return exact.distortion(self.shift, self.triangles, self.longest_edges, self.areas)
+
+    @property
+    def growth(self) -> float:
+        """What norms, constants and lengths may be on the `exact` mesh, over what they are on this one."""
+        return 1 + exact.GROWTH * float(self.distortion.max() + self.polygon.stretch.max())
+
 
 def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where: str = "mesh") -> Mesh:
-    """The mesh with the nodes (n, 2) and the triangles (m, 3), anticlockwise.
+    """The mesh with the nodes (n, 2) and the triangles (m, 3), whose nodes run either way round.
 
-    Raises InputError, beginning with `where`, unless this is a triangulation of the polygon: conforming,
-    without degenerate triangles, repeated or unused nodes, its boundary the polygon's.
+    Nodes that lie a little beside the boundary are moved onto it, see `checks.NEAR`. Raises InputError,
+    beginning with `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
+    triangles, repeated or unused nodes, its boundary the polygon's.
     """
     nodes, cells = np.array(points, dtype=float), np.array(triangles, dtype=np.intp)
     checks.check_arrays(nodes, cells, where)
-    checks.check_triangles(polygon, nodes, cells, where)
+    cells = checks.anticlockwise(nodes, cells)
+    checks.check_areas(nodes, cells, where)
+    checks.check_distinct(polygon, nodes, where)
     mesh = conforming(polygon, nodes, cells, where)
-    excess = abs(float(mesh.areas.sum()) - polygon.area)
-    if excess > checks.TOLERANCE * polygon.area + polygon.perimeter * checks.round_off(polygon):
-        raise InputError(
-            f"{where}: the triangles' total area {mesh.areas.sum():.17g} is not the area {polygon.area:.17g} "
-            f"of polygon '{polygon.name}'"
-        )
+    checks.check_areas(mesh.points, cells, where)
     return mesh
 
 
@@ -137,20 +152,24 @@ def similar(mesh: Mesh, polygon: Polygon) -> Mesh:
 
 
 def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "mesh") -> Mesh:
-    """The mesh of triangles (m, 3) that are sound, each by itself.
+    """The mesh of triangles (m, 3) that are sound, each by itself, and anticlockwise.
 
     Boundary nodes that divide a side uniformly up to round-off get exactly uniform arc lengths.
     Raises InputError, beginning with `where`, if the triangles' boundary is not the polygon's.
+
+    If it is, they triangulate the polygon: their boundary goes round each point of it once, and the sum of
+    their indices about a point, all of them positive, is 1.
     """
     edges = checks.boundary_edges(points, triangles, where)
-    tolerance = checks.TOLERANCE * polygon.diameter + checks.round_off(polygon)
-    missing = np.flatnonzero(cKDTree(points).query(polygon.vertices)[0] > tolerance)
+    reach = checks.reach(polygon, points, triangles, edges)
+    distance, nearest = cKDTree(points[edges[:, 0]]).query(polygon.vertices)
+    missing = np.flatnonzero(distance > reach[edges[nearest, 0]])
     if missing.size:
         raise InputError(
             f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
             f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
         )
-    side = checks.sides(polygon, points, edges, tolerance, where)
+    side = checks.sides(polygon, points, edges, reach, where)
     s = polygon.starts[side] + np.sum(
         (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
     )
@@ -162,6 +181,7 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
             f"{where}: the boundary edges do not cover polygon '{polygon.name}' once; another one has to "
             f"begin where the one that begins at node {checks.node(points, edges[gap[0], 0])} ends"
         )
+    points = checks.snapped(polygon, points, edges[:, 0], side, reach, where)
     s = _arc_lengths(polygon, side, s)
     _check_rounding(polygon, float(np.diff(s).max()), where)
     return Mesh(polygon, points, triangles, edges[:, 0].copy(), s)

@@ -13,7 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.files import replacing
-from unilateral.geometry.checks import boundary_edges, check_arrays
+from unilateral.geometry.checks import anticlockwise, boundary_edges, check_arrays
 from unilateral.geometry.mesh import Mesh, from_arrays
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
@@ -101,12 +101,12 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
 
 
 def outline(points: Array, triangles: Index, where: str) -> Polygon:
-    """The polygon that the triangles' boundary is, from the first of its corners in their order on.
+    """The polygon that the triangles' boundary is, anticlockwise, from the first of its corners on.
 
     Raises InputError for a boundary that is not one closed line.
     """
     check_arrays(points, triangles, where)
-    edges = boundary_edges(points, triangles, where)
+    edges = boundary_edges(points, anticlockwise(points, triangles), where)
     after = np.full(len(points), -1)
     after[edges[:, 0]] = edges[:, 1]
     line = [int(edges[:, 0].min())]

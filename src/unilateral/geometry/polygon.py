@@ -28,7 +28,8 @@ class Polygon:
     """A simple polygon, not necessarily convex: the paper's Omega.
 
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
-    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`.
+    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`. It is what was given, or an image
+    of that; then points of both, coordinates being rounded, are at most `doubt` apart.
 
     Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,
     too far apart or too near, or if two sides touch elsewhere than in their common vertex.
@@ -36,6 +37,7 @@ class Polygon:
 
     vertices: Array
     name: str = field(default="polygon")
+    doubt: float = 0.0
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=float)
@@ -61,6 +63,12 @@ class Polygon:
     def starts(self) -> Array:
         """(n + 1,) arc lengths of the vertices, the perimeter last."""
         return np.concatenate([[0.0], np.cumsum(self.lengths)])
+
+    @cached_property
+    def stretch(self) -> Array:
+        """(n,) how far the differences of `starts` may be from the exact lengths, relative to these."""
+        unit = float(np.finfo(float).eps)
+        return (np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * unit
 
     @property
     def perimeter(self) -> float:

@@ -24,6 +24,7 @@ import math
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.geometry.checks import round_off
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
@@ -48,12 +49,16 @@ def oscillation_bound(
 
 
 def has_square(mesh: Mesh) -> Mask:
-    """(nb,) whether the square on an edge lies inside Omega, and apart from any square on another side."""
+    """(nb,) whether the square on an edge lies inside Omega, and apart from any square on another side.
+
+    Those on the exact edges, too: `geometry.exact`.
+    """
     lengths = np.diff(mesh.s)
     start = mesh.points[mesh.boundary]
     middle = 0.5 * (start + np.roll(start, -1, axis=0))
     distance = distance_to_other_sides(mesh.polygon, middle, mesh.side)
-    return distance > REACH * (lengths + lengths.max())
+    moved = 4 * float(mesh.shift.max()) + round_off(mesh.polygon)
+    return distance > REACH * (1 + mesh.polygon.stretch.max()) * (lengths + lengths.max()) + moved
 
 
 def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Array:

@@ -83,8 +83,14 @@ class Scaled:
 
 
 def scaled_polygon(of: Problem | Sampled) -> Polygon:
-    """Raises InputError for one that is too large or too small."""
-    return Polygon(of.polygon.vertices / of.units.length, of.polygon.name)
+    """Raises InputError for one that is too large or too small.
+
+    Its vertices, and the coordinates of meshes on either polygon, are rounded three times: by less than 2 EPS
+    of theirs, and 3 EPS of the perimeter along the boundary.
+    """
+    vertices = of.polygon.vertices / of.units.length
+    found = Polygon(vertices, of.polygon.name)
+    return replace(found, doubt=4 * EPS * float(np.abs(vertices).max() + found.perimeter))
 
 
 def units_of(problem: Case | Problem | Sampled) -> Units:

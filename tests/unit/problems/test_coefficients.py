@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import unilateral as ul
+from unilateral.bounds.source import enclosed
 from unilateral.formulas.taylor import affine, basis
 from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
 from unilateral.geometry.polygon import Polygon
@@ -78,6 +79,25 @@ def test_the_data_of_the_scaled_problem_are_enclosed():
     assert lower <= 2 * 2 * 0.75 <= upper
     assert upper - lower == pytest.approx(0, abs=1e-12)
     assert data.enclosed_flux.range(2) == pytest.approx((0, 4), abs=1e-12)
+
+
+@pytest.mark.parametrize(("k", "c"), [(1, 1), (9, "1/4"), ("1/4", 16)])
+def test_a_step_on_a_disc_keeps_its_place(k, c):
+    """f is 1 on the disc of radius 0.3 about (0.4, 0.5): its integral and those over x and y are known.
+
+    In the units of k and c f is k^(1/2) / c as large, and lengths over 6 or times 8. What is not known of f
+    moves an integral by no more than the root of the area times its norm.
+    """
+    problem = ul.Problem(UNIT, f="pos(9/100 - (x - 2/5)**2 - (y - 1/2)**2, 0)", g=-1, k=k, c=c)
+    data, unit = scaled(problem), problem.units.length
+    mesh = similar(unstructured(problem.polygon, 1 / 8), data.polygon)
+    found = enclosed(mesh, data)
+    inside = 0.09 * np.pi / (problem.units.load * unit**2)
+    off = np.sqrt(mesh.areas.sum()) * found.unknown
+    assert off < 0.02 * inside
+    assert found.moments.sum() == pytest.approx(inside, abs=off)
+    centroid = np.einsum("ti,tid->d", found.moments, mesh.points[mesh.triangles]) / inside
+    assert centroid == pytest.approx(np.array([0.4, 0.5]) / unit, rel=0.02)
 
 
 @pytest.mark.parametrize(("k", "c"), [(2, "3000000"), ("1/7", "100000"), (1, "50")])

@@ -1,0 +1,59 @@
+"""How far a mesh in memory is from the exact one, whose boundary nodes lie on the sides of the exact polygon.
+
+The exact mesh has the same triangles, nodes inside and nodal values. Its boundary node at the arc length s of
+side i is the point that divides the side as s divides the interval from starts[i] to starts[i + 1]. The exact
+polygon is the one that was given; with k and c its image under the exact scaling by (c/k)^{1/2}. The bounds
+are computed on the mesh in memory, and what they need for the exact one is the supplement's Proposition S5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
+from unilateral.geometry.polygon import Polygon
+
+EPS = float(np.finfo(float).eps)
+MOST = 1e-3
+"""Of `distortion` and `stretch`: larger ones would need another proof."""
+GROWTH = 6.0
+"""Times both: by how much norms, constants and lengths change together, relative to them."""
+
+
+def shifts(polygon: Polygon, places: Array, side: Index, s: Array) -> Array:
+    """(nb,) how far nodes at the `places` (nb, 2) may be from the exact ones, of arc lengths s on the sides.
+
+    Places relative to the side's first vertex are rounded relative to its distance, however far the origin.
+    """
+    t = (s - polygon.starts[side]) / np.diff(polygon.starts)[side]
+    along = t[:, None] * polygon.edges[side]
+    off = places - polygon.vertices[side] - along
+    return polygon.doubt + np.hypot(*off.T) + 4 * EPS * np.hypot(*along.T)
+
+
+def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> Array:
+    """(m,) bounds of |D Phi - I|, Phi the affine map from a triangle in memory to the exact one.
+
+    That is at most the sum over the nodes of their `shift` (n,) times the gradient of the hat, which is an
+    edge over twice the area. The second term is the rounding of areas and edges, computed from coordinates.
+    """
+    return (0.5 * shift[triangles].sum(axis=1) + 4 * EPS * longest) * longest / areas
+
+
+def check(polygon: Polygon, places: Array, distorted: Array) -> None:
+    """Raises InputError where a triangle at the `places` (m, 2) is `distorted` (m,) too much for a bound."""
+    worst, short = int(distorted.argmax()), int(polygon.stretch.argmax())
+    if distorted[worst] > MOST:
+        x, y = places[worst]
+        raise InputError(
+            f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
+            f"coordinates changes triangle {worst} at ({x:.6g}, {y:.6g}) by {distorted[worst]:.1g} of its "
+            f"height, more than {MOST:g}; move the polygon to the origin, or take larger or less flat ones"
+        )
+    if polygon.stretch[short] > MOST:
+        raise InputError(
+            f"polygon '{polygon.name}': no bound is guaranteed, for rounding changes side {short} by "
+            f"{polygon.stretch[short]:.1g} of its length, more than {MOST:g}; leave out so short a side, or "
+            "move the polygon to the origin"
+        )

@@ -1,0 +1,221 @@
+"""Bounds hold on the polygon itself: u is linear, so that its error is what displaced nodes and rounding do.
+
+The true errors are computed with 50 digits on the exact mesh, whose boundary nodes lie on the sides.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg as sla
+import sympy
+from mpmath import mp, mpf
+
+from unilateral.bounds import edge_flux
+from unilateral.bounds.given import given
+from unilateral.bounds.local import local_bound
+from unilateral.bounds.sharp import sharp_bound
+from unilateral.bounds.source import enclosed
+from unilateral.errors import InputError
+from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import adapted, refined
+from unilateral.geometry.checks import round_off
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.problems.atoms import X, Y
+from unilateral.problems.problem import Problem
+from unilateral.problems.scaled import scaled
+from unilateral.problems.units import Units
+
+KITE = np.array([[0, 0], [1, 0], [1, 0.7], [0, 1.3]])
+
+
+def exact(number):
+    return sympy.Rational(float(number))
+
+
+def digits(numbers):
+    return np.array([[mpf(float(x)) for x in row] for row in numbers], dtype=object)
+
+
+def turned(vertices, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return vertices @ np.array([[c, s], [-s, c]])
+
+
+def placed(size, place, angle=0.6, shape=KITE):
+    return Polygon(size * turned(shape, angle) + np.array([0.3, 1.0]) * place)
+
+
+def beside(mesh, part=0.9):
+    """A mesh whose boundary nodes lie beside their sides, off by a part of what is left as round-off."""
+    rng = np.random.default_rng(5)
+    points, polygon = mesh.points.copy(), mesh.polygon
+    by = part * round_off(polygon) * rng.choice([-1, 1], len(mesh.boundary))
+    inner = ~np.isin(mesh.s[:-1], polygon.starts)
+    points[mesh.boundary] += (inner * by)[:, None] * polygon.normals[mesh.side]
+    return meshes.from_arrays(polygon, points, mesh.triangles)
+
+
+def halved_somewhere(polygon):
+    of = adapted(meshes.following(partitions.uniform(polygon, polygon.lengths.max()), 2)[0])
+    rng = np.random.default_rng(2)
+    for _ in range(4):
+        chosen = of.mesh.boundary_triangles[rng.random(len(of.mesh.boundary)) < 0.3]
+        of, _ = refined(of, chosen, np.zeros(of.mesh.n_nodes))
+    return of.mesh
+
+
+class Linear(NamedTuple):
+    """-k lap u + c u = f with u = slope . (x - vertex 0), the slope along side 0: so lambda = 0 there.
+
+    The other sides are free, with the flux given.
+    """
+
+    problem: Problem
+    slope: tuple[sympy.Rational, sympy.Rational]
+
+    def at(self, points):
+        """u (n,) at points (n, 2) of 50 digits."""
+        a, b = (mpf(each.p) / mpf(each.q) for each in self.slope)
+        start = digits(self.problem.polygon.vertices[:1])[0]
+        return a * (points[:, 0] - start[0]) + b * (points[:, 1] - start[1])
+
+
+def linear(polygon, k=1, c=1):
+    corners = [[exact(x) for x in vertex] for vertex in polygon.vertices]
+    edges = [[b - a for a, b in zip(*pair, strict=True)] for pair in pairwise([*corners, corners[0]])]
+    (x, y), (a, b) = corners[0], edges[0]
+    u = a * (X - x) + b * (Y - y)
+    q = tuple(k * (q * a - p * b) / sympy.sqrt(p**2 + q**2) for p, q in edges)
+    g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
+    free = tuple(range(1, polygon.n_sides))
+    units = Units(sympy.sympify(k), sympy.sympify(c))
+    return Linear(Problem("linear", polygon, units.c * u, g, free, units, q), (a, b))
+
+
+def exact_nodes(mesh):
+    """(n, 2) the nodes, those on the boundary where s divides the exact sides."""
+    polygon, found = mesh.polygon, digits(mesh.points)
+    vertices, starts = digits(polygon.vertices), [mpf(float(s)) for s in polygon.starts]
+    for node, s, side in zip(mesh.boundary, mesh.s[:-1], mesh.side, strict=True):
+        t = (mpf(float(s)) - starts[side]) / (starts[side + 1] - starts[side])
+        found[node] = vertices[side] + t * (vertices[(side + 1) % polygon.n_sides] - vertices[side])
+    return found
+
+
+def true_error(of, mesh, u_h):
+    """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^{1/2} on the exact mesh, where u - u_h is linear on triangles."""
+    places, units = exact_nodes(mesh), of.problem.units
+    off = (of.at(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[mesh.triangles]
+    x, y = places[mesh.triangles].transpose(2, 0, 1)
+    e, f = np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), np.roll(y, 1, axis=1) - np.roll(y, -1, axis=1)
+    twice = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
+    squares = ((off * f).sum(axis=1) ** 2 + (off * e).sum(axis=1) ** 2) / twice / 2
+    values = ((off**2).sum(axis=1) + off.sum(axis=1) ** 2) * twice / 24
+    k, c = (mpf(each.p) / mpf(each.q) for each in (units.k, units.c))
+    return float(mp.sqrt(k * squares.sum() + c * values.sum()))
+
+
+def indices(of, mesh):
+    """Bounds over errors: of u at the nodes in memory, and of what the mesh in memory has as its solution."""
+    data = scaled(of.problem)
+    on, units = meshes.similar(mesh, data.polygon), of.problem.units
+    cells = partitions.uniform(data.polygon, data.polygon.lengths.max())
+    source, flux = enclosed(on, data), given(data.enclosed_flux, on)
+    solve = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve
+    discrete = solve(load(on, source.moments) + edge_load(on, flux.ends))
+    found = []
+    with mp.workdps(50):
+        at_nodes = of.at(digits(mesh.points)).astype(float) / units.value
+        for u_h in (at_nodes, discrete):
+            pair = cells, u_h, np.zeros(cells.n_cells)
+            bounds = [
+                bound(source, data.enclosed_obstacle, *pair, data.free_sides, flux).u
+                for bound in (local_bound, sharp_bound)
+            ]
+            error = true_error(of, mesh, units.value * u_h)
+            found.append(min(bounds) / error if error else np.inf)
+    return found
+
+
+FAR = {
+    "small": lambda: meshes.unstructured(placed(1 / 128, 1e6), 1 / 1024),
+    "smaller": lambda: meshes.unstructured(placed(1e-3, 1e4), 1e-4),
+    "beside its sides": lambda: beside(meshes.unstructured(placed(1 / 128, 1e6), 1 / 512)),
+    "beside, fine": lambda: beside(meshes.unstructured(placed(1e-3, 1e4), 1e-4)),
+    "refined": lambda: meshes.refine(beside(meshes.unstructured(placed(1 / 128, 1e6), 1 / 128)), 3),
+}
+"""Polygons far from the origin, on whose slanted sides nodes are rounded."""
+OTHERS = {
+    "needle": lambda: meshes.unstructured(placed(1, 1e3, shape=KITE * [1, 1e-3]), 0.02),
+    "square": lambda: meshes.unstructured(placed(1, 1e6, shape=square().vertices), 0.2),
+    "adapted": lambda: halved_somewhere(placed(1, 1e4)),
+    "short side": lambda: meshes.unstructured(placed(1, 0, shape=np.vstack([KITE, [[0, 1e-5]]])), 0.5),
+    "refined six times": lambda: meshes.refine(meshes.unstructured(placed(1, 1e5), 2), 5),
+}
+
+
+@pytest.mark.parametrize("name", [*FAR, *OTHERS])
+def test_bounds_hold_on_the_polygon_itself(name):
+    mesh = (FAR | OTHERS)[name]()
+    assert min(indices(linear(mesh.polygon), mesh)) >= 1
+
+
+@pytest.mark.parametrize("name", ["beside its sides", "beside, fine", "refined"])
+def test_without_the_distance_from_the_exact_mesh_they_do_not(name, monkeypatch):
+    monkeypatch.setattr(Mesh, "distortion", property(lambda mesh: np.zeros(len(mesh.triangles))))
+    mesh = FAR[name]()
+    assert min(indices(linear(mesh.polygon), mesh)) < 0.7
+
+
+@pytest.mark.parametrize(
+    ("k", "c"), [("1e-6", "1e6"), ("1e6", "1e-6"), ("1/3", "7"), ("1e12", "1"), ("2", "1e-4")]
+)
+@pytest.mark.parametrize("place", [0.0, 1e5])
+def test_so_they_do_where_k_and_c_scale_the_polygon(k, c, place):
+    """Its image has irrational vertices in general; those in memory are rounded."""
+    polygon = placed(1 / 4, place)
+    mesh = meshes.unstructured(polygon, 0.1)
+    assert min(indices(linear(polygon, *map(sympy.Rational, (k, c))), mesh)) >= 1
+
+
+def test_without_the_rounding_of_scaled_vertices_they_do_not(monkeypatch):
+    """The scale is 7^(1/2)/3, and scaled vertices near 1e5 are rounded by 1e-11, of sides of 1/128."""
+    polygon = placed(1 / 128, 1e5)
+    mesh, of = meshes.unstructured(polygon, 1 / 256), linear(polygon, 9, 7)
+    assert min(indices(of, mesh)) >= 1
+    monkeypatch.setattr("unilateral.problems.scaled.EPS", 0.0)
+    assert min(indices(of, mesh)) < 0.5
+
+
+def test_nodes_within_the_tolerance_are_moved():
+    """Off by 0.99e-10 they once left an error that was above the bound; moved, they leave none."""
+    mesh = meshes.unstructured(square(), 1 / 8)
+    rng, points = np.random.default_rng(0), mesh.points.copy()
+    inner = ~np.isin(mesh.s[:-1], square().starts)
+    by = 0.99e-10 * inner * rng.choice([-1, 1], len(inner))
+    points[mesh.boundary] += by[:, None] * square().normals[mesh.side]
+    own, of = meshes.from_arrays(square(), points, mesh.triangles), linear(square())
+    with mp.workdps(50):
+        error = true_error(of, own, own.points[:, 0])
+        assert true_error(of, own, points[:, 0]) > 1e-10
+    assert error < 1e-15
+    assert min(indices(of, own)) >= 1
+
+
+@pytest.mark.parametrize(("place", "refused"), [(1e6, False), (1e9, True)])
+def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
+    """At 1e9 coordinates are rounded by 6e-8, more than 1e-3 of the least heights, which are some 2e-5."""
+    polygon = placed(1, place, shape=KITE * [1, 1e-4])
+    mesh = meshes.refine(meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2], [0, 2, 3]]))
+    cells = partitions.uniform(polygon, 1)
+    given = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), ()
+    if not refused:
+        edge_flux.check(*given)
+        return
+    with pytest.raises(InputError, match=r"no bound is guaranteed on so fine a mesh.*changes triangle \d at"):
+        edge_flux.check(*given)

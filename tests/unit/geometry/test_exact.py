@@ -1,0 +1,102 @@
+"""The distance of meshes in memory from exact ones, against 50 digits and by triangles where it is sharp."""
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+from numpy.testing import assert_allclose
+
+from unilateral.errors import InputError
+from unilateral.geometry import exact
+from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
+from unilateral.geometry.polygon import Polygon, square
+
+KITE = np.array([[0, 0], [1, 0.1], [0.9, 0.7], [0, 1.3]])
+
+
+def digits(numbers):
+    return np.array([[mpf(float(x)) for x in row] for row in numbers], dtype=object)
+
+
+@pytest.mark.parametrize("place", [0.0, 1e3, 1e6])
+@pytest.mark.parametrize("push", [0.0, 1e-9, -1e-7])
+def test_shifts_are_at_least_the_distances_and_hardly_more(place, push):
+    """Of nodes that are pushed along their sides by a part of it; the rest is some units of its length."""
+    polygon = Polygon(KITE + place)
+    mesh = refine(unstructured(polygon, 0.4))
+    side, s = mesh.side, mesh.s[:-1]
+    places = mesh.points[mesh.boundary] + push * polygon.tangents[side]
+    found = exact.shifts(polygon, places, side, s)
+    with mp.workdps(50):
+        vertices, starts = digits(polygon.vertices), digits([polygon.starts])[0]
+        t = [(mpf(float(x)) - starts[i]) / (starts[i + 1] - starts[i]) for x, i in zip(s, side, strict=True)]
+        there = vertices[side] + np.array(t)[:, None] * (np.roll(vertices, -1, axis=0) - vertices)[side]
+        off = np.array([mp.hypot(*each) for each in digits(places) - there]).astype(float)
+    assert np.all(found >= off)
+    assert np.all(found <= off + 3e-15)
+
+
+def test_distortions_are_at_least_those_of_displaced_triangles():
+    """|D Phi - I| is the largest singular value, for random triangles and nodes displaced by their shifts."""
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(0, 1, (400, 3, 2)) * [1, 10.0 ** rng.uniform(-4, 0)]
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+    shift = 1e-6 * rng.uniform(0, 1, (400, 3))
+    angle = rng.uniform(0, 2 * np.pi, (400, 3))
+    moved = shift[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    by = np.stack([moved[:, 1] - moved[:, 0], moved[:, 2] - moved[:, 0]], axis=2)
+    norms = np.linalg.norm(by @ np.linalg.inv(edges), 2, axis=(1, 2))
+    areas, longest = (
+        0.5 * np.abs(np.linalg.det(edges)),
+        np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2).max(axis=1),
+    )
+    found = exact.distortion(shift.ravel(), np.arange(1200).reshape(-1, 3), longest, areas)
+    assert np.all(norms <= found)
+    assert np.max(norms / found) > 0.7
+
+
+def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
+    """By a part of the triangle's height, across the edge: D Phi - I is that part."""
+    shift, triangle = np.array([0.0, 0.0, 2e-6]), np.array([[0, 1, 2]])
+    found = exact.distortion(shift, triangle, np.array([2.0]), np.array([0.02]))
+    assert_allclose(found, 2e-6 / 0.02, rtol=1e-6)
+
+
+def test_vertices_and_straight_meshes_have_no_shift():
+    """Coordinates of dyadic size on sides parallel to the axes are exact."""
+    mesh = refine(unstructured(square(), 1 / 4))
+    vertices = np.isin(mesh.s[:-1], square().starts)
+    assert np.all(mesh.shift[mesh.boundary[vertices]] == 0)
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    assert np.all(mesh.shift[inside] == 0)
+    assert mesh.shift.max() <= 5 * exact.EPS
+
+
+def test_a_doubt_of_the_polygon_is_that_of_all_nodes():
+    polygon = Polygon(KITE, doubt=1e-9)
+    mesh = similar(unstructured(Polygon(KITE), 0.5), polygon)
+    assert_allclose(mesh.shift, 1e-9, rtol=1e-5)
+    assert np.all(polygon.stretch > 2e-9 / polygon.lengths)
+
+
+def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
+    """Of many sides the sums of their lengths are rounded; some are short."""
+    rng = np.random.default_rng(4)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 200))
+    polygon = Polygon(np.stack([np.cos(angle), np.sin(angle)], axis=1) / 3)
+    with mp.workdps(50):
+        vertices, starts = digits(polygon.vertices), digits([polygon.starts])[0]
+        lengths = np.array([mp.hypot(*edge) for edge in np.roll(vertices, -1, axis=0) - vertices])
+        off = np.abs((np.diff(starts) - lengths) / lengths).astype(float)
+    assert np.all(off <= polygon.stretch)
+    assert np.max(off / polygon.stretch) > 0.3
+
+
+def test_sides_that_rounding_stretches_have_no_bound():
+    polygon = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 1e-13]]), "cut")
+    with pytest.raises(InputError, match=r"'cut': .* rounding changes side 4 by 0\.\d* of its length"):
+        exact.check(polygon, np.zeros((1, 2)), np.zeros(1))
+
+
+def test_the_growth_has_the_largest_of_both():
+    mesh = from_arrays(square(), square().vertices, [[0, 1, 2], [0, 2, 3]])
+    assert 1 < mesh.growth < 1 + 1e-13
