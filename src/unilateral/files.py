@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 from unilateral.errors import InputError, StorageError
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+HIDDEN = ".tmp"
+"""The end of the names of folders in which files are written; git ignores them."""
+OVERHEAD = 2**20
+"""More bytes than netCDF takes beside the values."""
 
 
 def check_target(path: str | os.PathLike[str], endings: Collection[str]) -> None:
@@ -39,9 +48,38 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(path)
     check_folder(path)
     try:
-        with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
-            yield Path(folder) / path.name
-            for file in sorted(Path(folder).iterdir()):
+        with hidden_beside(path) as folder:
+            yield folder / path.name
+            for file in sorted(folder.iterdir()):
                 os.replace(file, path.parent / file.name)
     except OSError as error:
         raise StorageError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def hidden_beside(path: Path) -> Iterator[Path]:
+    """A new folder beside a path, which is removed at the end, after an interrupt too.
+
+    Its name is known before it is there, and removing it begins again if an interrupt comes in between.
+    """
+    folder = path.parent / f".{path.name}.{os.urandom(8).hex()}{HIDDEN}"
+    try:
+        folder.mkdir(mode=0o700)
+        yield folder
+    finally:
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def write_netcdf(table: Dataset, path: Path, **options: Any) -> None:
+    """A file of netCDF-4. Raises OSError with the system's reason.
+
+    On a full disk netCDF says "Permission denied" or "HDF error". A plain file as large tells what it is.
+    """
+    try:
+        table.to_netcdf(path, engine="netcdf4", **options)
+    except (OSError, RuntimeError):
+        path.write_bytes(bytes(table.nbytes + OVERHEAD))
+        raise

@@ -21,7 +21,7 @@ from unilateral.certificate import Bounds, record, steps, write_text
 from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
-from unilateral.files import check_target, replacing
+from unilateral.files import check_target, replacing, write_netcdf
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -216,7 +216,7 @@ class Solution:
             if temporary.suffix == ".csv":
                 self.cells().to_csv(temporary, index=False)
             elif temporary.suffix == ".nc":
-                self.dataset().to_netcdf(temporary)
+                write_netcdf(self.dataset(), temporary)
             else:
                 from unilateral.plot import draw
 

@@ -24,8 +24,8 @@ rule cost_runs:
         **asked("cost_runs"),
     params:
         scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
-        name=lambda wildcards: job_of(wildcards)["scene"],
-        h=lambda wildcards: job_of(wildcards)["h"],
+        number="{job}",
+        of_job=job_of,
         study=RUNS,
     message:
         "cost: the runs of job {wildcards.job}"

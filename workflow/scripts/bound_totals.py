@@ -15,7 +15,8 @@ def main(mesh, solutions, scene, name, levels, wanted, ratio, totals):
         bounded(refined, partitions(scene), chosen, solved.isel(mesh=[level]), H_over_h)
         for level, refined in enumerate(refinements(stored_mesh(mesh, scene), levels))
     ]
-    given = {"scene": scene, "levels": levels, "cases": wanted, "ratio": ratio}
+    given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": wanted}
+    given |= {"rates.judged_ratio": ratio}
     tables.save(tables.along_mesh(found), totals, name, given)
 
 

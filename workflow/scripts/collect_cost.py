@@ -9,7 +9,7 @@ from unilateral.study.runs.cost.variants import plan
 
 
 def main(runs, timed, study, axes, cost, timings, factors):
-    planned, given = plan(study), {"study": study}
+    planned, given = plan(study), {f"cost.{field}": value for field, value in study.items()}
     table = along_runs([tables.load(path) for path in runs], planned)
     tables.save(table, cost, "cost", given)
     tables.save(along_runs([tables.load(path) for path in timed], planned), timings, "cost", given)

@@ -12,7 +12,7 @@ from unilateral.study.runs import deep
 
 
 def main(levels, timed, study, predicted, errors, rates, timings):
-    table, given = deep.diagonal(map(tables.load, levels)), {"study": study}
+    table, given = deep.diagonal(map(tables.load, levels)), {"rates": study}
     tables.save(table, errors, "deep", given)
     asymptotic = {name: case.declared(name)[0]["asymptotic"] for name in table["case"].values}
     ratio = real(study["judged_ratio"], "judged_ratio")

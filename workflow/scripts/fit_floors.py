@@ -13,7 +13,7 @@ def main(errors, name, ratio, floors):
     declared = {c: case.declared(c)[0]["asymptotic"]["h1"]["from"] for c in table["case"].values}
     starts = {c: real(start, f"case '{c}', asymptotic.h1.from") for c, start in declared.items()}
     found = fitted(table, starts, real(ratio, "judged_ratio"))
-    tables.save(found, floors, name, {"ratio": ratio})
+    tables.save(found, floors, name, {"rates.judged_ratio": ratio})
 
 
 if __name__ == "__main__":

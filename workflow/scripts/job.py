@@ -3,33 +3,48 @@
 import os
 import sys
 import traceback
+from contextlib import suppress
 from time import perf_counter
 
 from unilateral.errors import InputError
 from unilateral.memory import peak_mb
+from unilateral.signals import cleaning_up
+from unilateral.study import origin
 
 
 def run(main, job):
     """Call `main` with the named input, output and params of its rule; `job` is Snakemake's object.
 
+    Tables among the input have to be those of their places, made with the present configuration and files.
     What is said goes to the job's log. A failure is told on the terminal, too, in one sentence: an InputError
     in its own, with its exit code, any other error by its name, with a traceback in the log.
     """
     terminal, start = _speak_into(job.log[0]), perf_counter()
     try:
-        main(**dict(job.input.items()), **dict(job.output.items()), **dict(job.params.items()))
+        with cleaning_up(), origin.made_by(job.rule, job.input):
+            _check([file for file in job.input if file.endswith(".nc")], job.config)
+            main(**dict(job.input.items()), **dict(job.output.items()), **dict(job.params.items()))
+        print(f"done in {perf_counter() - start:.1f} s, with at most {peak_mb():.0f} MB")
+        return
     except InputError as error:
         said, code = str(error), error.exit_code
     except Exception as error:
         name = traceback.format_exception_only(error)[-1].strip()
         said, code = f"{name}; the traceback is in {job.log[0]}", 1
-        traceback.print_exc()
-    else:
-        print(f"done in {perf_counter() - start:.1f} s, with at most {peak_mb():.0f} MB")
-        return
+        with suppress(OSError):  # on a full disk
+            traceback.print_exc()
     for place in (terminal, sys.stderr):
-        print(f"unilateral: {said}", file=place, flush=True)
+        with suppress(OSError):
+            print(f"unilateral: {said}", file=place, flush=True)
     sys.exit(code)
+
+
+def _check(files, config):
+    if files:
+        from unilateral.study import tables  # which takes long to import
+
+        for file in files:
+            tables.load(file, config)
 
 
 def _speak_into(log):

@@ -14,7 +14,7 @@ def main(errors, name, study, judged, rates):
     asymptotic = {c: case.declared(c)[0]["asymptotic"] for c in table["case"].values}
     ratio = real(study["judged_ratio"], "judged_ratio")
     found = rates_table.collect(judge_all(table, study, asymptotic), ratio if judged else None)
-    tables.save(found, rates, name, {"study": study, "judged": judged})
+    tables.save(found, rates, name, {"rates": study, f"scenes.{name}.judged": judged})
     print(rates_table.summary(found, ratio))
 
 

@@ -19,7 +19,7 @@ def main(examples, study, stop, errors, infsup, timings, rates):
     for problem in problems:
         found.append(adaptive.measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")
-    names, given = [problem.name for problem in problems], {"study": study, "stop": stop}
+    names, given = [problem.name for problem in problems], {"adaptive": study, "stop": stop}
     for parts, path in zip(zip(*found, strict=True), (errors, infsup, timings), strict=True):
         tables.save(adaptive.together(parts, "case", names), path, "adaptive", given)
     tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive", given)

@@ -16,7 +16,7 @@ def main(study, stop, errors, alternating):
     sizes = [real(H, "cells.H") for H in study["H"]]
     chosen = Stop(**stop, algorithm=study["algorithm"])
     table = measure(mesh, cases(study), sizes, study["period"], chosen)
-    given = {"study": study, "stop": stop}
+    given = {"cells": study, "stop": stop}
     tables.save(table, errors, "cells", given)
     sizes, gammas = (
         [number(x, "cells.alternating") for x in study["alternating"][of]] for of in ("H", "gammas")

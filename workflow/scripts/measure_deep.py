@@ -16,7 +16,7 @@ from unilateral.study.scenes import cases
 def main(scene, h, stop, errors, timings):
     size, ratio = real(h, "deep.h"), real(scene["H_over_h"], "deep.H_over_h")
     found = deep.level(cases(scene), size, ratio, Stop(**stop))
-    given = {"scene": scene, "h": h, "stop": stop}
+    given = {"deep": scene, "stop": stop}
     tables.save(found, errors, "deep", given)
     taken = {"h": [size], "process_seconds": [process_time()], "peak_mb": [peak_mb()]}
     tables.save(xr.Dataset({name: ("mesh", value) for name, value in taken.items()}), timings, "deep", given)

@@ -12,7 +12,7 @@ from unilateral.study.sizes import normed
 def main(scene, name, dual_norm):
     found = partitions(scene)
     finest, problems = common_refinement([found[k] for k in normed(scene)]), cases(scene)
-    tables.save(dual_forms(finest, problems), dual_norm, name, {"scene": scene})
+    tables.save(dual_forms(finest, problems), dual_norm, name, {f"scenes.{name}": scene})
 
 
 if __name__ == "__main__":

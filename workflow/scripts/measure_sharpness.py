@@ -15,7 +15,7 @@ from unilateral.study.runs import sharpness
 def main(study, stop, errors, rates, fixed_errors, fixed_rates):
     domain, fixed = polygon.named(study["polygon"]), study["fixed"]
     exponents = [[number(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")]
-    chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"study": study, "stop": stop}
+    chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"sharpness": study, "stop": stop}
 
     def on_mesh(h):
         return condense(structured(domain, float(h)))

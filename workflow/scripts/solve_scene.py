@@ -21,7 +21,7 @@ def main(norm, scene, name, stop, mesh, solutions, errors, infsup, timings):
         found.append(sweep(refined, problems, cells, gram, limits(scene), Stop(**stop)))
         print(f"h = {refined.h:.4g} solved")
     solved, timed = (tables.along_mesh(levels) for levels in zip(*found, strict=True))
-    given = {"scene": scene, "stop": stop}
+    given = {f"scenes.{name}": scene, "stop": stop}
     tables.save(solved, solutions, name, given)
     tables.save(solved.drop_vars("lambda_H"), errors, name, given)
     tables.save(of_runs(solved), infsup, name, given)

@@ -18,7 +18,7 @@ def main(study, finds, name, infsup):
         cells = [partition_of(domain, spec) for spec in study["partitions"]]
         sizes = study.get("deltas") or study["edges_per_cell"]
         table = survey(cells, [study["mesh"]] * len(cells), sizes)
-    tables.save(table, infsup, name, {"study": study, "finds": finds})
+    tables.save(table, infsup, name, {f"surveys.{name}": study} | ({"finds": finds} if finds else {}))
 
 
 if __name__ == "__main__":

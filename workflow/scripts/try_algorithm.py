@@ -16,7 +16,7 @@ def main(study, steps, certificates, singular, uniqueness, unique, elimination, 
     polygon = domain(study)
     h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
     on, cells = structured(polygon, h), partition.uniform(polygon, H)
-    problems, given = cases(study), {"study": study}
+    problems, given = cases(study), {"algorithm": study}
     shares = [float(share) for share in study["shares"]]
     tables.save(experiments.algorithm(on, cells, problems, shares, study["steps"]), steps, "algorithm", given)
     recorded = study["recorded_steps"]

@@ -10,7 +10,7 @@ from unilateral.study.runs.extremes import Budget, survey
 def main(study, extremes):
     h, H = (real(study[name], f"extremes.{name}") for name in ("h", "H"))
     budget = Budget(study["accuracy"], study["max_steps"])
-    tables.save(survey(study["axes"], h, H, budget), extremes, "extremes", {"study": study})
+    tables.save(survey(study["axes"], h, H, budget), extremes, "extremes", {"extremes": study})
 
 
 if __name__ == "__main__":

@@ -16,8 +16,9 @@ from collections.abc import Callable, Sequence
 from unilateral.cli import streams
 from unilateral.cli.streams import tell
 from unilateral.errors import InputError
+from unilateral.signals import INTERRUPTED, cleaning_up
 
-FAILED, INTERRUPTED = 4, 130
+FAILED = 4
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,7 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     streams.prepare()
     given = sys.argv[1:] if arguments is None else arguments
-    return int(streams.load("unilateral.cli.application").run(given))
+    run = streams.load("unilateral.cli.application").run
+    with cleaning_up():
+        return int(run(given))
 
 
 def _flush() -> int:

@@ -10,7 +10,9 @@ import re
 import signal
 import sys
 from importlib import import_module
-from typing import Any, NoReturn, TextIO
+from typing import Any, TextIO
+
+from unilateral.signals import leave
 
 NAMES = {
     "α": "alpha", "β": "beta", "γ": "gamma", "ε": "epsilon", "λ": "lambda", "μ": "mu", "ρ": "rho",
@@ -58,12 +60,6 @@ def load(module: str) -> Any:
         return import_module(module)
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def leave(*_: object) -> NoReturn:
-    """At once, after an interrupt."""
-    tell("interrupted")
-    os._exit(130)
 
 
 def prepare() -> None:

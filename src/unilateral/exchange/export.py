@@ -7,11 +7,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from importlib import resources
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from unilateral.exchange.held import held_cells, held_edges, obstacle
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.files import hidden_beside, write_netcdf
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.mesh_files import write
@@ -50,17 +51,25 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     """
     folder = Path(folder)
     if folder.exists():
-        raise InputError(f"{folder} is there already; name a folder that is not")
+        raise _is_there(folder)
     if not folder.parent.is_dir():
         raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
     try:
-        with TemporaryDirectory(dir=folder.parent, prefix=".") as temporary:
-            made = Path(temporary) / folder.name
+        with hidden_beside(folder) as hidden:
+            made = hidden / folder.name
             made.mkdir()
             _write(case, coarse, H, levels, made)
             os.rename(made, folder)
+    except StorageError as error:
+        raise StorageError(str(error).replace(str(made), str(folder))) from error
     except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # another export was quicker
+            raise _is_there(folder) from None
         raise StorageError(f"{folder} cannot be written: {error.strerror or error}") from error
+
+
+def _is_there(folder: Path) -> InputError:
+    return InputError(f"{folder} is there already; name a folder that is not")
 
 
 def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> None:
@@ -105,7 +114,7 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
         write(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
     _cells(case, cells).to_csv(folder / "partition.csv", index=False)
-    _quadrature(case, mesh).to_netcdf(folder / "quadrature.nc")
+    write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")
 
 
 def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:

@@ -14,9 +14,7 @@ from typing import Any
 
 from unilateral import __version__
 from unilateral.files import replacing
-
-OF_THE_MACHINE = "timings.nc"
-"""The end of the names of files that hold seconds and memory: no two runs make the same."""
+from unilateral.study.origin import OF_THE_MACHINE
 
 
 def write(

@@ -8,7 +8,6 @@ all before it, which other readers of netCDF pass over.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import platform
 from collections.abc import Hashable, Mapping, Sequence
@@ -24,7 +23,8 @@ import xarray as xr
 from unilateral import __version__
 from unilateral.declarations import own
 from unilateral.errors import InputError, StorageError
-from unilateral.files import replacing
+from unilateral.files import replacing, write_netcdf
+from unilateral.study import origin
 
 SOURCE = (
     "J. Haslinger, J. Lovíšek: Mixed variational formulation of unilateral problems. "
@@ -70,9 +70,9 @@ def along_ratio(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
 def save(
     table: xr.Dataset, path: str | os.PathLike[str], scene: str, parameters: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a table as netCDF with its variables described, its provenance, and no time stamp.
+    """Write a table as netCDF with its variables described, what it belongs to, and no time stamp.
 
-    `parameters` are those of the configuration that it was made with; they are kept as JSON.
+    `parameters` are the fields of the configuration that it was made with, by their paths; see `origin`.
     """
     table = table.copy()
     for name, variable in table.variables.items():
@@ -85,17 +85,14 @@ def save(
         "title": f"unilateral problems, verified: {scene}",
         "history": f"made by unilateral {__version__}",
         "scene": scene,
+        **origin.stamp(path, parameters),
         "unilateral": __version__,
         "python": platform.python_version(),
         "libraries": libraries,
-        "parameters": json.dumps(parameters or {}, sort_keys=True),
         "source": SOURCE,
     }
     with replacing(path) as temporary:
-        try:
-            table.to_netcdf(temporary, engine="netcdf4", encoding=_encoding(table))
-        except RuntimeError as error:
-            raise OSError(f"{error}; is the disk full?") from error
+        write_netcdf(table, temporary, encoding=_encoding(table))
         content = temporary.read_bytes()
         temporary.write_bytes(content + _seal(content))
 
@@ -109,8 +106,12 @@ def _encoding(table: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
     return found
 
 
-def load(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A table, read whole. Raises InputError where there is none, StorageError for one that is damaged."""
+def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """A table, read whole.
+
+    Raises InputError where there is none, StorageError for one that is damaged or belongs to another place
+    and, where the configuration `study` is given, for one that was made with another or from other files.
+    """
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:
@@ -122,7 +123,10 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset:
         raise StorageError(
             f"{path} is damaged or no table of the study; 'snakemake -j2 -f {path}' makes it anew"
         )
-    return xr.load_dataset(path, engine="netcdf4")
+    table = xr.load_dataset(path, engine="netcdf4")
+    if why := origin.fault(path, table.attrs, study):
+        raise StorageError(f"{path} {why}; 'snakemake -j2 -f {path}' makes it anew")
+    return table
 
 
 def _seal(content: bytes) -> bytes:

@@ -20,7 +20,7 @@ CLAIM_FAILS = 1
 def claims(claim: str | None, results: str, json: bool) -> int:
     """Judge the paper's statements by the study's results, in the folder that `make` writes."""
     judge, printed = (load(f"unilateral.study.judge.{name}") for name in ("claims", "printed"))
-    tables = load("unilateral.study.judge.results").Results(results)
+    tables = load("unilateral.study.judge.results").finished(results)
     found = judge.judge(tables, [judge.find(claim)] if claim else None)
     if json:
         say(load("unilateral.certificate").text({"claims": [_record(each) for each in found]}))

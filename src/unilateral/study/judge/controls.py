@@ -22,7 +22,7 @@ def spoilt(results: Results, control: Mapping[str, Any], share: float = 1.0) -> 
     `factor`, put to a `value` everywhere or `at` the positions given by dimension, replaced `from` another
     variable, or `to` some labels from other `labels`.
     """
-    changed = Results(results.folder, results)
+    changed = Results(results.folder, results, results.listed)
     for name in control["tables"]:
         table = (results[control["by"]] if "by" in control else results[name]).copy(deep=True)
         if "variable" in control:

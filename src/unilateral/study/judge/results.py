@@ -3,20 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 
 import xarray as xr
 
+from unilateral.errors import StorageError
+from unilateral.study.judge import records
 from unilateral.study.tables import load
+
+MANIFEST = "manifest.json"
 
 
 class Results(dict[str, xr.Dataset]):
-    """The tables below a folder by name, such as "square/errors", read when they are asked for."""
+    """The tables below a folder by name, such as "square/errors", read when they are asked for.
 
-    def __init__(self, folder: str | Path, tables: Mapping[str, xr.Dataset] | None = None) -> None:
+    Files that are `listed` with their SHA-256 have to have it.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        tables: Mapping[str, xr.Dataset] | None = None,
+        listed: Mapping[str, str] | None = None,
+    ) -> None:
         super().__init__(tables or {})
-        self.folder = Path(folder)
+        self.folder, self.listed = Path(folder), listed or {}
 
     def __missing__(self, name: str) -> xr.Dataset:
-        self[name] = load(self.folder / f"{name}.nc")
-        return self[name]
+        path = self.folder / f"{name}.nc"
+        table = load(path)
+        found = sha256(path.read_bytes()).hexdigest()
+        if (wanted := self.listed.get(f"{name}.nc", found)) != found:
+            raise StorageError(
+                f"{path} is another version than the study ended with: its SHA-256 is {found[:16]}..., and "
+                f"{self.folder / MANIFEST} has {wanted[:16]}...; 'snakemake -j2 -f {path}' makes it anew"
+            )
+        self[name] = table
+        return table
+
+
+def finished(folder: str | Path) -> Results:
+    """The tables of a study that has ended, as its manifest lists them, if there is one."""
+    manifest = Path(folder, MANIFEST)
+    files = records.read(manifest)["files"] if manifest.is_file() else []
+    return Results(folder, listed={file["path"].partition("/")[2]: file["sha256"] for file in files})

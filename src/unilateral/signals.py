@@ -1,0 +1,44 @@
+"""What ends a program from outside, Ctrl-C and SIGTERM. Next to nothing is imported, so it can come first."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import NoReturn
+
+INTERRUPTED = 130
+TERMINATED = 128 + signal.SIGTERM
+
+
+def leave(*_: object) -> NoReturn:
+    """At once, after an interrupt."""
+    with suppress(OSError):
+        os.write(2, b"unilateral: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+def leave_when_interrupted() -> None:
+    """From now on, unless interrupts are ignored, as those of a command in the background are."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, leave)
+
+
+@contextmanager
+def cleaning_up() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt, SIGTERM raises SystemExit, so files that are not whole are removed."""
+    handlers = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: _terminate}
+    before = {number: signal.getsignal(number) for number in handlers}
+    for number in handlers:
+        if before[number] is not signal.SIG_IGN:
+            signal.signal(number, handlers[number])
+    try:
+        yield
+    finally:
+        for number in handlers:
+            signal.signal(number, before[number])
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise SystemExit(TERMINATED)

@@ -1,0 +1,107 @@
+"""What a table belongs to and what it was made from, as its file tells, and whether that is still so.
+
+A table's place is its folder and its name, such as square/rates. Its parameters are fields of the
+configuration by their paths, such as scenes.square.mesh; its inputs are the files that its rule names, with
+a digest of each.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache, reduce
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from unilateral.errors import shown
+
+OF_THE_MACHINE = "timings.nc"
+"""The end of the names of files that hold seconds and memory: no two runs make the same."""
+DIGITS = 16
+"""Of a digest: two files share them with a probability of 2^-64."""
+
+_made: ContextVar[tuple[str, str]] = ContextVar("made", default=("", "{}"))
+
+
+@contextmanager
+def made_by(rule: str, inputs: Iterable[str]) -> Iterator[None]:
+    """Tables that are stamped here are made by that rule from those files."""
+    sums = {file: _digest(file) for file in inputs if not file.endswith(OF_THE_MACHINE)}
+    token = _made.set((rule, json.dumps(sums, sort_keys=True)))
+    try:
+        yield
+    finally:
+        _made.reset(token)
+
+
+def place(path: str | os.PathLike[str]) -> str:
+    """The place of a table in a file."""
+    whole = Path(path).absolute()
+    return f"{whole.parent.name}/{whole.stem}"
+
+
+def stamp(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None) -> dict[str, str]:
+    """The attributes of a table that is written there, with those parameters."""
+    rule, inputs = _made.get()
+    told = json.dumps(parameters or {}, sort_keys=True)
+    return {"table": place(path), "rule": rule, "inputs": inputs, "parameters": told}
+
+
+def fault(path: str | os.PathLike[str], attrs: Mapping[str, Any], study: Mapping[str, Any] | None) -> str:
+    """Why the table with these attributes is not the one of that path and, if given, that configuration."""
+    return _displaced(path, attrs) or ("" if study is None else _outdated(attrs, study))
+
+
+def _displaced(path: str | os.PathLike[str], attrs: Mapping[str, Any]) -> str:
+    if "table" not in attrs:
+        return f"is of a version that did not tell its place, and '{place(path)}' is expected"
+    if attrs["table"] != place(path):
+        return f"is the table '{attrs['table']}', and '{place(path)}' is expected"
+    return ""
+
+
+def _outdated(attrs: Mapping[str, Any], study: Mapping[str, Any]) -> str:
+    for path, value in json.loads(attrs["parameters"]).items():
+        for where, old, new in _differences(path, value, _field(study, path)):
+            return f"was made with {where}: {_told(old)}, and the configuration has {_told(new)}"
+    for file, old in json.loads(attrs["inputs"]).items():
+        if _digest(file) != old:
+            return f"was made from {file} with the SHA-256 {old}..., and that file now has {_digest(file)}..."
+    return ""
+
+
+def _field(study: Any, path: str) -> Any:
+    """The field with that path; None where there is none."""
+    return reduce(lambda held, name: _parts(held).get(name), path.split("."), study)
+
+
+def _parts(held: Any) -> dict[str, Any]:
+    """What a field holds, by the names or the numbers of its parts."""
+    if isinstance(held, list):
+        return {str(i): part for i, part in enumerate(held)}
+    return held if isinstance(held, dict) else {}
+
+
+def _differences(path: str, old: Any, new: Any) -> Iterator[tuple[str, Any, Any]]:
+    """The innermost fields that differ, with both values; None stands for a field that is not there."""
+    one, other = _parts(old), _parts(new)
+    if one and other:
+        for name in dict.fromkeys([*one, *other]):
+            yield from _differences(f"{path}.{name}", one.get(name), other.get(name))
+    elif old != new:
+        yield path, old, new
+
+
+def _told(value: Any) -> str:
+    return "nothing" if value is None else shown(json.dumps(value))
+
+
+@cache
+def _digest(file: str) -> str:
+    """The beginning of a file's SHA-256; "none" where there is no file."""
+    path = Path(file)
+    return sha256(path.read_bytes()).hexdigest()[:DIGITS] if path.is_file() else "none"
