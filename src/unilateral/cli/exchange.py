@@ -84,7 +84,8 @@ def score(
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
-        say("\n".join([*_table(scored), *_lines(rates), *_faults(scored), f"{case.name}: {verdict}"]))
+        told = [*_table(scored), *_lines(rates), scores.at_boundary(scored), *scores.sentences(scored)]
+        say("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
     return 0 if scores.holds(scored, rates) else DOES_NOT_HOLD
 
 
@@ -99,6 +100,8 @@ def _solution(one: Scored) -> dict[str, Any]:
         "errors": _numbers(one.errors._asdict()),
         "own_errors": _numbers(one.own._asdict()),
         "faults": one.faults,
+        "remarks": one.told.remarks,
+        "conditions": one.extremes.as_numbers() if one.extremes else None,
     }
 
 
@@ -127,8 +130,3 @@ def _lines(rates: dict[str, Rate]) -> Iterator[str]:
     for norm, rate in rates.items():
         numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
         yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"
-
-
-def _faults(scored: list[Scored]) -> Iterator[str]:
-    for one in scored:
-        yield from (f"{one.given.file}: {fault}" for fault in one.faults)

@@ -7,20 +7,17 @@ of the discretisation error on that an algebraic error may have, for others as f
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass
-
-import numpy as np
+from typing import NamedTuple
 
 from unilateral.arrays import Array
 from unilateral.discrete import Discrete
-from unilateral.errors import InputError
-from unilateral.exchange.conditions import conditions
+from unilateral.exchange.conditions import conditions, mistaken
+from unilateral.exchange.equation import EXPLAINS, explanations, renumbered, with_load
+from unilateral.exchange.fault import Fault, either, wrong
 from unilateral.exchange.read import Foreign
-from unilateral.exchange.residual import Fit, Residual, flux_load, residual
+from unilateral.exchange.readings import ahead, plain, readings
+from unilateral.exchange.residual import Fit, Residual, flux_load
 from unilateral.exchange.trace import Trace
-from unilateral.fem.p1 import boundary_mass
-from unilateral.geometry.mesh import Mesh
 from unilateral.norms.dual import Errors
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
@@ -31,134 +28,123 @@ ROUNDING = 1e-10
 """Of the error of u: an error of lambda below it is 0."""
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """A multiplier as the boundary load (nb,) that it is if it was meant like that; `fault` says how."""
+class Judged(NamedTuple):
+    """What is wrong with a solution, and what is not, but worth knowing."""
 
-    fault: str
-    load: Array
-    mu: Trace
+    faults: list[Fault]
+    remarks: list[str]
 
 
-def faults(case: Case, given: Foreign, discrete: Discrete, own: Errors) -> list[str]:
-    """What is wrong with a solution, beside this project's `own` errors on the level."""
-    found, of = _inside(case, given.u, discrete, own)
-    if given.multiplier is not None:
-        plain = Reading("", given.multiplier.load(of.discrete.mesh), given.multiplier)
-        if of.inside <= COUNTS * own.h1:
-            found += _of_multiplier(case, plain, of, own)
-        else:
-            found += _against_exact(plain, of, own)
-    return found
-
-
-def _inside(case: Case, u: Array, discrete: Discrete, own: Errors) -> tuple[list[str], Residual]:
-    """What is wrong with u (n,) inside, and what it leaves there, without the factor if that was wrong."""
-    of, allowed = residual(case, discrete, u), COUNTS * own.h1
+def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Array) -> Judged:
+    """By this project's `own` errors on the level, and its u_h (n,)."""
+    allowed, mu = COUNTS * own.h1, given.multiplier
+    exported = Residual(discrete, given.u, discrete.load)
+    of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
     if of.inside <= allowed:
-        return [], of
-    factor, left, size = of.fit
-    if factor != 0 and left <= COUNTS * min(of.inside, abs(factor) * size):
-        fault = _wrong("u, or the load,", factor, "f is what the equation holds with inside")
-        return [fault], residual(case, discrete, u / factor)
-    if _renumbered(case, of, own):
-        return ["the values of u are right, but at other nodes: x, y and u are numbered differently"], of
+        remark = f"the load is that of f {how}; its error is a part of yours, and no fault"
+        return Judged(list(_of_multiplier(case, mu, of, own)), [remark] if how else [])
+    told = [
+        [each.bug, *_of_multiplier(case, mu and each.multiplier(mu), each.residual, own)]
+        for each in explanations(case, of, allowed)
+    ]
+    if told:
+        fewest = min(map(len, told))
+        best = [each for each in told if len(each) == fewest]
+        return Judged([either([each[0] for each in best]), *best[0][1:]], [])
+    inside = renumbered(case, of, u_h) or _unexplained(of)
+    return Judged([inside, *_against_exact(mu, of, own)], [])
+
+
+def _unexplained(of: Residual) -> Fault:
     x, y = of.worst()
-    return [
-        f"the equation does not hold inside the domain, by {of.inside:.2g} in H1, least at ({x:g}, {y:g}): "
-        "the linear solve stopped too early, the load is another one, or u is not meant as P1"
-    ], of
-
-
-def _renumbered(case: Case, of: Residual, own: Errors) -> bool:
-    """Whether u is farther from the exact values than this project's error, and its sorted values are not."""
-    mesh = of.discrete.mesh
-    exact = case.value_and_gradient(mesh.points)[0]
-    here, anywhere = (
-        float(np.sqrt(mesh.polygon.area * np.mean((one - other) ** 2)))
-        for one, other in ((of.u, exact), (np.sort(of.u), np.sort(exact)))
+    return Fault(
+        "the equation does not hold inside the domain, and no bug that is known explains it: the linear "
+        "solve stopped too early, the load is another one, or u is not meant as P1",
+        f"by {of.inside:.2g} in H1, least at ({x:g}, {y:g})",
     )
-    return anywhere <= own.h1 < here
 
 
-def _wrong(name: str, factor: float, right: str) -> str:
-    return f"{name} has the wrong {'sign' if factor < 0 else 'scale'}: {factor:.6g} times {right}"
-
-
-def _of_multiplier(case: Case, plain: Reading, of: Residual, own: Errors) -> Iterator[str]:
+def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
     """By u's equation at the boundary, which says what the multiplier has to be, and by its conditions."""
-    allowed = COUNTS * (own.hm12_lower if own.hm12_lower > ROUNDING * own.h1 else own.h1) + of.inside
-    right, reading = of.nearer_to(plain.load), plain
-    if of.norm(plain.load - right) > allowed:
-        reading = next(_fitting(plain, of, right, allowed), plain)
-        fit = of.fitted(reading.load, right)
-        yield from filter(None, [reading.fault])
-        if fit.misfit > allowed and _scaled(fit, allowed):
-            yield _wrong("the multiplier", fit.factor, f"what u's equation has, to {fit.left / fit.size:.1g}")
-        elif not reading.fault:
-            what = "(u, v)_1 - <lambda, v> - (f, v)"
-            yield f"u and the multiplier do not fit: {what} is {fit.misfit:.2g} in H1"
-    yield from _stopped(case, reading.mu, of, allowed)
-
-
-def _fitting(plain: Reading, of: Residual, right: Array, allowed: float) -> Iterator[Reading]:
-    """The readings that are, but for a factor, the right load (nb,)."""
-    for reading in _readings(plain, of.discrete.mesh):
-        fit = of.fitted(reading.load, right)
-        if fit.left <= abs(fit.factor) * allowed:
-            yield reading
-
-
-def _readings(plain: Reading, mesh: Mesh) -> Iterator[Reading]:
-    """How the multiplier may have been meant."""
-    mu = plain.mu
-    yield plain
-    if mu.nodal is not None:
-        lumped = boundary_mass(mesh).sum(axis=1) * mu.nodal
-        yield Reading(
-            "the multiplier is lumped: its values are reactions over the row sums of the mass matrix",
-            lumped,
-            mu,
-        )
+    if mu is None:
         return
-    for clockwise in (True, False):
-        for vertex, start in enumerate(mesh.polygon.starts[:-1].tolist()):
-            with suppress(InputError):
-                moved = mu.moved(start, clockwise)
-                yield Reading(
-                    f"the cells' arc length begins at vertex {vertex} and runs "
-                    f"{'clockwise' if clockwise else 'anticlockwise'}; it has to begin at vertex 0 and run "
-                    "anticlockwise",
-                    moved.load(mesh),
-                    moved,
-                )
+    allowed, first = _allowed(of, own), plain(mu, of.discrete.mesh)
+    right = of.nearer_to(first.load)
+    misfit = of.norm(first.load - right)
+    if misfit <= allowed:
+        yield from _of_conditions(case, mu, of, allowed)
+        return
+    most = min(allowed, EXPLAINS * misfit)
+    others = list(readings(mu, of.discrete.mesh, right))
+    meant = [each for each in others if of.norm(each.load - right) <= most] or [
+        each for each in ahead(case, mu, of, right) if of.norm(each.load - right) <= most
+    ][:1]
+    if meant:
+        yield either([Fault(each.fault, "so read it fits u's equation") for each in meant])
+        reading = meant[0]
+    else:
+        fits = ((each, of.fitted(each.load, right)) for each in (first, *others))
+        reading = next((each for each, fit in fits if fit.left <= abs(fit.factor) * allowed), first)
+        yield from _scaled(reading.fault, of.fitted(reading.load, right), allowed)
+    if reading.mu is not None:
+        yield from _of_conditions(case, reading.mu, of, allowed)
 
 
-def _scaled(fit: Fit, allowed: float) -> bool:
+def _allowed(of: Residual, own: Errors) -> float:
+    """What may be left at the boundary."""
+    return COUNTS * (own.hm12_lower if own.hm12_lower > ROUNDING * own.h1 else own.h1) + of.inside
+
+
+def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
+    """What is wrong with a multiplier that has not the right scale, if it was meant as in a reading."""
+    if fault:
+        yield Fault(fault, "so read it fits u's equation, but for a factor")
+    if _is_scaled(fit, allowed):
+        right = f"what u's equation has, to {fit.left / fit.size:.1g}"
+        yield wrong("the multiplier", fit.factor, right)
+    elif not fault:
+        what = "u and the multiplier do not fit, and no bug that is known explains it"
+        yield Fault(what, f"(u, v)_1 - <lambda, v> - (f, v) is {fit.misfit:.2g} in H1")
+
+
+def _is_scaled(fit: Fit, allowed: float) -> bool:
     """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
     of_factor = abs(fit.factor - 1) * fit.size
     only = fit.left < of_factor and fit.left <= max(abs(fit.factor) * allowed, COUNTS * fit.misfit)
     return only or fit.factor * fit.size < -fit.left
 
 
-def _against_exact(plain: Reading, of: Residual, own: Errors) -> Iterator[str]:
+def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
     """A sign that is surer than what is left and this project's error, where u says nothing."""
-    fit = of.fitted(plain.load, flux_load(of.discrete))
+    if mu is None:
+        return
+    fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))
     uncertain = fit.left + own.hm12_upper
     if fit.factor * fit.size < -uncertain:
-        yield _wrong("the multiplier", fit.factor, f"the exact one, to {uncertain / fit.size:.1g}")
+        yield wrong("the multiplier", fit.factor, f"the exact one, to {uncertain / fit.size:.1g}")
 
 
-def _stopped(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[str]:
-    """How far u is from the solutions with the conditions that belong to mu, if it is none of them."""
+def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
+    """Other conditions that u has, if it has none of those that belong to mu."""
     missed = {}
     for each in conditions(case, of.discrete, mu):
         load, bound = each.multiplier_load(of.discrete, of.load, allowed)
         missed[each.what] = of.norm(of.boundary - load) - bound
         if missed[each.what] <= allowed:
             return
-    what = min(missed, key=lambda what: missed[what])
-    yield (
-        f"u is {missed[what]:.2g} in H1 from the solution with u >= g {what}: the iteration stopped "
-        "too early, or g or the conditions are others"
+    nearest = min(missed, key=lambda what: missed[what])
+    most = min(allowed, EXPLAINS * missed[nearest])
+    measured = f"u is {missed[nearest]:.2g} in H1 from the solution with u >= g {nearest}"
+    found = set()
+    for what, each in mistaken(case, of.discrete, mu, of.u[of.discrete.mesh.boundary]):
+        load, bound = each.multiplier_load(of.discrete, of.load, most)
+        if of.norm(of.boundary - load) + bound <= most:
+            found.add(what)
+    if found:
+        yield either([Fault(what, measured) for what in sorted(found)])
+        return
+    yield Fault(
+        "u is not the solution of the discrete problem, and no bug that is known explains it: the iteration "
+        "stopped too early, or g or the conditions are others",
+        measured,
     )

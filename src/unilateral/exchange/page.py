@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from unilateral import __version__
 from unilateral.arrays import Array
 from unilateral.exchange.held import obstacle
-from unilateral.exchange.score import Rate, Scored, error_in, texts, verdict
+from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
 from unilateral.plot import svg
 from unilateral.problems.case import Case
 
@@ -29,7 +29,7 @@ def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
     """Errors beside this project's own, rates, faults, and the boundary on the finest level."""
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
     template = resources.files("unilateral.exchange") / "page.template.html"
-    faults = [escape(f"{one.given.file}: {fault}") for one in ladder for fault in one.faults]
+    faults = [escape(sentence) for sentence in sentences(scored)]
     return Template(template.read_text(encoding="utf-8")).substitute(
         name=escape(case.name),
         title=escape(str(case.declaration["title"])),
@@ -41,6 +41,7 @@ def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
         rates=_rates(rates),
         errors_plot=svg(_errors_drawn(ladder, rates)),
         boundary_plot=svg(_boundary_drawn(case, ladder[-1])),
+        at_boundary=escape(at_boundary(scored)),
         h=f"{ladder[-1].given.level.mesh.h:.4g}",
     )
 

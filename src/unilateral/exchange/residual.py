@@ -7,7 +7,8 @@ multiplier of the same discrete problem has to be, exactly: discretisation error
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.discrete import Discrete
+from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.problems.case import Case
 
@@ -62,16 +64,24 @@ class Residual:
     @cached_property
     def inside(self) -> float:
         """sup over the v of V_h that are 0 on the boundary."""
-        return math.sqrt(max(float(self._inner(self.values[:, None])[0, 0]), 0.0))
+        return self.size(self.values)
 
-    @cached_property
-    def fit(self) -> Fit:
-        """By which factor A u is nearest to f inside."""
-        A_u = self.discrete.spaces.condensed.A @ self.u
-        products = self._inner(np.column_stack([A_u, self.load]))
-        factor = float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
-        left = Residual(self.discrete, self.u, factor * self.load).inside
-        return Fit(factor, left, math.sqrt(max(float(products[1, 1]), 0.0)))
+    def size(self, load: Array) -> float:
+        """The same of a load (n,)."""
+        return math.sqrt(max(float(self._inner(load[:, None])[0, 0]), 0.0))
+
+    def whole(self, mu: Array | None) -> float:
+        """sup over V_h of what is left beside a boundary load mu (nb,); inside where that is None."""
+        return self.inside if mu is None else math.hypot(self.inside, self.norm(self.boundary - mu))
+
+    def plus(self, load: Array) -> Residual:
+        """With another load (n,) added to that of u's equation."""
+        return replace(self, load=self.load + load)
+
+    def share(self, signature: Array) -> float:
+        """The factor by which a signature (n,) is nearest to what is left inside; 0 for one that is 0."""
+        products = self._inner(np.column_stack([self.values, signature]))
+        return float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
 
     def _inner(self, loads: Array) -> Array:
         """(k, k) products of loads (n, k) in that norm: A_II^{-1}, of the inner nodes, comes from A^{-1}."""
@@ -102,12 +112,20 @@ class Residual:
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))
 
 
-def residual(case: Case, discrete: Discrete, u: Array) -> Residual:
-    """Of u (n,) and the exported load, or that of f's nodal values if that is nearer but for a factor."""
-    mass = stiffness_and_mass(discrete.mesh)[1]
-    loads = [discrete.load, mass @ case.source(discrete.mesh.points)]
-    found = [Residual(discrete, u, load) for load in loads if np.isfinite(load).all()]
-    return min(found, key=lambda of: of.fit.left)
+def loads(case: Case, discrete: Discrete) -> Iterator[tuple[str, Array]]:
+    """Loads (n,) that a right solver may have: the exported one, and f by simple rules, with their names."""
+    mesh = discrete.mesh
+    yield "", discrete.load
+    mass, corners = stiffness_and_mass(mesh)[1], mesh.triangles
+    f = case.source(mesh.points)
+    yield "interpolated at the nodes", mass @ f
+    yield "at the nodes with the lumped mass matrix", mass.sum(axis=1) * f
+    middle = case.source(mesh.points[corners].mean(axis=1))
+    yield "at the centroids", p1_load(mesh, np.repeat((mesh.areas * middle / 3)[:, None], 3, axis=1))
+    ends = mesh.points[np.roll(corners, 1, axis=1)] + mesh.points[corners]
+    on_edges = case.source(ends.reshape(-1, 2) / 2).reshape(-1, 3)
+    of_corner = on_edges + np.roll(on_edges, -1, axis=1)
+    yield "at the midpoints of the edges", p1_load(mesh, mesh.areas[:, None] / 6 * of_corner)
 
 
 def flux_load(discrete: Discrete) -> Array:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from unilateral.arrays import Array
 from unilateral.discrete import discretise, solve
-from unilateral.exchange.faults import faults
+from unilateral.exchange.extremes import Extremes, extremes
+from unilateral.exchange.faults import Judged, judged
 from unilateral.exchange.read import SAME, Foreign
 from unilateral.exchange.trace import Trace, constant
 from unilateral.formulas.formula import real
@@ -35,7 +36,13 @@ class Scored:
     given: Foreign
     errors: Errors
     own: Errors
-    faults: list[str]
+    told: Judged
+    extremes: Extremes | None
+
+    @property
+    def faults(self) -> list[str]:
+        """What is wrong, in sentences."""
+        return [str(fault) for fault in self.told.faults]
 
 
 class Rate(NamedTuple):
@@ -64,7 +71,8 @@ def score(case: Case, given: Foreign) -> Scored:
         norm, case, given, solved.u_h, constant(cells, solved.lambda_H) if discrete.unique else None
     )
     errors = _errors(norm, case, given, given.u, given.multiplier)
-    return Scored(given, errors, own, faults(case, given, discrete, own))
+    told = judged(case, given, discrete, own, solved.u_h)
+    return Scored(given, errors, own, told, extremes(case, given, discrete))
 
 
 def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | None) -> Errors:
@@ -127,6 +135,27 @@ def texts(errors: Errors) -> tuple[str, str, str]:
     h1, lower, upper, l2 = ("-" if math.isnan(each) else f"{each:.4g}" for each in errors)
     known = [each for each in (lower, upper) if each != "-"]
     return h1, " to ".join(known) or "-", l2
+
+
+def sentences(scored: Sequence[Scored]) -> Iterator[str]:
+    """Each fault and each remark once: the files that have it, and what the finest of these shows."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for one in sorted(scored, key=lambda each: each.given.level.mesh.h):
+        for fault in one.told.faults:
+            measured = f": {fault.measured} ({one.given.level.name})"
+            found.setdefault(fault.what, []).append((one.given.file, measured))
+        for remark in one.told.remarks:
+            found.setdefault(remark, []).append((one.given.file, ""))
+    for what, where in found.items():
+        every = len(where) == len(scored) > 1
+        files = f"all {len(where)} solutions" if every else ", ".join(file for file, _ in where)
+        yield f"{files}: {what}{where[0][1]}"
+
+
+def at_boundary(scored: Sequence[Scored]) -> str:
+    """Where the finest solution meets the conditions least; empty where all sides are free."""
+    finest = min(scored, key=lambda each: each.given.level.mesh.h)
+    return f"{finest.given.level.name}: {finest.extremes}" if finest.extremes else ""
 
 
 def holds(scored: Sequence[Scored], found: dict[str, Rate]) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
@@ -61,6 +61,18 @@ class Trace:
         np.maximum.at(highest, cell, self.ends[own].max(axis=1))
         np.minimum.at(lowest, cell, self.ends[own].min(axis=1))
         return bool(np.all(highest - lowest <= ROUNDING * np.abs(self.ends).max()))
+
+    def times(self, factor: float) -> Trace:
+        """That multiple of it."""
+        return Trace(self.cells, factor * self.ends, None if self.nodal is None else factor * self.nodal)
+
+    def carried(self, mesh: Mesh, node: Index) -> Trace:
+        """With the values at the boundary nodes taken from other ones, `node` (n,); on cells it stays."""
+        if self.nodal is None:
+            return self
+        values = np.zeros(mesh.n_nodes)
+        values[mesh.boundary] = self.nodal
+        return continuous(mesh, values[node][mesh.boundary])
 
     def moved(self, start: float, clockwise: bool) -> Trace:
         """The same on its cells if its arc length began at `start`, and ran clockwise or not.

@@ -13,7 +13,6 @@ from conftest import ROOT, discrete, load
 
 from unilateral.discrete import solve
 from unilateral.exchange.conditions import conditions
-from unilateral.exchange.faults import faults
 from unilateral.exchange.read import Foreign, Level
 from unilateral.exchange.residual import Residual
 from unilateral.exchange.score import score

@@ -1,0 +1,68 @@
+"""Where a solution meets its conditions least: the least u - g, the least lambda, the largest product."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.discrete import Discrete
+from unilateral.exchange.conditions import conditions
+from unilateral.exchange.read import Foreign
+from unilateral.exchange.trace import continuous
+from unilateral.problems.case import Case
+
+
+class Extreme(NamedTuple):
+    """A value, and its place on a side."""
+
+    value: float
+    place: tuple[float, float]
+    side: int
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} at ({self.place[0]:g}, {self.place[1]:g}) on side {self.side}"
+
+
+class Extremes(NamedTuple):
+    """`where` says of what the values are; without a multiplier there is `gap` alone."""
+
+    where: str
+    gap: Extreme
+    multiplier: Extreme | None
+    product: Extreme | None
+
+    def as_numbers(self) -> dict[str, Any]:
+        """For programs; null where there is no multiplier."""
+        values = {"gap_least": self.gap, "lambda_least": self.multiplier, "product_largest": self.product}
+        return {"of": self.where} | {name: each and each._asdict() for name, each in values.items()}
+
+    def __str__(self) -> str:
+        names = ("min(u - g)", "min lambda", "max |lambda (u - g)|")
+        known = [f"{name} = {of}" for name, of in zip(names, self[1:], strict=True) if of is not None]
+        return f"{', '.join(known)}, {self.where}"
+
+
+def extremes(case: Case, given: Foreign, discrete: Discrete) -> Extremes | None:
+    """Of the first conditions that the multiplier may belong to, else at the nodes; None if all sides are free.
+
+    At a node lambda is its integral with the hat over that of the hat.
+    """
+    mesh, mu = discrete.mesh, given.multiplier
+    each = next(conditions(case, discrete, mu or continuous(mesh, np.zeros(len(mesh.boundary)))))
+    if not len(each.s):
+        return None
+    gap = each.means(given.u[mesh.boundary])
+    side = mesh.polygon.sides_of(each.s)
+    place = mesh.polygon.at(side, each.s - mesh.polygon.starts[side])
+
+    def at(values: Array, k: int) -> Extreme:
+        x, y = place[k].tolist()
+        return Extreme(float(values[k]), (x, y), int(side[k]))
+
+    least = at(gap, int(gap.argmin()))
+    if mu is None:
+        return Extremes(each.what, least, None, None)
+    product = np.abs(each.mu * gap)
+    return Extremes(each.what, least, at(each.mu, int(each.mu.argmin())), at(product, int(product.argmax())))

@@ -1,0 +1,26 @@
+"""What is wrong with a solution, in words."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Fault(NamedTuple):
+    """`what` is wrong, the same on every level, and what was `measured` on this one."""
+
+    what: str
+    measured: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.measured}"
+
+
+def wrong(name: str, factor: float, right: str = "the right one") -> Fault:
+    """That something has a factor; `right` says of what."""
+    return Fault(f"{name} has the wrong {'sign' if factor < 0 else 'scale'}", f"{factor:.6g} times {right}")
+
+
+def either(faults: list[Fault]) -> Fault:
+    """One of them, where nothing tells which."""
+    what, measured = ("; or ".join(dict.fromkeys(each)) for each in zip(*faults, strict=True))
+    return Fault(what, measured)

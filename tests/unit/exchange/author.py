@@ -1,0 +1,215 @@
+"""A solver as the author of another code writes it, and the bugs that such authors make, one at a time.
+
+P1 on the exported mesh, u >= g in the means over the exported cells or at the nodes, and a primal-dual active
+set by sparse elimination. Only the exported files are read; nothing of `unilateral` is imported.
+"""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import meshio
+import numpy as np
+import pandas as pd
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
+import xarray as xr
+
+METHODS = ("cells", "nodes")
+MATRICES = {
+    "mass term missing": (1, 0),
+    "mass term doubled": (1, 2),
+    "matrix doubled": (2, 2),
+    "areas doubled": (0.5, 2),
+}
+"""What the stiffness and the mass matrix are multiplied by. Gradients have an area in their denominators."""
+LOADS = {"load missing": 0, "half load": 0.5, "load negative": -1}
+
+
+class Level(NamedTuple):
+    """What an author reads of a level's folder; `boundary` (nb,) are the nodes in the order of arc length."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    nodes: pd.DataFrame
+    cells: pd.DataFrame
+    rule: xr.Dataset
+    problem: dict
+    boundary: np.ndarray
+
+    @property
+    def s(self):
+        """(nb + 1,) arc lengths of the boundary nodes, and the perimeter."""
+        return np.append(self.nodes.s[self.boundary], self.cells.end.iloc[-1])
+
+    @property
+    def side_of_nodes(self):
+        """(nb,) at a vertex the side that begins there."""
+        starts = self.cells.start[self.cells.side.diff().fillna(1) != 0]
+        return np.searchsorted(starts, self.s[:-1], side="right") - 1
+
+    @property
+    def areas(self):
+        corners = self.points[self.triangles]
+        (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+        return 0.5 * np.abs(ax * by - ay * bx)
+
+    @property
+    def reach(self):
+        """(nb,) the integrals of the hats over the boundary."""
+        length = np.diff(self.s)
+        return 0.5 * (length + np.roll(length, 1))
+
+    def f(self, x, y):
+        """By the exported formula."""
+        names = {"x": x, "y": y}
+        exec(self.problem["definitions"], names)
+        return eval(self.problem["f"], names)
+
+    def load(self, of_triangles):
+        """(n,) the sum of what belongs to the triangles' corners (t, 3)."""
+        return np.bincount(self.triangles.ravel(), of_triangles.ravel(), len(self.points))
+
+
+def read(folder, name):
+    made = Path(folder) / name
+    mesh, nodes = meshio.read(made / "mesh.vtu"), pd.read_csv(made / "nodes.csv")
+    return Level(
+        nodes[["x", "y"]].to_numpy(),
+        mesh.cells_dict["triangle"],
+        nodes,
+        pd.read_csv(made / "partition.csv"),
+        xr.load_dataset(made / "quadrature.nc"),
+        json.loads((Path(folder) / "problem.json").read_text()),
+        np.flatnonzero(nodes.s.notna())[np.argsort(nodes.s.dropna().to_numpy())],
+    )
+
+
+def matrices(level):
+    """Stiffness, from the edges opposite to the corners, and mass."""
+    corners, area = level.points[level.triangles], level.areas[:, None, None]
+    edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    t, n = level.triangles, len(level.points)
+    at = np.repeat(t, 3, axis=1).ravel(), np.tile(t, (1, 3)).ravel()
+    blocks = edges @ edges.transpose(0, 2, 1) / (4 * area), area * (np.ones((3, 3)) + np.eye(3)) / 12
+    return [sp.coo_array((each.ravel(), at), shape=(n, n)).tocsr() for each in blocks]
+
+
+def load(level, bug, M):
+    """(f, phi_i) (n,), by the exported quadrature, or as a bug has it."""
+    if bug == "f at nodes":
+        return M @ level.nodes.f.to_numpy()
+    if bug == "f at nodes, lumped":
+        return M.sum(axis=1) * level.nodes.f.to_numpy()
+    if bug == "f at centroids":
+        f = level.f(*level.points[level.triangles].mean(axis=1).T)
+        return level.load(np.repeat((level.areas * f / 3)[:, None], 3, axis=1))
+    weighted = (level.rule.weight * level.rule.f).values[:, None] * level.rule.barycentric.values
+    corners = level.triangles[level.rule.triangle.values]
+    return LOADS.get(bug, 1) * np.bincount(corners.ravel(), weighted.ravel(), len(level.points))
+
+
+def of_means(level):
+    """Rows v -> integrals of v over the cells, by midpoints between all points; means of g; lengths."""
+    s, b, rows = level.s, level.boundary, sp.lil_array((len(level.cells), len(level.points)))
+    for i, (start, end) in enumerate(zip(level.cells.start, level.cells.end, strict=True)):
+        for low, high in pairwise(np.unique([start, *s[(s > start) & (s < end)], end])):
+            edge = np.searchsorted(s, 0.5 * (low + high)) - 1
+            x = (0.5 * (low + high) - s[edge]) / (s[edge + 1] - s[edge])
+            rows[i, b[edge]] += (high - low) * (1 - x)
+            rows[i, b[(edge + 1) % len(b)]] += (high - low) * x
+    return rows.tocsr(), level.cells.g_mean.to_numpy(), (level.cells.end - level.cells.start).to_numpy()
+
+
+def of_nodes(level):
+    """Rows v -> v at a boundary node; g; 1."""
+    b = level.boundary
+    at = sp.coo_array((np.ones(len(b)), (np.arange(len(b)), b)), shape=(len(b), len(level.points)))
+    return at.tocsr(), level.nodes.g.to_numpy()[b], np.ones(len(b))
+
+
+def contact(A, f, rows, g, lengths, held, settle=True):
+    """u and the multipliers of rows u >= g lengths, for the rows that are held; with equality if not settled."""
+    active, mu = held.copy(), np.zeros(len(g))
+    for _ in range(100):
+        B = rows[np.flatnonzero(active)]
+        system = sp.block_array([[A, -B.T], [B, None]], format="csc") if active.any() else A.tocsc()
+        x = spl.spsolve(system, np.append(f, (g * lengths)[active]))
+        u, mu = x[: len(f)], np.zeros(len(g))
+        mu[active] = x[len(f) :]
+        now = held & (mu > rows @ u / lengths - np.where(held, g, 0))
+        if not settle or np.array_equal(now, active):
+            return u, mu
+        active = now
+    raise RuntimeError("the active set did not settle in 100 steps")
+
+
+def uzawa(A, f, rows, g, lengths, held, behind):
+    """A tenth of the steps of Uzawa's iteration that it takes until the multipliers change by 1e-6 only.
+
+    u belongs to the multipliers, or to those of the step before if it is `behind`.
+    """
+    solve, B = spl.splu(A.tocsc()).solve, rows[np.flatnonzero(held)]
+    D = B @ solve(B.T.toarray()) / lengths[held][:, None]
+    start, rho = B @ solve(f) / lengths[held] - g[held], 1.8 / np.linalg.norm(D, 2)
+    iterates = [np.zeros(held.sum())]
+    while len(iterates) < 3 or np.ptp(iterates[-1] - iterates[-2]) > 1e-6 * np.ptp(iterates[-1]):
+        iterates.append(np.maximum(0, iterates[-1] - rho * (D @ iterates[-1] + start)))
+    k, mu = max(1, len(iterates) // 10), np.zeros(len(g))
+    mu[held] = iterates[k]
+    return solve(f + B.T @ iterates[k - behind]), mu
+
+
+def rolled(values, side, sides):
+    """Values that are counted from the vertex at which so many sides end; or back, if negative."""
+    return np.roll(values, -int(np.sign(sides) * (side < abs(sides)).sum()))
+
+
+def solved(level, bug="", method="cells"):
+    """Tables of x, y, u and perhaps a multiplier at the nodes, and of cells or None; with a bug."""
+    K, M = matrices(level)
+    of_K, of_M = MATRICES.get(bug, (1, 1))
+    A, f = of_K * K + of_M * M, load(level, bug, M)
+    rows, g, lengths = of_means(level) if method == "cells" else of_nodes(level)
+    side = level.cells.side.to_numpy() if method == "cells" else level.side_of_nodes
+    held = np.isfinite(g)
+    if bug == "one side ignored":
+        held &= side != 0
+    g = g * {"g negative": -1, "g zero": 0}.get(bug, 1)
+    if bug in ("wrong corner of g", "wrong corner of all"):
+        g = rolled(g, side, -1)
+        held = np.isfinite(g)
+    if bug.startswith("stopped early"):
+        u, mu = uzawa(A, f, rows, g, lengths, held, bug.endswith("behind"))
+    elif bug == "conditions turned around":
+        u, mu = (-each for each in contact(A, -f, rows, -g, lengths, held))
+    else:
+        u, mu = contact(A, f, rows, g, lengths, held, bug != "Dirichlet everywhere")
+    if bug in ("wrong corner", "wrong corner of all"):
+        mu = rolled(mu, side, 1)
+    return handed_in(level, bug, method, u, -mu if bug == "lambda negative" else mu)
+
+
+def handed_in(level, bug, method, u, mu):
+    """What the author writes into files."""
+    random, (x, y) = np.random.default_rng(1), level.points.T
+    if bug == "u doubled":
+        u = 2 * u
+    if bug == "nodes shuffled":
+        u = random.permutation(u)
+    if bug == "x and y exchanged":
+        x, y = y, x
+    if bug == "noise":
+        u, mu = (each + 1e-10 * random.standard_normal(len(each)) for each in (u, mu))
+    table, cells = pd.DataFrame({"x": x, "y": y, "u": u}), level.cells[["start", "end"]]
+    lengths = (cells.end - cells.start).to_numpy()
+    if method == "cells":
+        return table, cells.assign(multiplier=mu * (lengths if bug == "lambda integrated" else 1))
+    if bug == "reactions lumped to cells":
+        shares = of_means(level)[0][:, level.boundary] @ (mu / level.reach)
+        return table, cells.assign(multiplier=shares / lengths)
+    at = np.full(len(u), np.nan)
+    at[level.boundary] = mu / (level.reach if bug == "lambda lumped" else 1)
+    name = "multiplier" if bug in ("lambda lumped", "lambda integrated") else "reaction"
+    return table.assign(**{name: at}), None
