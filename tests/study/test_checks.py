@@ -333,6 +333,15 @@ def test_no_faster_rate_is_looked_for_on_the_finest_pair_there_is():
     assert made_is(1.02, rates.not_faster, of, ["a"], ["c", "d"], "l2", 2, 1.03)
 
 
+@pytest.mark.parametrize(("tolerance", "holds"), [(0.3, True), (0.2, False)])
+def test_on_the_finest_pair_no_rate_is_far_above_the_expected_one(tolerance, holds):
+    """1 and 0.7 there, against 0.75."""
+    of = rates_table([[9.0, 0.1, 1.0, NAN], [9.0, 1.1, 0.1, 0.7]], ["holds", "holds"])
+    expected = (0.25 - tolerance, holds)
+    assert made_is(expected, rates.attained, of, ["a"], ["c", "d"], 2, {"l2": tolerance})
+    assert made_is("there is nothing", rates.attained, of, ["a"], ["e"], 2, {"l2": tolerance})
+
+
 @pytest.mark.parametrize(
     ("rate", "verdict", "expected"),
     [
@@ -538,15 +547,15 @@ def test_t_may_lack_its_logarithm():
     assert made_is(min(0, taken - 0.25), exponents.superclose, lacking, "table", 0.1)
 
 
-@pytest.mark.parametrize(("alpha", "power"), [(0.25, 0), (0.5, 1), (0.9, 0.5), (INF, 0.5)])
-def test_the_ritz_projection_may_lack_its_logarithm(alpha, power):
-    """Errors h^2, over the last factor of 4; 3/2 + alpha is expected, and 2 at most."""
+@pytest.mark.parametrize(("nu", "power"), [(0.25, 0), (0.5, 1), (0.9, 0.5), (INF, 0.5)])
+def test_the_ritz_projection_may_lack_its_logarithm(nu, power):
+    """Errors h^2, over the last factor of 4; 3/2 + nu is expected, and 2 at most."""
     h = 0.5 ** np.arange(1, 6)
     of = over(("case", "mesh"), ritz_boundary_error=[[9, 9, *h[2:] ** 2]])
     given = table(of, case=["c"], h=("mesh", h))
     taken = power * math.log((1 + math.log(32)) / (1 + math.log(8))) / math.log(4)
-    expected = 2 - min(2, 1.5 + alpha) + taken
-    assert made_is(expected, exponents.proposition_3, given, ["a"], {"c": alpha, "e": 1.0}, 0.1)
+    expected = 2 - min(2, 1.5 + nu) + taken
+    assert made_is(expected, exponents.proposition_3, given, ["a"], {"c": nu, "e": 1.0}, 0.1)
 
 
 @pytest.mark.parametrize(

@@ -173,8 +173,8 @@ def square() -> Polygon:
 
 
 @cache
-def _named() -> dict[str, list[list[int]]]:
-    found: dict[str, list[list[int]]] = own(resources.files("unilateral.geometry") / "polygons.yaml")
+def _named() -> dict[str, list[list[float]]]:
+    found: dict[str, list[list[float]]] = own(resources.files("unilateral.geometry") / "polygons.yaml")
     return found
 
 

@@ -38,7 +38,7 @@ def test_json_has_every_case_on_every_polygon(run, monkeypatch):
     assert natural["hypotheses"] == {"j": True, "jj": True, "jjj": True}
     assert natural["g_regular"] is True
     assert natural["contact"][0] == {"side": 0, "start": 0.5, "end": 1.0}
-    assert [each["polygon"] for each in found["thirds"]["polygons"]] == ["square", "lshape"]
+    assert [each["polygon"] for each in found["thirds"]["polygons"]] == ["square", "lshape", "hexagon"]
     assert found["singular"]["polygons"][0]["lambda_max"] is None
 
 

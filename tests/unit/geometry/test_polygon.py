@@ -156,6 +156,9 @@ def test_polygons_whose_areas_just_can_be(size):
 def test_named():
     assert {"square", "lshape"} <= set(names())
     assert [named(name).name for name in names()] == names()
+    exact = [7 / 20, 9 / 10, 3 / 4, 7 / 20, 9 / 10, 3 / 4]
+    assert_allclose(named("hexagon").angles / np.pi, exact, rtol=1e-15)
+    assert_allclose(named("hexagon").lengths, [1 / 2, 1 / 2, 3 / 4] * 2, rtol=1e-15)
     with pytest.raises(InputError, match=f"'disc' is unknown; the named ones are {', '.join(names())}"):
         named("disc")
 

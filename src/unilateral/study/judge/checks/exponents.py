@@ -128,29 +128,29 @@ def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
 
 
 def proposition_3(
-    tables: Tables, scenes: Sequence[str], alphas: Mapping[str, float], tolerance: float
+    tables: Tables, scenes: Sequence[str], exponents: Mapping[str, float], tolerance: float
 ) -> Evidence:
-    """The least excess of the rates of ||u - z_h||_0 on the boundary over min(2, 3/2 + alpha), by case.
+    """The least excess of the rates of ||u - z_h||_0 on the boundary over min(2, 3/2 + nu), nu by case.
 
     Over the last factor of 4, the logarithm allowed for.
     """
     found = {}
-    for name, run in by_case(tables, "{scene}/errors", scenes, alphas).items():
+    for name, run in by_case(tables, "{scene}/errors", scenes, exponents).items():
         h, error = (run[of].values[[-3, -1]] for of in ("h", "ritz_boundary_error"))
-        alpha, rate = alphas[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
-        taken = float(logarithm(alpha)) * surfaces.taken_by_logarithm(h)[0]
-        found[name] = float(rate + taken - min(2.0, 1.5 + alpha))
+        nu, rate = exponents[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
+        taken = float(logarithm(nu)) * surfaces.taken_by_logarithm(h)[0]
+        found[name] = float(rate + taken - min(2.0, 1.5 + nu))
     return worst(
         found,
-        "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + alpha)",
+        "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + nu)",
         -tolerance,
         True,
     )
 
 
-def logarithm(alpha: ArrayLike) -> Array:
-    """The power of ln(1/h) in Proposition 3."""
-    a = np.asarray(alpha, dtype=float)
+def logarithm(nu: ArrayLike) -> Array:
+    """The power of ln(1/h) in (5)."""
+    a = np.asarray(nu, dtype=float)
     return np.select([a < 0.5, a == 0.5], [0.0, 1.0], 0.5)
 
 

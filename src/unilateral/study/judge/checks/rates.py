@@ -33,11 +33,14 @@ def not_faster(
     tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, most: float
 ) -> Evidence:
     """The largest rate of the finest pair of levels."""
-    found = {}
-    for name, row in _judged(tables, scenes, cases, [norm], H_over_h).items():
-        rates = row["rate"].values
-        found[name] = float(rates[np.isfinite(rates)][-1])
+    found = {name: _finest(row) for name, row in _judged(tables, scenes, cases, [norm], H_over_h).items()}
     return worst(found, "the largest rate of the finest pair", most, False)
+
+
+def _finest(row: xr.Dataset) -> float:
+    """The rate of the finest pair."""
+    rates = row["rate"].values
+    return float(rates[np.isfinite(rates)][-1])
 
 
 def _judged(
@@ -83,6 +86,22 @@ def expected(
     }
     quantity = "the smallest rate less the expected one, with its tolerance"
     return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+
+
+def attained(
+    tables: Tables,
+    scenes: Sequence[str],
+    cases: Sequence[str],
+    H_over_h: float,
+    tolerances: Mapping[str, float],
+) -> Evidence:
+    """The largest excess of the rates of the finest pair over the expected ones, less a tolerance by norm."""
+    excess = {
+        name: _finest(row) - float(row["expected"]) - tolerances[row["norm"].item()]
+        for name, row in _judged(tables, scenes, cases, tolerances, H_over_h).items()
+    }
+    quantity = "the rate of the finest pair less the expected one and a tolerance"
+    return worst(excess, quantity, 0.0, False)
 
 
 def regularity(
