@@ -61,14 +61,11 @@ def stale(mutants: list[Mutant], root: Path) -> list[str]:
             found.append(f"{mutant.name}: its text occurs {count} times in {mutant.file}, not once")
         for test in mutant.tests:
             path, _, function = test.partition("[")[0].partition("::")
-            if not (root / path).exists() or f"def {function}" not in (root / path).read_text(
-                encoding="utf-8"
-            ):
+            source = (root / path).read_text(encoding="utf-8") if (root / path).exists() else ""
+            if not source or (function and f"def {function}(" not in source):
                 found.append(f"{mutant.name}: there is no test {test}")
     names = [mutant.name for mutant in mutants]
-    return found + [
-        f"{name}: two mutants have this name" for name in {n for n in names if names.count(n) > 1}
-    ]
+    return found + [f"{name}: two mutants have this name" for name in set(names) if names.count(name) > 1]
 
 
 @contextmanager
