@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper report docs bench score test fuzz lock clean help git FORCE
+.PHONY: study quick paper report docs bench score test fuzz mutants lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -52,6 +52,9 @@ score: .venv/ready  ## the drivers of other solvers in examples/, scored (see be
 fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `make test` (above an hour)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py tests/unit/bounds/test_random_problems.py
 
+mutants: .venv/ready  ## one line of a guarantee spoilt at a time: a test has to fail; `make mutants only=tanh` tries one
+	python -m tests.mutants $(only)
+
 lock:  ## rewrite requirements.txt with the newest versions (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv; type: python3 -m pip install uv" >&2; exit 1; }
 	uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
@@ -62,7 +65,7 @@ clean:  ## remove results/ and build/
 	rm -rf results build
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' Makefile
 
 git:
 	@command -v git >/dev/null || { echo "make test needs git, and there is no git in PATH." >&2; exit 1; }

@@ -59,6 +59,15 @@ def test_only_the_polygon_counts(polygon, least):
     assert np.isfinite(range_in(TRIANGLE, pole)[1])
 
 
+@pytest.mark.parametrize("beyond", [0.1, 0.02])
+def test_a_vertex_that_hardly_reaches_into_a_box_counts(beyond):
+    """The first boxes end at 1/2; the peak, of height 1 but for rounding of the vertex, is beyond."""
+    at = 0.5 + beyond
+    kite = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [at, at], [0.0, 1.0]]), "kite")
+    peak = parse(f"exp(-10000*((x - {at})**2 + (y - {at})**2))", ("x", "y"), "here")
+    assert range_in(kite, peak)[1] >= 1 - 1e-12
+
+
 @pytest.mark.parametrize(("power", "place"), [(2, 100), (4, 20)])
 def test_a_bound_is_sharp_where_terms_cancel(power, place):
     """(x - a)^p on [a, a + 1], expanded: its range is [0, 1]."""

@@ -1,0 +1,57 @@
+"""g on the edges of a mesh: it is within its doubt of p there, where g is hardly known, too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import unilateral as ul
+from unilateral.bounds import feasible
+from unilateral.bounds.constraint import constraint
+from unilateral.geometry.structured import structured
+from unilateral.problems import piecewise
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+WAVES = {
+    "sin(40*pi*x) + y": lambda x, y: np.sin(40 * np.pi * x) + y,
+    "100000*cos(3*x - y)": lambda x, y: 1e5 * np.cos(3 * x - y),
+}
+
+
+def on_edges(text, n=4):
+    """The constraint on all edges of a mesh of the unit square."""
+    problem, mesh = ul.Problem(SQUARE, f=0, g=text), structured(ul.Problem(SQUARE, f=0, g=0).polygon, 1 / n)
+    nb = len(mesh.boundary)
+    start = np.arange(nb)
+    unknowns = np.column_stack([start, (start + 1) % nb, nb + start])
+    return constraint(problem.enclosed_obstacle, mesh, unknowns, 2 * nb, np.ones(nb, dtype=bool))
+
+
+@pytest.mark.parametrize("text", WAVES)
+@pytest.mark.parametrize("most", [8, 60_000])
+def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
+    """In the points of the rule, against numpy. With 8 pieces the doubt is of the size of what p misses."""
+    monkeypatch.setattr(piecewise, "MOST_PIECES", most)
+    found = on_edges(text)
+    s = found.mesh.s[found.edge][:, None] + found.x * np.diff(found.mesh.s)[found.edge][:, None]
+    side = np.broadcast_to(found.mesh.side[found.edge][:, None], s.shape).ravel()
+    points = found.mesh.polygon.at(side, s.ravel() - found.mesh.polygon.starts[side])
+    g = WAVES[text](*points.T).reshape(s.shape)
+    away = np.abs(g - found.p).max(axis=1)
+    assert np.all(away <= found.doubt + 1e-15 * np.abs(g).max())
+    assert np.all(g.max(axis=1) <= found.upper + 1e-15 * np.abs(g).max())
+    if most == 8 and "40" in text:
+        assert np.any(away > 0.5)
+    if most > 8:
+        assert found.doubt.max() <= 1e-9 * np.abs(g).max()
+
+
+def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
+    """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
+    found = on_edges("0")
+    g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
+    nb = len(g.mesh.boundary)
+    every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
+    missing = feasible.missing(g, v, every, g.mesh.boundary_triangles, np.ones((nb, 2)))
+    assert missing.added[g.mesh.boundary] == pytest.approx(1e-3)
+    assert missing.product == pytest.approx(8e-3)

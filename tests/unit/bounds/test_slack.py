@@ -1,0 +1,29 @@
+"""What the complementarity term counts in both bounds."""
+
+import numpy as np
+import pytest
+from test_sharp import LINEAR_SOURCE, Manufactured, enclosed
+
+from unilateral.bounds import feasible, lifting
+from unilateral.bounds.local import local_bound
+from unilateral.bounds.sharp import sharp_bound
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+
+
+@pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+def test_the_slack_counts_twice_for_u(bound, monkeypatch):
+    """R has 2 <sigma, u_h + d - g> in it, and X^2 <= R + D^2: a slack of 1/2 more adds 1 to the square for u.
+
+    D is small here against eta, so that nothing is taken off again.
+    """
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
+    data = enclosed(mesh, problem), problem.enclosed(), cells
+    u_h, lambda_H = problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5)
+    for more in np.array([[0.0], [0.5]]) / len(mesh.boundary):
+        monkeypatch.setattr(lifting, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s))
+        found.append(bound(*data, u_h, lambda_H))
+    assert all(each.lifting < 0.2 for each in found)
+    assert (found[1].u - found[1].data) ** 2 - (found[0].u - found[0].data) ** 2 == pytest.approx(1, rel=1e-6)
