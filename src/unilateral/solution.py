@@ -22,6 +22,7 @@ from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
 from unilateral.files import check_target, replacing
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -29,6 +30,7 @@ from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
+from unilateral.outward import up
 from unilateral.problems.case import Case
 from unilateral.problems.units import Units
 
@@ -36,6 +38,12 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+
+
+def _in_units(force: Force, unit: float) -> Force:
+    """The bounds as bounds: the unit is rounded once, and each product with it once more."""
+    value, lower, upper = (unit * number for number in force)
+    return Force(value, (1 - 4 * EPS) * lower, (1 + 4 * EPS) * upper)
 
 
 class Forces(NamedTuple):
@@ -173,7 +181,7 @@ class Solution:
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
         of = self.solved
         found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
-        whole, *each = (Force(*(self.units.force * number for number in force)) for force in found)
+        whole, *each = (_in_units(force, self.units.force) for force in found)
         return Forces(whole, each)
 
     def cells(self) -> pd.DataFrame:
@@ -236,4 +244,4 @@ class Solution:
         if self.search is None or not self.certified:
             return name
         best = self.search.best
-        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {best.total:.2g}, guaranteed"
+        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {up(best.total, '.2g')}, guaranteed"

@@ -68,7 +68,7 @@ def test_check_shows_what_was_understood(run):
         "  side 2      (2, 1) to (1, 1.5), length 1.11803: free, du/dn = 0",
         "  side 3      (1, 1.5) to (0, 1), length 1.11803: free, du/dn = 0",
         "  side 4      (0, 1) to (0, 0), length 1: free, du/dn = 0",
-        "  guaranteed  u >= -5, which is inf f / c",
+        "  guaranteed  u >= -5.00001, a lower bound of inf f / c",
     ]
 
 
