@@ -76,7 +76,7 @@ def record(
         "iterations": steps(solved, search),
         "converged": bool(result.converged),
         "algebraic_bound": result.bound,
-        "unique": bool(search) or discrete.unique,
+        "unique": unique(solved, search),
         "h1_error": errors.h1 if errors else math.nan,
         "hm12_error_lower": errors.hm12_lower if errors else math.nan,
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
@@ -98,6 +98,11 @@ def record(
 def relative(bound: float, size: float) -> float:
     """A bound over a lower bound of the solution's norm, rounded up; NaN where that is 0 or unknown."""
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
+
+
+def unique(solved: Solution, search: Search | None) -> bool:
+    """Whether lambda_H is known to be the only one: a search takes two edges or more in every cell."""
+    return bool(search) or solved.discrete.unique
 
 
 def steps(solved: Solution, search: Search | None) -> float:

@@ -17,7 +17,7 @@ from unilateral.accuracy.search import Search
 from unilateral.adapted import Adapted
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
-from unilateral.certificate import Bounds, record, steps, write_text
+from unilateral.certificate import Bounds, record, steps, unique, write_text
 from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
@@ -57,6 +57,15 @@ ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
 """Of the files that `Solution.save` writes."""
 ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
 """As a picture shows them."""
+
+
+def not_unique(mesh: Mesh) -> str:
+    """What to say of lambda_H where it is not, and how to mend that."""
+    shortest = float(mesh.polygon.lengths.min())
+    advice = "take h < H, such as H = 2h"
+    if mesh.h >= shortest:  # whatever h and H were asked for
+        advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
+    return f"may not be unique, for beta = 0; {advice}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +144,11 @@ class Solution:
     def converged(self) -> bool:
         """Whether the algorithm reached its stop."""
         return bool(self.solved.result.converged)
+
+    @property
+    def unique(self) -> bool:
+        """Whether lambda_H is known to be the only one; if not, beta may be 0."""
+        return unique(self.solved, self.search)
 
     @property
     def certified(self) -> bool:

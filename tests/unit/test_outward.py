@@ -4,7 +4,7 @@ import math
 from decimal import Decimal
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from unilateral.outward import between, down, up
@@ -13,6 +13,7 @@ SPECS = (".4e", ".0e", ".1e", ".2f", ".0f", ".6g", ".3g", ".1g")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
+@settings(max_examples=500, derandomize=True, deadline=None)
 @given(
     st.one_of(FINITE, st.floats(1e-4, 10), st.decimals(-9, 9, places=2).map(float)), st.sampled_from(SPECS)
 )

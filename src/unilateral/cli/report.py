@@ -24,7 +24,6 @@ DIGITS = ".4e"
 SIDES, INTERVALS = 12, 4
 """Up to which forces are computed and contact is printed, and intervals of a side."""
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
-NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
 COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
 
@@ -33,8 +32,8 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(found: dict[str, Any], bounds: Bounds | None) -> str:
-    """Rows for a reader."""
+def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
+    """Rows for a reader; in `doubt` stands what is told of a lambda_H that may not be unique."""
     steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
     algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
@@ -53,8 +52,8 @@ def table(found: dict[str, Any], bounds: Bounds | None) -> str:
     for name, force in (found["forces"] or {}).items():
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
         rows[f"force, {name.replace('_', ' ')}"] = f"{force['value']:{DIGITS}}, between {guaranteed}"
-    if not unique:
-        rows["lambda_H"] = NOT_UNIQUE
+    if doubt:
+        rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 

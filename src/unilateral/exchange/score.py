@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -125,9 +125,9 @@ def error_in(errors: Errors, norm: str) -> float:
 
 def texts(errors: Errors) -> tuple[str, str, str]:
     """The three errors for people, the second between its bounds; "-" where it is not known."""
-    written = (format, down, up, format)
+    towards: tuple[Callable[[float, str], str], ...] = (format, down, up, format)
     h1, lower, upper, l2 = (
-        "-" if math.isnan(each) else write(each, ".4g") for write, each in zip(written, errors, strict=True)
+        "-" if math.isnan(each) else write(each, ".4g") for write, each in zip(towards, errors, strict=True)
     )
     known = [each for each in (lower, upper) if each != "-"]
     return h1, " to ".join(known) or "-", l2
