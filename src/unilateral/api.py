@@ -216,7 +216,8 @@ def solve(
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
     if mesh == "structured" and units_of(problem).length != 1:
         raise InputError(
-            f"'{problem.name}': with k and c an accuracy takes unstructured meshes; leave 'structured' out"
+            f"'{problem.name}': where k and c differ an accuracy takes unstructured meshes; "
+            "leave 'structured' out, or give h and H"
         )
     if norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _in_units(force: Force, unit: float) -> Force:
+def in_units(force: Force, unit: float) -> Force:
     """The bounds as bounds: the unit is rounded once, and each product with it once more."""
     value, lower, upper = (unit * number for number in force)
     return Force(value, (1 - 4 * EPS) * lower, (1 + 4 * EPS) * upper)
@@ -195,7 +195,7 @@ class Solution:
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
         of = self.solved
         found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
-        whole, *each = (_in_units(force, self.units.force) for force in found)
+        whole, *each = (in_units(force, self.units.force) for force in found)
         return Forces(whole, each)
 
     def cells(self) -> pd.DataFrame:

@@ -705,6 +705,10 @@ SINGULAR, ACCURATE = ("--h", "1/8", "--H", "1/8", "--rho", "1/2"), ("natural", "
             "argument --algorithm: 'simplex' is none of auto, uzawa",
         ),
         (("solve", "natural", *SIZES, "--max-steps", "0"), "'0' must be a whole number of at least 1"),
+        (
+            ("solve", "natural", "--h", "0,5", "--H", "1"),
+            "number or a fraction such as 1/64; write 0.5 for 0,5",
+        ),
         (("solve", "natural", *SIZES, "--max-steps", "1.5"), "'1.5' must be a whole number of at least 1"),
     ],
 )
@@ -722,11 +726,13 @@ OWN_PROBLEM = "polygon: [[0, 0], [1, 0], [0, 1]]\nf: 1\ng: 0\n"
         (OWN_CASE.replace("formula: ", "formula: -"), "lambda = du/dn < 0"),
         ("\x00", "is not a YAML file"),
         ("a: [1, 2", "is not a YAML file"),
+        ("# λ\ng:\n\t- 0\n", "is not a YAML file: there is a tab in line 3; write spaces"),
+        ("g: [a,\t1", "is not a YAML file: while parsing a flow sequence in line 1"),
         ("f: !!int x", "own.yaml: 'tag:yaml.org,2002:int' in line 1 is a tag; write the value alone"),
         (f"{OWN_PROBLEM}? {'k' * 100_000}\n: 1\n", f"there is no field '{'k' * 57}...' here; the fields are"),
         (f"{OWN_PROBLEM}title: [{'[1], ' * 2000}]\n", f"field title: it is [{'[1], ' * 11}[...; it"),
     ],
-    ids=["typo", "not a solution", "binary", "half", "tag", "long name", "long list"],
+    ids=["typo", "not a solution", "binary", "half", "tab", "tab elsewhere", "tag", "long name", "long list"],
 )
 def test_bad_files(refused, tmp_path, content, message):
     """What else a file may have is refused in the tests of declarations, cases and problems."""

@@ -31,7 +31,10 @@ def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
         assert run(command, *" ".join(rest).split())[0] == 0
     file.write_text(text.replace("f: ", "#"), encoding="utf-8")
     code, _, err = run("check", str(file))
-    assert (code, err) == (2, f"unilateral: {file}: 'f' is a required property\n")
+    assert (code, err) == (
+        2,
+        f"unilateral: {file}: the field f is missing; it holds the source in the polygon\n",
+    )
 
 
 def test_the_template_has_every_field(tmp_path):
