@@ -13,9 +13,13 @@ and `accuracy`. The `study` uses the method, never the other way. `cli` is the c
 from importlib import import_module
 from typing import Any
 
-PUBLIC = {"InputError": "errors", "Solution": "solution", "Stop": "solvers.stop"}
+PUBLIC = dict.fromkeys(("BudgetError", "InputError", "SolutionWarning"), "errors")
+PUBLIC |= {"Solution": "solution", "Stop": "solvers.stop"}
 PUBLIC |= dict.fromkeys(("Problem", "case", "load", "mesh", "solve"), "api")
-__all__ = ["InputError", "Problem", "Solution", "Stop", "case", "load", "mesh", "solve"]
+__all__ = [
+    *("BudgetError", "InputError", "Problem", "Solution", "SolutionWarning", "Stop"),
+    *("case", "load", "mesh", "solve"),
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -3,7 +3,9 @@ from unilateral.api import case as case
 from unilateral.api import load as load
 from unilateral.api import mesh as mesh
 from unilateral.api import solve as solve
+from unilateral.errors import BudgetError as BudgetError
 from unilateral.errors import InputError as InputError
+from unilateral.errors import SolutionWarning as SolutionWarning
 from unilateral.solution import Solution as Solution
 from unilateral.solvers.stop import Stop as Stop
 

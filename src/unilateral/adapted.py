@@ -110,7 +110,7 @@ class Adapted:
         lambda_H[self.cells] = found.lambda_H
         converged = found.bound <= tolerance
         result = DualResult(
-            found.lambda_H, found.systems, found.steps, found.bound, converged, math.nan, "primal_dual"
+            found.lambda_H, found.systems, found.steps, found.bound, converged, math.nan, "active_set"
         )
         return Solution(self, result, tolerance, lambda_H, lambda: found.u)
 

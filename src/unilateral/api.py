@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -23,8 +24,8 @@ from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
 from unilateral.choice import cheapest, check_size, levels_for
-from unilateral.errors import InputError
-from unilateral.formulas.formula import compile_numpy, parse
+from unilateral.errors import InputError, SolutionWarning, shown
+from unilateral.formulas.formula import compile_numpy, parse, real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -32,20 +33,23 @@ from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.outward import up
 from unilateral.problems import case as cases
 from unilateral.problems import problem as problems
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify, with_free_sides
-from unilateral.problems.sampled import Function, Sampled
+from unilateral.problems.sampled import Function, Sampled, check_vertices
 from unilateral.problems.scaled import scaled, units_of
-from unilateral.solution import Solution
+from unilateral.solution import Solution, not_unique
 from unilateral.solvers.stop import Stop
 
 Formula = str | float
 Coefficient = str | float
 """A number, or one that is written exactly, such as "1/3"."""
+Size = float | str
+"""A number, or one that is written as a fraction, such as "1/64"."""
 Given = Formula | Function | None
 AnyProblem = Case | problems.Problem | Sampled
 KINDS = {"structured": structured, "unstructured": meshes.unstructured}
@@ -129,7 +133,9 @@ def Problem(
         for field, given in (("g", g), ("q", q))
     )
     on_sides = (tuple(each * (polygon.n_sides // len(each))) for each in (of_g, of_q))
-    return Sampled(name, polygon, of_f, next(on_sides), checked.free_sides, checked.units, next(on_sides))
+    found = Sampled(name, polygon, of_f, next(on_sides), checked.free_sides, checked.units, next(on_sides))
+    check_vertices(found)
+    return found
 
 
 def _listed(given: Given | Sequence[Given]) -> list[Given]:
@@ -155,10 +161,10 @@ def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
 
 
 def solve(
-    problem: AnyProblem,
-    h: float | None = None,
-    H: float | None = None,
-    accuracy: float | None = None,
+    problem: AnyProblem | str | os.PathLike[str],
+    h: Size | None = None,
+    H: Size | None = None,
+    accuracy: Size | None = None,
     *,
     norm: str = "h1",
     mesh: Mesh | str = "",
@@ -174,6 +180,7 @@ def solve(
 ) -> Solution:
     """The solution on given sizes h and H, or up to an accuracy that is then guaranteed.
 
+    The problem is one of `Problem`, `case` and `load`, or the name of a case or of a YAML file.
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
     `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
@@ -186,12 +193,15 @@ def solve(
     accuracy takes. A `watch` may interrupt and see how far a level is.
 
     Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
-    into the memory.
+    into the memory. Warns by a SolutionWarning where the accuracy was not reached, and where lambda_H may not
+    be unique.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """
+    problem = _problem(problem)
+    h, H, accuracy = (_number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
     if isinstance(mesh, str) and mesh not in ("", *KINDS):
         raise InputError(f"the mesh '{mesh}' is neither a mesh nor one of {', '.join(KINDS)}")
     if accuracy is None:
@@ -199,14 +209,15 @@ def solve(
         own_mesh, cells = _sizes(problem, h, H, mesh, stop)
         data = scaled(problem)
         on = meshes.similar(own_mesh, data.polygon), partitions.similar(cells, data.polygon)
-        return Solution(cheapest(data, *on, stop).solved(stop), problem.polygon, units_of(problem))
+        return _told(Solution(cheapest(data, *on, stop).solved(stop), problem.polygon, units_of(problem)))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
     if mesh == "structured" and units_of(problem).length != 1:
         raise InputError(
-            f"'{problem.name}': with k and c an accuracy takes unstructured meshes; leave 'structured' out"
+            f"'{problem.name}': where k and c differ an accuracy takes unstructured meshes; "
+            "leave 'structured' out, or give h and H"
         )
     if norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
@@ -216,7 +227,46 @@ def solve(
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
     goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12", absolute)
     levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
-    return Solution(levels.best.solved, problem.polygon, units_of(problem), levels)
+    found = Solution(levels.best.solved, problem.polygon, units_of(problem), levels)
+    return found if dry_run else _told(found)
+
+
+def _problem(given: object) -> AnyProblem:
+    """The problem that is given, or that of a name."""
+    if isinstance(given, str | os.PathLike):
+        return load(given)
+    if not isinstance(given, Case | problems.Problem | Sampled):
+        raise InputError(
+            f"{shown(repr(given))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
+        )
+    return given
+
+
+def _number(name: str, given: Size | None) -> float | None:
+    """A number that may be a text, such as "1/64"."""
+    if isinstance(given, str):
+        return real(given, name)
+    try:
+        return given if given is None else float(given)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"
+        ) from None
+
+
+def _told(found: Solution) -> Solution:
+    """The same; what is less than what was wanted is told by a warning."""
+    search = found.search
+    if search and not search.certified:
+        why = search.ended or "f or g varies too fast, or has terms that cancel"
+        bound = (
+            f"the error is at most {up(search.best.total, '.4e')}" if search.believed else "no bound is left"
+        )
+        wanted = f"the accuracy {search.best.goal.accuracy:g} is not certified, {why}"
+        warnings.warn(f"{wanted}; {bound}", SolutionWarning, stacklevel=3)
+    if not found.unique:
+        warnings.warn(f"lambda_H {not_unique(found.mesh)}", SolutionWarning, stacklevel=3)
+    return found
 
 
 def _sizes(
@@ -245,5 +295,5 @@ def _checked(name: str, size: float | None) -> float:
     if size is None:
         raise InputError(f"solve needs h and H, or an accuracy; {name} is missing")
     if not 0 < size < math.inf:
-        raise InputError(f"{name} = {size} must be a positive number")
+        raise InputError(f"{name} = {size:g} must be a positive number")
     return size

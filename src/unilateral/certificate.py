@@ -76,7 +76,7 @@ def record(
         "iterations": steps(solved, search),
         "converged": bool(result.converged),
         "algebraic_bound": result.bound,
-        "unique": bool(search) or discrete.unique,
+        "unique": unique(solved, search),
         "h1_error": errors.h1 if errors else math.nan,
         "hm12_error_lower": errors.hm12_lower if errors else math.nan,
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
@@ -84,8 +84,8 @@ def record(
         "bounds": ("sharp" if sharp else "cheap") if bounds else None,
         "h1_bound": bound_u,
         "hm12_bound": bound_lambda,
-        "h1_relative_bound": bound_u / size_u if size_u > 0 else math.nan,
-        "hm12_relative_bound": bound_lambda / size_lambda if size_lambda > 0 else math.nan,
+        "h1_relative_bound": relative(bound_u, size_u),
+        "hm12_relative_bound": relative(bound_lambda, size_lambda),
         "enclosure": unknown,
         "total_bound": bound_lambda if norm == "hm12" else bound_u,
         "levels": [_level(level, length) for level in search.done] if search else [],
@@ -93,6 +93,16 @@ def record(
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
     }
+
+
+def relative(bound: float, size: float) -> float:
+    """A bound over a lower bound of the solution's norm, rounded up; NaN where that is 0 or unknown."""
+    return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
+
+
+def unique(solved: Solution, search: Search | None) -> bool:
+    """Whether lambda_H is known to be the only one: a search takes two edges or more in every cell."""
+    return bool(search) or solved.discrete.unique
 
 
 def steps(solved: Solution, search: Search | None) -> float:

@@ -66,7 +66,9 @@ def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
     except _RefusedError as error:
         raise InputError(f"{name}: {error}") from None
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{name} is not a YAML file: {' '.join(str(error).split())}") from None
+        raise InputError(
+            f"{name} is not a YAML file: {_fault(error, content.decode('utf-8', 'replace'))}"
+        ) from None
 
 
 def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]:
@@ -92,9 +94,22 @@ def own(file: Path | Traversable) -> Any:
     return yaml.load(file.read_text(encoding="utf-8"), yaml.CSafeLoader)
 
 
+def _fault(error: Exception, content: str) -> str:
+    """What the parser says, in a line; or that there is a tab, which it does not say."""
+    place = getattr(error, "problem_mark", None)
+    if place and content[place.index : place.index + 1] == "\t":
+        return f"there is a tab in line {place.line + 1}; write spaces"
+    return " ".join(str(error).split()).replace(' "<unicode string>",', "")
+
+
 def _said(fault: Any) -> str:
+    if fault.validator == "required":
+        missing = next(name for name in fault.validator_value if name not in fault.instance)
+        what = fault.schema.get("properties", {}).get(missing, {}).get("description")
+        return f"the field {missing} is missing" + (f"; it holds {what}" if what else "")
     if fault.validator in ("type", "anyOf", "minItems", "maxItems") and "description" in fault.schema:
-        return f"it is {shown(fault.instance)}; it has to be {fault.schema['description']}"
+        given = "null" if fault.instance is None else shown(fault.instance)
+        return f"it is {given}; it has to be {fault.schema['description']}"
     if fault.validator != "additionalProperties":
         message = str(fault.message).replace(repr(fault.instance), shown(repr(fault.instance)))
         wanted = fault.validator == "type" and WRITE.get(fault.validator_value)

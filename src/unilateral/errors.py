@@ -21,6 +21,10 @@ class BudgetError(InputError):
     exit_code = 3
 
 
+class SolutionWarning(UserWarning):
+    """There is a solution, but an accuracy was not reached, or lambda_H may not be the only one."""
+
+
 class StorageError(InputError):
     """A file that is damaged, or cannot be read or written, as on a full disk: no input is wrong."""
 

@@ -88,7 +88,12 @@ def _along(above: Axes, below: Axes, contact: Contact, gap: Array) -> None:
     s, polygon = contact.partition.points, contact.partition.polygon
     above.stairs(contact.lambda_H, s, color=CONTACT, fill=True, alpha=0.3)
     above.stairs(contact.lambda_H, s, color=CONTACT)
-    below.stairs(gap, s, baseline=0, color=GAP)
+    open_ = settled(gap, contact.lambda_H)
+    below.stairs(open_, s, baseline=0, color=GAP)
+    if not np.nansum(open_) > 0:
+        where = "everywhere" if contact.full else "on all sides that are not free"
+        below.text(0.5, 0.75, f"in contact {where}", ha="center", va="center", transform=below.transAxes)
+        below.set(ylim=(-1, 1), yticks=[0])
     for axes, label in ((above, "$\\lambda_H$"), (below, "mean of $u_h - g$")):
         for start in polygon.starts:
             axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
@@ -99,6 +104,17 @@ def _along(above: Axes, below: Axes, contact: Contact, gap: Array) -> None:
     long, sides = np.flatnonzero(polygon.lengths > NUMBERED * polygon.perimeter), above.secondary_xaxis("top")
     sides.set_xticks((polygon.starts[:-1] + polygon.lengths / 2)[long], [f"side {i}" for i in long])
     sides.tick_params(length=0)
+
+
+def settled(gap: Array, lambda_H: Array) -> Array:
+    """u_h - g (m,) with 0 for what the iteration has left of 0; NaN stays.
+
+    Where lambda_H > 0 it is 0 in exact arithmetic, and nowhere below 0. What is seen of it there tells the
+    size of that remainder.
+    """
+    held = np.isfinite(gap)
+    rest = np.where(lambda_H[held] > 0, np.abs(gap[held]), np.maximum(-gap[held], 0.0))
+    return np.where(np.abs(gap) <= rest.max(initial=0.0), 0.0, gap)
 
 
 def draw(page: Figure, path: Path) -> None:

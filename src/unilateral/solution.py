@@ -17,11 +17,12 @@ from unilateral.accuracy.search import Search
 from unilateral.adapted import Adapted
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
-from unilateral.certificate import Bounds, record, steps, write_text
+from unilateral.certificate import Bounds, record, steps, unique, write_text
 from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
 from unilateral.files import check_target, replacing, write_netcdf
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -29,6 +30,7 @@ from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
+from unilateral.outward import up
 from unilateral.problems.case import Case
 from unilateral.problems.units import Units
 
@@ -36,6 +38,12 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+
+
+def in_units(force: Force, unit: float) -> Force:
+    """The bounds as bounds: the unit is rounded once, and each product with it once more."""
+    value, lower, upper = (unit * number for number in force)
+    return Force(value, (1 - 4 * EPS) * lower, (1 + 4 * EPS) * upper)
 
 
 class Forces(NamedTuple):
@@ -49,6 +57,15 @@ ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
 """Of the files that `Solution.save` writes."""
 ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
 """As a picture shows them."""
+
+
+def not_unique(mesh: Mesh) -> str:
+    """What to say of lambda_H where it is not, and how to mend that."""
+    shortest = float(mesh.polygon.lengths.min())
+    advice = "take h < H, such as H = 2h"
+    if mesh.h >= shortest:  # whatever h and H were asked for
+        advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
+    return f"may not be unique, for beta = 0; {advice}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +146,11 @@ class Solution:
         return bool(self.solved.result.converged)
 
     @property
+    def unique(self) -> bool:
+        """Whether lambda_H is known to be the only one; if not, beta may be 0."""
+        return unique(self.solved, self.search)
+
+    @property
     def certified(self) -> bool:
         """Whether an accuracy was asked for and is guaranteed."""
         return self.search is not None and self.search.certified
@@ -173,7 +195,7 @@ class Solution:
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
         of = self.solved
         found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
-        whole, *each = (Force(*(self.units.force * number for number in force)) for force in found)
+        whole, *each = (in_units(force, self.units.force) for force in found)
         return Forces(whole, each)
 
     def cells(self) -> pd.DataFrame:
@@ -236,4 +258,4 @@ class Solution:
         if self.search is None or not self.certified:
             return name
         best = self.search.best
-        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {best.total:.2g}, guaranteed"
+        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {up(best.total, '.2g')}, guaranteed"

@@ -2,7 +2,9 @@
 
 import doctest
 import json
+import math
 import re
+import warnings
 from dataclasses import replace
 
 import meshio
@@ -13,12 +15,13 @@ import xarray as xr
 from conftest import DATA, ROOT
 
 import unilateral as ul
-from unilateral import api
+from unilateral import api, plot
 from unilateral.adapted import Adapted
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
+from unilateral.outward import up
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
@@ -77,9 +80,46 @@ def test_without_a_tolerance_functions_are_solved_to_a_small_share():
 )
 def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
     """An iteration on such data would never end."""
-    problem = ul.Problem(SQUARE, f=f, g=g)
     with pytest.raises(ul.InputError, match=said):
-        ul.solve(problem, h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm=algorithm))
+        ul.solve(ul.Problem(SQUARE, f=f, g=g), **SIZES, stop=ul.Stop(algorithm=algorithm))
+
+
+@pytest.mark.parametrize(
+    ("function", "reason"),
+    [
+        (lambda x, y: 1 if x > 0.5 else 0, "ValueError: The truth value of an array"),
+        (lambda p: p[0], "TypeError: .* takes 1 positional argument but 2 were given"),
+        (lambda x, y: np.zeros(7), "ValueError: .* could not be broadcast"),
+        (lambda x, y: "a", "ValueError: could not convert"),
+    ],
+)
+def test_a_function_that_does_not_take_arrays_is_refused(function, reason):
+    """As f when it is first needed, as g at once."""
+    help_ = "it has to take two arrays x and y and return numbers of their shape"
+    with pytest.raises(ul.InputError, match=rf"problem, field f: the function failed \({reason}.*{help_}"):
+        ul.solve(ul.Problem(SQUARE, f=function, g=0), **SIZES)
+    with pytest.raises(ul.InputError, match=rf"problem, field g\[0\]: the function failed \({reason}"):
+        ul.Problem(SQUARE, f=0, g=function)
+
+
+def test_functions_that_jump_at_a_vertex_are_refused():
+    """As formulas are; by less than half of the digits they may differ, and beside a free side at will."""
+    jumping = [lambda x, y: x, 1, lambda x, y: 1.5 + 0 * x, 0]
+    with pytest.raises(
+        ul.InputError, match=r"field g: it jumps at vertex 2, from 1 on side 1 to 1\.5 on side 2"
+    ):
+        ul.Problem(SQUARE, f=0, g=jumping)
+    with pytest.raises(ul.InputError, match="field g: it jumps at vertex 0, from 1 on side 3 to 0 on side 0"):
+        ul.Problem(SQUARE, f=0, g=[lambda x, y: x, 1, 1, 1])
+    assert ul.Problem(SQUARE, f=0, g=[jumping[0], 1, None, 0], free_sides=[2]).g
+
+
+@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+def test_what_counts_as_a_jump_is_relative_to_the_functions(size):
+    one, near, off = (lambda x, y, by=by: size * (1 + by) + 0 * x for by in (0, 1e-9, 1e-7))
+    assert ul.Problem(SQUARE, f=0, g=[one, near, near, near]).g
+    with pytest.raises(ul.InputError, match="it jumps at vertex 0"):
+        ul.Problem(SQUARE, f=0, g=[one, off, off, off])
 
 
 def test_errors_and_bounds_of_a_case():
@@ -98,7 +138,47 @@ def test_an_accuracy_is_certified_and_its_levels_are_told():
     assert s.certified
     assert len(told) == len(s.search.done)
     assert s.iterations == sum(level.solved.result.iterations for level in told)
-    assert not ul.solve(ul.case("natural"), accuracy=1e-3, max_unknowns=100).certified
+
+
+def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound():
+    """By the bound that the solution has, rounded up; neither a reached one nor a plan is warned of."""
+    with pytest.warns(ul.SolutionWarning) as told:
+        s = ul.solve(ul.case("natural"), accuracy="1/1000", max_unknowns=100)
+    bound = up(s.bounds.u, ".4e")
+    why = "the accuracy 0.001 is not certified, out of budget (max_unknowns=100)"
+    assert [str(each.message) for each in told] == [f"{why}; the error is at most {bound}"]
+    assert told[0].filename == __file__
+    assert not s.certified
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert ul.solve(ul.case("natural"), accuracy=0.3).certified
+        ul.solve(ul.case("natural"), accuracy=1e-3, dry_run=True)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "advice"),
+    [
+        ({"h": 1 / 8, "H": 1 / 8}, "take h < H, such as H = 2h"),
+        ({"h": 3, "H": 6}, "a side of the length 1 is one edge; take h <= 0.5 and H = 2h"),
+    ],
+)
+def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
+    with pytest.warns(ul.SolutionWarning) as told:
+        s = ul.solve(ul.case("natural"), **sizes)
+    said = [str(each.message) for each in told if each.category is ul.SolutionWarning]
+    assert said == [f"lambda_H may not be unique, for beta = 0; {advice}"]
+    assert not s.unique
+    assert ul.solve(ul.case("natural"), h=0.5, H=1).unique
+
+
+def test_names_and_texts_are_taken_for_what_they_mean(tmp_path):
+    expected = ul.solve(ul.case("natural"), **SIZES).u
+    np.testing.assert_array_equal(ul.solve("natural", h="1/16", H="0.125").u, expected)
+    file = tmp_path / "own.yaml"
+    file.write_text("polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: -1\ng: 0\n")
+    expected = ul.solve(ul.Problem(SQUARE, f=-1, g=0), **SIZES).u
+    for name in (file, str(file)):
+        np.testing.assert_array_equal(ul.solve(name, **SIZES).u, expected)
 
 
 def test_a_mesh_of_one_s_own(tmp_path):
@@ -208,14 +288,38 @@ def test_the_picture_shows_contact_and_gap():
     top, flux, gap = page.axes
     assert len(top.collections[-1].get_segments()) == len(s.contact.intervals) == 4
     np.testing.assert_array_equal(flux.patches[0].get_data().values, s.multiplier)
-    np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
+    held = s.multiplier > 0
+    np.testing.assert_array_equal(gap.patches[0].get_data().values, np.where(held, 0, s.gap))
+    assert not gap.texts
     (names,) = flux.child_axes
     assert [label.get_text() for label in names.get_xticklabels()] == [f"side {i}" for i in range(4)]
 
 
+@pytest.mark.parametrize(
+    ("g", "free", "said"),
+    [(0, [], "everywhere"), ([0, 0, 0, None], [3], "on all sides that are not free")],
+)
+def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration(g, free, said):
+    """f < 0 = g presses u down; of this loose tolerance means of u_h - g are up to 1e-3, of both signs."""
+    s = ul.solve(ul.Problem(SQUARE, f=-10, g=g, free_sides=free), **SIZES, stop=ul.Stop(tolerance=1e-2))
+    assert np.nanmin(s.gap) < -1e-5
+    gap = s.plot().axes[2]
+    shown = gap.patches[0].get_data().values
+    assert np.all(shown[np.isfinite(s.gap)] == 0)
+    assert [text.get_text() for text in gap.texts] == [f"in contact {said}"]
+    assert gap.get_yticks().tolist() == [0]
+
+
+def test_the_gap_is_drawn_but_for_the_size_of_what_the_iteration_left():
+    """By hand: 0.1 is seen of the 0 in contact, so 0.05 outside is nothing, and 0.2 is a gap."""
+    gap, lambda_H = np.array([0.1, -0.05, 0.05, 0.2, math.nan]), np.array([1.0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(plot.settled(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
+    np.testing.assert_array_equal(plot.settled(gap[2:], 0 * gap[2:]), gap[2:])
+
+
 def test_the_picture_says_what_is_certified(adapted):
-    """The bound of the search, and of a solution on given sizes the name alone."""
-    bound = f"{adapted.search.best.total:.2g}, guaranteed"
+    """The bound of the search, rounded up, and of a solution on given sizes the name alone."""
+    bound = f"{up(adapted.search.best.total, '.2g')}, guaranteed"
     assert adapted.plot().get_suptitle().endswith(bound)
     assert ul.solve(ul.case("natural"), **SIZES).plot().get_suptitle() == "natural"
 
@@ -237,6 +341,9 @@ def test_the_colour_bar_is_as_high_as_its_panel(height):
         ({}, "solve needs h and H, or an accuracy; H is missing"),
         ({"H": 1 / 8}, "h is missing"),
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
+        ({"h": "1/x", "H": 1 / 8}, "h: 'x' is unknown"),
+        ({"h": [1], "H": 1 / 8}, "h is [1]; it has to be a number, or a text such as '1/64'"),
+        ({"accuracy": {}}, "the accuracy is {}; it has to be a number"),
         ({"h": 1e-9, "H": 1 / 8}, "h = 1e-09 makes 1e+18 unknowns on 'problem', which take at least"),
         ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
         ({"accuracy": 0.1, "mesh": "quads"}, "the mesh 'quads' is neither a mesh nor one of structured"),
@@ -248,6 +355,20 @@ def test_the_colour_bar_is_as_high_as_its_panel(height):
 def test_what_does_not_fit_together_is_refused(arguments, message):
     with pytest.raises(ul.InputError, match=re.escape(message)):
         ul.solve(ul.Problem(SQUARE, f=-1, g=0), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"), [(3, "3 is not a problem; take ul.Problem"), ("naturl", "natural")]
+)
+def test_what_is_no_problem_is_refused(given, message):
+    with pytest.raises(ul.InputError, match=message):
+        ul.solve(given, **SIZES)
+
+
+def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
+    with pytest.raises(ul.BudgetError, match="max_seconds=1e-09 does not suffice"):
+        ul.solve(ul.case("natural"), accuracy=0.1, max_seconds=1e-9)
+    assert issubclass(ul.BudgetError, ul.InputError)
 
 
 @pytest.mark.parametrize(

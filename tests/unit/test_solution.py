@@ -1,15 +1,35 @@
 """What a solution shows: its contact set, and its values at points and along sides."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
+import sympy
 from conftest import ROOT
 
 import unilateral as ul
+from unilateral.bounds.forces import Force
 from unilateral.contact import Contact
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
+from unilateral.problems.units import Units
+from unilateral.solution import in_units
 
 SIZES = {"h": 1 / 16, "H": 1 / 8}
+
+
+@pytest.mark.parametrize("k", [Fraction(2), Fraction(1, 3), Fraction(10) ** 9])
+def test_forces_in_other_units_are_still_bounds(k):
+    """By exact squares, for 1 of the computed ones is k^(1/2); by plain products some would be none."""
+    unit = float(Units(k=sympy.Rational(k)).force)
+    plain = []
+    for number in np.random.default_rng(0).uniform(0.1, 10, 200):
+        square = k * Fraction(number) ** 2
+        force = in_units(Force(number, number, number), unit)
+        assert Fraction(force.lower) ** 2 <= square <= Fraction(force.upper) ** 2
+        assert force.upper - force.lower <= 1e-14 * force.value
+        plain.append(Fraction(unit * number) ** 2 >= square)
+    assert {*plain} == {True, False}
 
 
 @pytest.fixture(scope="module")

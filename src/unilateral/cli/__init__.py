@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 
 from unilateral.cli import streams
 from unilateral.cli.streams import tell
-from unilateral.errors import InputError
+from unilateral.errors import InputError, SolutionWarning
 from unilateral.signals import INTERRUPTED, cleaning_up
 
 FAILED = 4
@@ -25,6 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: tell(message)
+        warnings.simplefilter("ignore", SolutionWarning)  # `solve` prints what they say
         code = _guarded(lambda: _run(arguments))
         return _guarded(_flush) or code
 

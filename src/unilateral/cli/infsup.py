@@ -25,6 +25,7 @@ from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.norms.resolution import RULE, OfCells, boundary_angles, fine, of_cells, resolution, steep
+from unilateral.outward import between
 from unilateral.problems.problem_file import polygon_of
 
 LISTED = 10
@@ -119,7 +120,7 @@ def _flat(mesh: Mesh, triangles: Index, angles: Array) -> list[dict[str, float]]
 def lines(found: dict[str, Any]) -> Iterator[str]:
     """For readers."""
     rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
-    beta = f"between {found['beta_lower']:.4f} and {found['beta_upper']:.4f}, guaranteed"
+    beta = f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
     if found["beta_upper"] == 0:
         beta = "0: lambda_H may not be unique; take larger cells or shorter edges"
     constants = f"delta = {found['delta']:.4g}, alpha_1 = {found['alpha_1']:.4g}"

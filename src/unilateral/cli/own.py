@@ -17,6 +17,7 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.files import replacing
 from unilateral.formulas.formula import compile_numpy
+from unilateral.outward import down
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
@@ -65,7 +66,7 @@ def described(problem: Problem) -> Iterator[str]:
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
         yield f"  {f'side {side}':11} {where}: {_held(problem, side)}"
     if problem.least > -np.inf:
-        yield f"  guaranteed  u >= {problem.least:.6g}, which is inf f / c"
+        yield f"  guaranteed  u >= {down(problem.least, '.6g')}, a lower bound of inf f / c"
     idle = problem.idle_sides()
     if idle:
         yield f"  no contact  on sides {', '.join(map(str, idle))}, where g is below that"

@@ -30,7 +30,8 @@ class Positive(click.ParamType):
         except InputError:
             number = math.nan
         if not 0 < number < math.inf:
-            self.fail(f"'{value}' must be a positive number or a fraction such as 1/64", param, ctx)
+            mended = load("unilateral.formulas.hints").comma(value)
+            self.fail(f"'{value}' must be a positive number or a fraction such as 1/64{mended}", param, ctx)
         return number
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -12,15 +13,17 @@ import numpy as np
 from unilateral.accuracy.level import Level, refinement_pays, unknowable
 from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import Search
-from unilateral.certificate import Bounds
+from unilateral.certificate import Bounds, relative
 from unilateral.cli.streams import as_options
+from unilateral.outward import between, down, up
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
+DIGITS = ".4e"
+"""Of errors, bounds and forces."""
 SIDES, INTERVALS = 12, 4
 """Up to which forces are computed and contact is printed, and intervals of a side."""
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
-NOT_UNIQUE = "may not be unique, for beta = 0; take h < H, such as H = 2h"
 COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
 
@@ -29,11 +32,11 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(found: dict[str, Any], bounds: Bounds | None) -> str:
-    """Rows for a reader."""
+def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
+    """Rows for a reader; in `doubt` stands what is told of a lambda_H that may not be unique."""
     steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
-    algebraic = f"algebraic error <= {found['algebraic_bound']:.4e}, guaranteed{steps}"
+    algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
     rows = {
         "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
         f"{found['algorithm']} {outcome}": algebraic,
@@ -41,15 +44,16 @@ def table(found: dict[str, Any], bounds: Bounds | None) -> str:
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique)
     if bounds is not None:
-        rows["guaranteed"] = f"{ERROR['h1']} <= {bounds.u:.4e}, {ERROR['hm12']} <= {bounds.multiplier:.4e}"
-        adds = f"f, g and q enclosed, which adds {bounds.unknown:.1e}"
+        of_u, of_lambda = (up(bound, DIGITS) for bound in (bounds.u, bounds.multiplier))
+        rows["guaranteed"] = f"{ERROR['h1']} <= {of_u}, {ERROR['hm12']} <= {of_lambda}"
+        adds = f"f, g and q enclosed, which adds {up(bounds.unknown, '.1e')}"
         rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
     rows |= _contact(found["contact"])
     for name, force in (found["forces"] or {}).items():
-        between = f"between {force['lower']:.4e} and {force['upper']:.4e}"
-        rows[f"force, {name.replace('_', ' ')}"] = f"{force['value']:.4e}, {between}"
-    if not unique:
-        rows["lambda_H"] = NOT_UNIQUE
+        guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
+        rows[f"force, {name.replace('_', ' ')}"] = f"{force['value']:{DIGITS}}, between {guaranteed}"
+    if doubt:
+        rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 
@@ -71,15 +75,15 @@ def _contact(found: dict[str, Any]) -> dict[str, str]:
 def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
     """The rows of the true errors."""
 
-    def number(key: str) -> str:
-        return why if _unknown(found[key]) else f"{found[key]:.4e}"
+    def number(key: str, written: Callable[[float, str], str] = format) -> str:
+        return why if _unknown(found[key]) else written(found[key], DIGITS)
 
     why = "none, for lambda is not in L2" if unique else "not judged, for beta = 0"
-    dual = f">= {number('hm12_error_lower')}" if unique else f" = {why}"
+    dual = f">= {number('hm12_error_lower', down)}" if unique else f" = {why}"
     if unique and _unknown(found["hm12_error_lower"]):
         dual = " = left out, for it takes longer than the solve; in Python: s.errors"
     if not _unknown(found["hm12_error_upper"]):
-        dual += f", <= {number('hm12_error_upper')}"
+        dual += f", <= {number('hm12_error_upper', up)}"
     return {
         ERROR["h1"]: f" = {number('h1_error')}",
         ERROR["hm12"]: dual,
@@ -97,10 +101,11 @@ def level_head(name: str, first: Level, length: float) -> str:
 def level_line(level: Level, length: float) -> str:
     """Sizes in the user's units, of which 1 of the level's is a `length`."""
     solved, mesh = level.solved, level.solved.discrete.mesh
-    numbers = [length * size for size in (mesh.h, float(np.diff(mesh.s).min()), level.partition.H)]
-    numbers += [level.unknowns, len(solved.discrete.cells)]
-    numbers += [solved.result.iterations, level.algebraic, level.total, level.target]
-    return "".join(f"{number:12d}" if isinstance(number, int) else f"{number:12.4g}" for number in numbers)
+    sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
+    shown = [f"{length * size:.4g}" for size in sizes]
+    shown += [f"{level.unknowns}", f"{len(solved.discrete.cells)}", f"{solved.result.iterations:.4g}"]
+    shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), down(level.target, ".4g")]
+    return "".join(f"{each:>12}" for each in shown)
 
 
 def ending(search: Search) -> str:
@@ -108,16 +113,18 @@ def ending(search: Search) -> str:
     best, norm = search.best, search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    reached = f"{ERROR[norm]} <= {best.total:.4e}"
+    reached = f"{ERROR[norm]} <= {up(best.total, DIGITS)}"
     if best.size > 0:
-        reached += f" = {best.total / best.size:.3g} of {SIZE[norm]} >= {best.size:.4e}"
+        share = up(relative(best.total, best.size), ".3g")
+        reached += f" <= {share} {SIZE[norm]}, {SIZE[norm]} >= {down(best.size, DIGITS)}"
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)
     if bound and unknowable(search.done[-1]) and not search.ended:
         return (
             f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
-            f"{bound.unknown:.4e} is what is not known of them; {best.total - bound.unknown:.4e}, the rest, "
+            f"{up(bound.unknown, DIGITS)} is what is not known of them; "
+            f"{best.total - bound.unknown:{DIGITS}}, the rest, "
             "is an estimate"
         )
     nothing = norm == "hm12" and best.solved.lambda_norm == 0 and not best.goal.absolute

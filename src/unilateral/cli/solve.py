@@ -19,7 +19,6 @@ from unilateral.certificate import text, write_text
 from unilateral.choice import bound_mb
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
-    NOT_UNIQUE,
     SIDES,
     ending,
     head,
@@ -37,7 +36,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import units_of
-from unilateral.solution import ENDINGS, Solution
+from unilateral.solution import ENDINGS, Solution, not_unique
 from unilateral.solvers.stop import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
@@ -107,13 +106,14 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     clear(drawn)
     printed = found.record(bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
-    if not printed["unique"]:
-        tell(f"lambda_H {NOT_UNIQUE}")
+    doubt = "" if found.unique else not_unique(found.mesh)
+    if doubt:
+        tell(f"lambda_H {doubt}")
     if not options.json and not search:
         say(head(printed))
     if not (options.json or found.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
-    say(text(printed) if options.json else table(printed, bounds))
+    say(text(printed) if options.json else table(printed, bounds, doubt))
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from unilateral.exchange.trace import Trace, constant
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
+from unilateral.outward import down, up
 from unilateral.problems.case import Case
 
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
@@ -132,7 +133,10 @@ def error_in(errors: Errors, norm: str) -> float:
 
 def texts(errors: Errors) -> tuple[str, str, str]:
     """The three errors for people, the second between its bounds; "-" where it is not known."""
-    h1, lower, upper, l2 = ("-" if math.isnan(each) else f"{each:.4g}" for each in errors)
+    towards: tuple[Callable[[float, str], str], ...] = (format, down, up, format)
+    h1, lower, upper, l2 = (
+        "-" if math.isnan(each) else write(each, ".4g") for write, each in zip(towards, errors, strict=True)
+    )
     known = [each for each in (lower, upper) if each != "-"]
     return h1, " to ".join(known) or "-", l2
 

@@ -103,9 +103,9 @@ def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sym
     have any), or a non-integer power hides elsewhere.
     """
     if any(p.has(symbol) and not p.exp.is_integer for p in expression.atoms(sympy.Pow)):
-        raise ValueError("write a fractional power as pos(a, k)")
+        raise ValueError(hints.NO_ROOT)
     if expression.has(sympy.log):
-        raise ValueError("log is not allowed here")
+        raise ValueError(f"log is not allowed here; known are {hints.offered(grammar.FUNCTIONS)}")
     found: set[tuple[float, sympy.Expr]] = set()
     powers = (part for part in sympy.preorder_traversal(expression) if isinstance(part, pos))
     for power in dict.fromkeys(powers):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import sympy
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.hints import not_called
+from unilateral.formulas.hints import STEP, comma, not_called, offered
 from unilateral.formulas.positive import pos, rounded
 
 MAX_LENGTH = 2000
@@ -49,6 +49,7 @@ OPERATORS: dict[type, Callable[[sympy.Expr, sympy.Expr], sympy.Expr]] = {
     ast.Div: lambda a, b: a / b,
     ast.Pow: lambda a, b: a**b,
 }
+NOTHING = "is no formula; write null where there is none, as on a free side"
 COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
 
 
@@ -111,7 +112,18 @@ class Reader(ast.NodeVisitor):
     def generic_visit(self, node: ast.AST) -> Part:
         raise self.refuse(node, "is not allowed in a formula")
 
+    def visit_Compare(self, node: ast.Compare) -> Part:
+        raise self.refuse(node, f"is not allowed in a formula{STEP}")
+
+    def visit_IfExp(self, node: ast.IfExp) -> Part:
+        raise self.refuse(node, f"is not allowed in a formula{STEP}")
+
+    def visit_Tuple(self, node: ast.Tuple) -> Part:
+        raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
+
     def visit_Constant(self, node: ast.Constant) -> Part:
+        if node.value is None:
+            raise self.refuse(node, NOTHING)
         try:
             value = Decimal(self.text(node))
         except InvalidOperation:
@@ -121,8 +133,10 @@ class Reader(ast.NodeVisitor):
         return self.checked(node, sympy.Rational(*value.as_integer_ratio()), 0.0, 0)
 
     def visit_Name(self, node: ast.Name) -> Part:
+        if node.id in ("none", "null", "nil"):
+            raise self.refuse(node, NOTHING)
         if node.id not in self.names:
-            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {', '.join(FUNCTIONS)}")
+            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {offered(FUNCTIONS)}")
         return self.names[node.id]
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> Part:
@@ -163,7 +177,8 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, not_called(self.text(node.func), factor, FUNCTIONS))
         function, arity = FUNCTIONS[node.func.id]
         if len(node.args) != arity:
-            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}")
+            mended = comma(self.text(node)) if len(node.args) > arity else ""
+            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{mended}")
         arguments = [self.visit(argument) for argument in node.args]
         values, degree = [part.value for part in arguments], arguments[0].degree
         if function is pos:

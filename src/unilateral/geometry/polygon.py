@@ -187,8 +187,9 @@ def _check(v: Array, name: str) -> None:
         raise InputError(f"polygon '{name}' has a vertex that is not finite")
     repeated = np.flatnonzero(np.all(v == np.roll(v, -1, axis=0), axis=1))
     if repeated.size:
+        closed = "; it is the first one again: leave the last one out" if repeated[0] == len(v) - 1 else ""
         raise InputError(
-            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}"
+            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}{closed}"
         )
     if np.abs(v).max() > LARGEST or np.ptp(v, axis=0).max() < SMALLEST:
         raise InputError(

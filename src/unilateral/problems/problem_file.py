@@ -14,6 +14,8 @@ import sympy
 from unilateral import declarations
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import kinks, number, parse, pos, substituted
+from unilateral.formulas.grammar import FUNCTIONS
+from unilateral.formulas.hints import NO_ROOT, offered
 from unilateral.formulas.positive import rounded
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import case as cases
@@ -179,9 +181,9 @@ def _plain(text: object, where: str) -> sympy.Expr:
     """A formula in x, y without logarithms and roots."""
     found = parse(text, ("x", "y"), where)
     if found.has(sympy.log):
-        raise InputError(f"{where}: log is not allowed here")
+        raise InputError(f"{where}: log is not allowed here; known are {offered(FUNCTIONS)}")
     if _fractional(found):
-        raise InputError(f"{where}: write a fractional power as pos(a, k)")
+        raise InputError(f"{where}: {NO_ROOT}")
     return found
 
 

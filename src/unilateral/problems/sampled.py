@@ -13,6 +13,8 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems.units import Units
 
 Function = Callable[[Array, Array], Array]
+JUMP = 2.0**-26
+"""Of the largest |g| at a vertex: what may come from rounding, in functions that keep half of the digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +53,34 @@ class Sampled:
         return found
 
 
+def check_vertices(of: Sampled) -> None:
+    """Raises InputError where g jumps at a vertex: then no u in H^1 has that trace."""
+    n, v = of.polygon.n_sides, of.polygon.vertices
+    held = [side for side in range(n) if side not in of.free_sides]
+    ends = {i: values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]") for i in held}
+    largest = max(float(np.abs(each).max()) for each in ends.values())
+    for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
+        end, start = ends[before][1], ends[side][0]
+        if abs(start - end) > JUMP * largest:
+            raise InputError(
+                f"{of.name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
+                f"{start:.6g} on side {side}; it has to be continuous"
+            )
+
+
 def values(function: Function, points: Array, where: str) -> Array:
-    """(...) at points (..., 2); raises InputError where the function has no finite number."""
+    """(...) at points (..., 2); raises InputError where the function fails or has no finite number."""
     x, y = np.moveaxis(points, -1, 0)
-    with np.errstate(all="ignore"):
-        found = np.broadcast_to(np.asarray(function(x, y), dtype=float), x.shape)
+    try:
+        with np.errstate(all="ignore"):
+            found = np.broadcast_to(np.asarray(function(x, y), dtype=float), x.shape)
+    except InputError:
+        raise
+    except Exception as error:  # whatever a function of one's own may raise
+        raise InputError(
+            f"{where}: the function failed ({type(error).__name__}: {error}); it has to take two arrays "
+            "x and y and return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
+        ) from error
     if not np.isfinite(found).all():
         at = np.unravel_index(np.argmin(np.isfinite(found)), found.shape)
         raise InputError(f"{where}: the function is {found[at]} at ({x[at]:.6g}, {y[at]:.6g})")

@@ -16,6 +16,7 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
+from unilateral.outward import between
 
 SQUARE = ("--polygon", "square")
 
@@ -55,8 +56,8 @@ def test_the_constants_are_the_library_s(run, found):
         "triangles": [],
     }
     _, out, _ = run(*SQUARE, "--h", "1/16", "--H", "1/8")
-    between = f"between {expected.beta_lower:.4f} and {expected.beta_upper:.4f}, guaranteed"
-    assert f"  beta in H^(-1/2)  {between}\n" in out
+    bounds = between(expected.beta_lower, expected.beta_upper, ".4f", "and")
+    assert f"  beta in H^(-1/2)  between {bounds}, guaranteed\n" in out
     assert "  local rule        kept\n" in out
     assert "  Theorem 5         applies: delta = 0.5, alpha_1 = 1\n" in out
     assert (told["theorem_5"], told["delta"], told["alpha_1"]) == (True, 0.5, 1)

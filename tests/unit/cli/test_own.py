@@ -31,7 +31,10 @@ def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
         assert run(command, *" ".join(rest).split())[0] == 0
     file.write_text(text.replace("f: ", "#"), encoding="utf-8")
     code, _, err = run("check", str(file))
-    assert (code, err) == (2, f"unilateral: {file}: 'f' is a required property\n")
+    assert (code, err) == (
+        2,
+        f"unilateral: {file}: the field f is missing; it holds the source in the polygon\n",
+    )
 
 
 def test_the_template_has_every_field(tmp_path):
@@ -68,7 +71,7 @@ def test_check_shows_what_was_understood(run):
         "  side 2      (2, 1) to (1, 1.5), length 1.11803: free, du/dn = 0",
         "  side 3      (1, 1.5) to (0, 1), length 1.11803: free, du/dn = 0",
         "  side 4      (0, 1) to (0, 0), length 1: free, du/dn = 0",
-        "  guaranteed  u >= -5, which is inf f / c",
+        "  guaranteed  u >= -5.00001, a lower bound of inf f / c",
     ]
 
 

@@ -353,7 +353,7 @@ BAD_FIELDS = [
     *[({"constants": {name: 2}}, f"'{name}' cannot be a constant's name") for name in ("t", "if", "pos")],
     (holding("yes", True, True), "'yes' is not of type 'boolean'; write true"),
     (holding(1, True, True), "field hypotheses.j: 1 is not of type"),
-    ({"gap": None}, "mine.yaml: 'gap' is a required property"),
+    ({"gap": None}, "mine.yaml: the field gap is missing"),
     ({"u": [{"atom": "harmonc"}]}, r"mine.yaml, field u\[0\].atom: 'harmonc' is not one of"),
     ({"u": [HARMONIC | {"profile": 1}]}, r"field u\[0\]: there is no field 'profile' here; the fields are "),
     ({"u": [TENSOR]}, r"field u\[0\]: 'profile' is a required"),

@@ -206,7 +206,7 @@ def test_the_points_of_the_rule_are_those_of_its_parts():
         ({"kind": "transition", "vertex": 0, "alpha": 1}, r"\(1 \+ alpha\) omega/pi no integer, not 1"),
         ({"kind": "held", "vertex": 5}, "vertex: 'odd' has the vertices 0 to 3"),
         ({"kind": "held", "vertex": 0, "alpha": 1}, r"field u\[0\]"),
-        ({"kind": "transition", "vertex": 0}, "'alpha' is a required property"),
+        ({"kind": "transition", "vertex": 0}, "the field alpha is missing"),
         ({"kind": "held"}, r"field u\[0\]"),
     ],
 )

@@ -107,7 +107,7 @@ sizes, goal, domain, method = (
     type=Name(lambda: KINDS),
     metavar="KIND|FILE",
     help="structured, unstructured (default: structured where there is one, and with --accuracy refined "
-    "where it pays), or a file with triangles",
+    "where it pays), or a file with triangles; with --accuracy and k unlike c not structured",
 )
 @method(
     "--algorithm",

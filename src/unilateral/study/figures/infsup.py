@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, NullLocator
 
+from unilateral.outward import up
 from unilateral.study import tables
 from unilateral.study.figures import style
 
@@ -174,5 +175,5 @@ def _note(data: pd.DataFrame) -> str:
     note = f"Uniform meshes: $H$ = {' to '.join(ends)}."
     note += r" Markers: guaranteed lower bounds of $\beta$; bars reach up to the upper bounds"
     if "widest" in data:
-        note += f", at most {100 * data['widest'].max():.2g} % higher"
+        note += f", at most {up(100 * data['widest'].max(), '.2g')} % higher"
     return note + "."

@@ -16,7 +16,7 @@ COLUMNS = {
     "longest edge": ("diameter", ".2g"),
     "shortest, on the boundary": ("shortest_edge", "short"),
     "‖u−u_h‖₁": ("h1_error", "short"),
-    "bound": ("h1_bound", "short"),
+    "bound": ("h1_bound", "up.short"),
     "over the error": ("index", ".2f"),
     "rate of the error": ("error_rate", ".2f"),
     "rate of the bound": ("bound_rate", ".2f"),
@@ -60,7 +60,7 @@ def savings(errors: xr.Dataset) -> pd.DataFrame:
         rows.append(
             {
                 "problem": f"`{case}`",
-                "bound": shown(target, "short"),
+                "bound": shown(target, "up.short"),
                 "uniform": shown(uniform[-1], "space"),
                 "adapted": shown(adapted[-1], "space"),
                 "fewer": shown(uniform[-1] / adapted[-1], ".1f"),

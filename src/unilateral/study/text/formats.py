@@ -6,6 +6,7 @@
 | `10^` | 1e-6 | 10^(−6) |
 | `x10^` | 1.94e9 | 1.9·10^9 |
 | `down.2f`, `up.2f` | 0.719, 0.711 | 0.71, 0.72 |
+| `up.1g%`, `up.short` | 0.0046, 6.811e-06 | 0.5 %, 6.82e-6 |
 | `space` | 20000 | 20 000 |
 | `times` | 8.1 | × 8 |
 | `short` | 6.81e-06 | 6.81e-6 |
@@ -18,8 +19,11 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 
+from unilateral.outward import down, up
+
 Value = float | int | str
-ROUNDED = re.compile(r"(down|up)\.(\d)f")
+ROUNDED = re.compile(r"(down|up)(\.\d[efg])(%?)")
+"""For bounds: towards the side on which they stay bounds."""
 
 
 def shown(value: Value, spec: str = "") -> str:
@@ -31,8 +35,9 @@ def shown(value: Value, spec: str = "") -> str:
     if spec in OWN:
         return OWN[spec](value)
     if directed := ROUNDED.fullmatch(spec):
-        towards, unit = math.floor if directed[1] == "down" else math.ceil, 10 ** int(directed[2])
-        return f"{towards(unit * value) / unit:.{directed[2]}f}"
+        towards, away = (down, -math.inf) if directed[1] == "down" else (up, math.inf)
+        percent = math.nextafter(100 * value, away)
+        return f"{towards(percent, directed[2])} %" if directed[3] else towards(value, directed[2])
     return f"{100 * value:{spec[:-1]}} %" if spec.endswith("%") else format(value, spec)
 
 
@@ -64,11 +69,17 @@ def _power(value: float) -> str:
     return f"{digits}·10^{int(exponent)}"
 
 
+def _short(text: str) -> str:
+    """Without what an exponent does not need."""
+    return re.sub(r"e\+?(-?)0*", r"e\1", text)
+
+
 OWN: dict[str, Callable[[float], str]] = {
     "1/n": _size,
     "10^": _level,
     "x10^": _power,
     "times": lambda x: f"× {x:.0f}",
     "space": lambda x: f"{x:,.0f}".replace(",", " "),
-    "short": lambda x: re.sub(r"e\+?(-?)0*", r"e\1", f"{x:.3g}"),
+    "short": lambda x: _short(f"{x:.3g}"),
+    "up.short": lambda x: _short(up(x, ".3g")),
 }

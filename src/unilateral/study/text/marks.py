@@ -85,7 +85,7 @@ def _numbers(path: str, text: str, numbers: Mapping[str, formats.Value]) -> str:
         except ValueError as fault:
             raise InputError(
                 f"{where}: {numbers[name]!r} cannot be shown so ({fault}); use a format of Python's such as "
-                f".2g, or one of {', '.join(formats.OWN)}, down.2f, up.2f, .2g%"
+                f".2g, or one of {', '.join(formats.OWN)}, down.2f, up.3g, up.short, .2g%"
             ) from None
         return f"{mark[0].partition('-->')[0]}-->{value}<!--/-->"
 
