@@ -205,7 +205,7 @@ def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple
         from_y[k] += from_y[k + 1]
     above = (of_x[1:] * from_y[:0:-1]).sum(axis=0)
     all_x, all_y = of_x.sum(axis=0), from_y[0]
-    rounding = (len(of.degree) + 2) * EPS * all_x * all_y
+    rounding = (len(of.degree) + 2) * EPS * (all_x * all_y)  # EPS times one of them may underflow
     return c, upward(of, above + (all_x + r) * s + all_y * r + rounding)
 
 

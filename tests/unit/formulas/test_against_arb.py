@@ -1,0 +1,314 @@
+"""Intervals and Taylor models against arb, from the smallest numbers to the largest."""
+
+import random
+
+import numpy as np
+import pytest
+import sympy
+from balls import FUNCTIONS, between, certain, exact, polynomial, positive_power, value
+from flint import acb, arb
+
+from unilateral.formulas import elementary, interval, taylor
+from unilateral.formulas.elementary import evaluate
+from unilateral.formulas.formula import parse, pos
+from unilateral.formulas.taylor import Model, affine, basis, constant
+from unilateral.problems.atoms import X, Y
+
+SPECIAL = [0.0, 5e-324, 1e-320, 2.0**-1022, 1e-160, 0.5, 1.0, 1e154, 1e308, np.finfo(float).max]
+EXPONENTS = [1, 2, 3, 10, 31, 100, -1, -2, -3, -7, -100]
+FRACTIONS = [
+    sympy.Rational(k) for k in ("1", "2", "10", "1/20", "1/3", "3/2", "141/20", "100/7", "199/2", "-1/4")
+]
+BOXES = 120
+POINTS = 3
+
+
+def numbers(rng, k):
+    """(k,) of either sign: of all scales, moderate, near 1, very small, very large, and special ones."""
+    low, high = np.array([[-1074, -60, 0, -1074, 1000], [1022.9, 60, 0, -1020, 1022.9]])
+    kind = rng.integers(0, 6, k)
+    scale = rng.uniform(low[kind % 5], high[kind % 5])
+    found = np.where(kind == 5, rng.choice(SPECIAL, k), rng.uniform(1, 2, k) * 2.0**scale)
+    return found * rng.choice([-1, 1], k)
+
+
+def intervals(rng, k):
+    """Of all widths: points, narrow ones, and those that contain 0."""
+    a, b, narrow = numbers(rng, k), numbers(rng, k), 2.0 ** rng.uniform(-55, -1, k)
+    other = np.select([rng.uniform(size=k) < 0.2, rng.uniform(size=k) < 0.7], [a, a * (1 - narrow)], b)
+    return np.minimum(a, other), np.maximum(a, other)
+
+
+def models(rng, of, k):
+    """Polynomials with coefficients of all scales, alike or not, and remainders that may be 0."""
+    size, shrink = numbers(rng, k) / 64, 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
+    c = size * shrink ** of.degree[:, None] * rng.uniform(-1, 1, (len(of.degree), k))
+    rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
+    reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
+    return Model(of, c, rad, interval.outward(c[0] - reach, c[0] + reach))
+
+
+def tally(answers):
+    """How many of them are True, and how many False."""
+    found = list(answers)
+    return found.count(True), found.count(False)
+
+
+def of_intervals(of, oracle, rng, arity=1, k=BOXES):
+    """Whether values of the `oracle` at points of random boxes lie in the ranges that `of` finds."""
+    arguments = [intervals(rng, k) for _ in range(arity)]
+    low, high = of(*arguments)
+    assert not np.isnan(low).any()
+    assert not np.isnan(high).any()
+
+    def answer(j, t):
+        places = (arb(float(a[j])) + (arb(float(b[j])) - float(a[j])) * t for a, b in arguments)
+        return between(low[j], oracle(*places), high[j])
+
+    for j in range(k):
+        for t in rng.choice([0.0, 1.0, 0.5, 0.37], POINTS).tolist():
+            yield certain(answer, j, t)
+
+
+def holds(model, j, sigma, f):
+    """Whether a value f at sigma is in the model's range and within its remainder; None if not known."""
+    low, high, rad = (float(each[j]) for each in (*model.range, model.rad))
+    p = polynomial(model.c[:, j].tolist(), model.basis.exponents.tolist(), sigma)
+    answers = between(low, f, high), between(-rad, f - p, rad)
+    return False if False in answers else (None if None in answers else True)
+
+
+def of_models(of, oracle, rng, arity=1, k=BOXES, order=3, points=POINTS):
+    """The same of Taylor models: the arguments differ from their polynomials by a share of the remainders."""
+    space = basis(2, order)
+    arguments = [models(rng, space, k) for _ in range(arity)]
+    found = of(*arguments)
+    assert np.isfinite(found.c).all()
+    assert (found.rad >= 0).all()
+    assert (found.range[0] <= found.range[1]).all()
+
+    def answer(j, sigma, share):
+        values = (
+            polynomial(a.c[:, j].tolist(), space.exponents.tolist(), sigma) + arb(float(a.rad[j])) * share
+            for a in arguments
+        )
+        return holds(found, j, sigma, oracle(*values))
+
+    for j in range(k):
+        for *sigma, share in rng.choice([-1.0, 0.25, 1.0], (points, 3)).tolist():
+            yield certain(answer, j, sigma, share)
+
+
+def of_positive(of, k):
+    return lambda a: of(a, float(k))
+
+
+OF_INTERVALS = {
+    "sum": (interval.total, lambda a, b: a + b, 2),
+    "product": (interval.product, lambda a, b: a * b, 2),
+    **{f.__name__: (getattr(interval, f.__name__), FUNCTIONS[f], 1) for f in elementary.FUNCTIONS},
+    **{f"power {n}": (lambda a, n=n: interval.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS},
+    **{
+        f"positive power {k}": (
+            of_positive(interval.of_positive_part, k),
+            lambda a, k=k: positive_power(a, exact(k)),
+            1,
+        )
+        for k in FRACTIONS
+    },
+}
+OF_MODELS = {
+    "sum": (Model.__add__, lambda a, b: a + b, 2),
+    "product": (Model.__mul__, lambda a, b: a * b, 2),
+    **{f"times {n}": (lambda a, n=n: a.scaled(n), lambda a, n=n: a * n, 1) for n in (1e-320, -1 / 3, 1e300)},
+    **{f.__name__: (elementary.FUNCTIONS[f], FUNCTIONS[f], 1) for f in elementary.FUNCTIONS},
+    **{f"power {n}": (lambda a, n=n: elementary.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS},
+    **{
+        f"positive power {k}": (
+            of_positive(elementary.positive_power, k),
+            lambda a, k=k: positive_power(a, exact(k)),
+            1,
+        )
+        for k in FRACTIONS
+    },
+}
+
+
+@pytest.mark.parametrize("name", OF_INTERVALS)
+def test_every_operation_of_intervals(name):
+    of, oracle, arity = OF_INTERVALS[name]
+    inside, outside = tally(of_intervals(of, oracle, np.random.default_rng(1), arity))
+    assert outside == 0
+    assert inside > 0.5 * BOXES * POINTS
+
+
+@pytest.mark.parametrize("name", OF_MODELS)
+def test_every_operation_of_models(name):
+    of, oracle, arity = OF_MODELS[name]
+    inside, outside = tally(of_models(of, oracle, np.random.default_rng(2), arity))
+    assert outside == 0
+    assert inside > 0.5 * BOXES * POINTS
+
+
+def random_formula(rng, depth):
+    """In x and y, with numbers of all scales; None where sympy finds that it is not defined."""
+    kind = rng.random()
+    if depth == 0:
+        scale = sympy.Rational(10) ** rng.choice([0, 0, 0, rng.randint(-300, 300)])
+        number = rng.choice(
+            [sympy.Rational(rng.randint(-99, 99), rng.randint(1, 99)), sympy.pi, sympy.sqrt(2)]
+        )
+        return rng.choice([X, Y, X - Y, scale * number, number * X + scale])
+    a, b = random_formula(rng, depth - 1), random_formula(rng, rng.randrange(depth))
+    if kind < 0.5:
+        return a + b if kind < 0.2 else a * b
+    if kind < 0.6:
+        return a ** rng.choice(EXPONENTS)
+    return pos(a, rng.choice(FRACTIONS)) if kind < 0.75 else rng.choice(list(elementary.FUNCTIONS))(a)
+
+
+def formulas(seed, n):
+    """So many of them that depend on x or y and are defined somewhere, the same ones for each seed."""
+    rng = random.Random(seed)
+    while n:
+        found = random_formula(rng, rng.choice([1, 2, 2, 3]))
+        if found.free_symbols and not found.has(sympy.zoo, sympy.nan, sympy.I, sympy.Abs):
+            n -= 1
+            yield found
+
+
+def of_formulas(seed, n=25, k=60):
+    rng = np.random.default_rng(seed)
+    for formula in formulas(seed, n):
+        yield from of_models(
+            lambda x, y, e=formula: evaluate(e, {X: x, Y: y}),
+            lambda x, y, e=formula: value(e, {X: x, Y: y}),
+            rng,
+            arity=2,
+            k=k,
+            points=1,
+            order=int(rng.choice([2, 4])),
+        )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_formulas(seed):
+    """18 000 pairs of a formula and a box in all, besides those of single operations."""
+    inside, outside = tally(of_formulas(seed))
+    assert outside == 0
+    assert inside > 0.5 * 25 * 60
+
+
+CONTROLS = {
+    "underflow": (taylor, "TINY", ["product", "exp", "power -3", "positive power 141/20"]),
+    "rounding of sums": (taylor, "EPS", ["sum"]),
+    "rounding of products": (taylor, "EPS", ["product"]),
+    "rounding of numbers": (taylor, "EPS", ["times -0.3333333333333333"]),
+    "coefficients of powers": (elementary, "EPS", ["positive power 1/3"]),
+}
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_without_a_rounding_term_values_lie_outside(monkeypatch, name):
+    module, constant, operations = CONTROLS[name]
+    monkeypatch.setattr(module, constant, 0.0)
+    for operation in operations:
+        of, oracle, arity = OF_MODELS[operation]
+        _, outside = tally(of_models(of, oracle, np.random.default_rng(2), arity, k=4 * BOXES))
+        assert outside > 0, operation
+
+
+def test_without_the_widening_values_lie_outside(monkeypatch):
+    monkeypatch.setattr(interval, "ULPS", 0)
+    for operation in ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1"):
+        of, oracle, arity = OF_INTERVALS[operation]
+        _, outside = tally(of_intervals(of, oracle, np.random.default_rng(1), arity))
+        assert outside > 0, operation
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", elementary, "OF_TANH")]
+)
+def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
+    """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
+    own, (_, oracle, _) = getattr(np, name), OF_MODELS[name]
+    of = elementary.FUNCTIONS[getattr(sympy, name)]
+    monkeypatch.setattr(np, name, lambda x: own(x) + 4 * np.spacing(np.abs(own(x))))
+    assert tally(of_intervals(getattr(interval, name), oracle, np.random.default_rng(3)))[1] == 0
+    assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] == 0
+    monkeypatch.setattr(module, constant, 0.0)
+    assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] > 0
+
+
+@pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])
+def test_functions_of_numpy_are_off_by_less_than_four_units(name):
+    """Of arguments of all sizes, subnormal and huge ones; what overflows is beyond the largest number."""
+    x, of = numbers(np.random.default_rng(4), 2000), getattr(arb, name)
+    x = np.abs(x[x != 0]) if name in ("log", "sqrt") else x
+    with np.errstate(over="ignore"):
+        found = getattr(np, name)(x)
+    finite = np.isfinite(found)
+    assert finite.sum() > 1000
+    for a, f, unit in zip(
+        x[finite].tolist(), found[finite].tolist(), np.spacing(np.abs(found[finite])).tolist(), strict=True
+    ):
+        assert certain(lambda a, f, by: between(-by, of(arb(a)) - f, by), a, f, 4 * unit), a
+    assert not any(abs(of(arb(a))) < np.finfo(float).max * (1 - 1e-15) for a in x[~finite].tolist())
+
+
+def test_an_extremum_between_two_neighbouring_numbers_is_not_missed(monkeypatch):
+    """sin is 1 between the numbers next to pi/2 + 2 pi k; control: rounded multiples of pi do not tell."""
+    k = np.unique(np.geomspace(1, 1e12, 400).round())
+    crests = [arb.pi() * (2 * int(each) + arb(0.5)) for each in k]
+    near = np.array([float(each.mid()) for each in crests])
+    lower = np.where(
+        [bool(arb(a) < c) for a, c in zip(near.tolist(), crests, strict=True)], near, np.nextafter(near, 0)
+    )
+    ends = lower, np.nextafter(lower, np.inf)
+    assert all(between(a, c, b) for a, c, b in zip(ends[0].tolist(), crests, ends[1].tolist(), strict=True))
+    assert (interval.sin(ends)[1] == 1.0).all()
+    monkeypatch.setattr(interval, "NEAR_EXTREMUM", 0.0)
+    assert (interval.sin(ends)[1] < 1.0).any()
+
+
+def test_tanh_near_the_real_axis():
+    """|tanh| <= AROUND_TANH where |Im z| <= 1; the largest is at z = i, tan 1."""
+    for x in np.linspace(-3, 3, 61).tolist():
+        for y in np.linspace(-1, 1, 21).tolist():
+            assert abs(acb(x, y).tanh()) <= elementary.AROUND_TANH
+    assert abs(acb(0, 1).tanh()) > elementary.AROUND_TANH * (1 - 1e-3)
+
+
+NUMBERS = [
+    *(
+        "cos(exp((842/488)**12))",
+        "sin(exp(600))",
+        "cos(sinh(700))",
+        "exp(-700)",
+        "tanh(20) - 1",
+        "sqrt(2)*1e-300",
+    ),
+    *("1/3", "1e300/3", "pi*1e-301", "sin(1e99)", "cosh(700)", "log(3)**99", "exp(1/3)**-99"),
+]
+
+
+@pytest.mark.parametrize("text", NUMBERS)
+def test_numbers_of_formulas_are_enclosed(text):
+    """Against arb, where functions are taken of numbers of hundreds of digits, too."""
+    e = parse(text, (), "here")
+    found = evaluate(e, {X: constant(basis(2, 2), (np.zeros(1), np.ones(1)))})
+    assert certain(lambda: holds(found, 0, [0.0, 0.0], value(e, {})))
+    assert found.rad[0] <= 32 * np.spacing(np.abs(found.c[0, 0])) + 2 * taylor.TINY
+    wrong = Model(found.basis, found.c * (1 + 1e-14) + 4 * taylor.TINY, found.rad, found.range)
+    assert certain(lambda: holds(wrong, 0, [0.0, 0.0], value(e, {}))) is False
+
+
+def test_numbers_beyond_the_largest_and_the_smallest():
+    """They are enclosed, too: 10^400 and its inverse, as numbers and as factors."""
+    x = affine(basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
+    for e in (sympy.Integer(10) ** 400, sympy.Rational(1, 10**400), -(sympy.Integer(10) ** 400)):
+        for formula in (e + X, e * X, e * sympy.sin(X)):
+            found = evaluate(formula, {X: x})
+            assert certain(
+                lambda model, e: holds(model, 0, [0.0, 0.0], value(e, {X: arb(1)})), found, formula
+            )
