@@ -91,10 +91,14 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     if foreign:
         raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
     points = np.asarray(content.points, dtype=float)
+    blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
+    if points.size == 0:
+        raise InputError(f"{path}: the file has no nodes; a mesh of plain triangles is needed")
+    if points.ndim != 2 or any(block.size and block.shape[1:] != (3,) for block in blocks):
+        raise InputError(f"{path}: no mesh can be read from this file (its end is missing)")
     if points.shape[1] == 3 and not np.any(points[:, 2]):
         points = points[:, :2]
-    blocks = (block.data for block in content.cells if block.type == "triangle")
-    triangles = np.concatenate([np.empty((0, 3), int), *blocks])
+    triangles = np.concatenate([np.empty((0, 3)), *(block for block in blocks if block.size)]).astype(np.intp)
     if not len(triangles):
         raise InputError(f"{path}: the file has no triangles; a mesh of plain triangles is needed")
     return from_arrays(polygon or outline(points, triangles, str(path)), points, triangles, str(path))
@@ -131,4 +135,4 @@ def _reason(error: BaseException) -> str:
     """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
     if isinstance(error, SystemExit | IndexError):
         return "its content is not what its ending says"
-    return str(error).strip().rstrip(".") or type(error).__name__
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -431,6 +431,33 @@ def test_unreadable_files_are_named(name, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("header.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "the file has no nodes"),
+        ("empty.inp", "", "the file has no nodes"),
+        ("title.inp", "*HEADING\nsquare\n*NODE\n", "the file has no nodes"),
+        ("nodes.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n", "the file has no triangles"),
+        ("cut.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=S3\n", "the file has no triangles"),
+    ],
+)
+def test_files_without_nodes_or_triangles_are_refused(name, content, message, tmp_path):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"{name}: {message}"):
+        read(tmp_path / name, square())
+
+
+@pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "mesh", "inp", "stl", "avs"])
+def test_cut_off_files_are_refused(ending, tmp_path):
+    """After any tenth of it a file is no mesh of the square, and is told so with its name."""
+    write(structured(square(), 1 / 2), tmp_path / f"whole.{ending}")
+    content = (tmp_path / f"whole.{ending}").read_bytes()
+    for tenths in range(10):
+        (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) * tenths // 10])
+        with pytest.raises(InputError, match=f"cut.{ending}: "):
+            read(tmp_path / f"cut.{ending}", square())
+
+
 def test_an_unknown_format_is_not_written(tmp_path):
     with pytest.raises(InputError, match=r"mesh\.nothing.* cannot be written"):
         write(structured(square(), 1), tmp_path / "mesh.nothing")
