@@ -164,7 +164,7 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
         "import job, types, xarray; from unilateral.study import tables\n"
         f"def main(): tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')\n"
-        "job.run(main, types.SimpleNamespace(input={}, output={}, params={}, log=['/dev/null']))"
+        "job.run(main, types.SimpleNamespace(input={}, output={}, params={}, rule='', config={}, log=['/dev/null']))"
     )
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
