@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONHASHSEED := 0
 export MPLBACKEND := Agg
 
-snakemake := snakemake -j2 --workflow-profile workflow/profiles/default
+snakemake := python workflow/resume.py && snakemake -j2 --workflow-profile workflow/profiles/default
 
 study: .venv/ready  ## the whole study: results/, figures/, the numbers in documents (default)
 	$(snakemake)

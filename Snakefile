@@ -1,6 +1,8 @@
 # The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial, `... deep` large meshes.
+import fcntl
 import os
 import sys
+from contextlib import suppress
 
 from snakemake.utils import min_version, update_config
 
@@ -23,7 +25,13 @@ except InputError as fault:
     sys.exit(fault.exit_code)
 config = given
 
-# One thread a job: jobs run side by side, and sums keep their order, so results are byte-identical.
+# Held as long as a process of this run lives: so workflow/resume.py knows whether one does.
+ALIVE = open("Snakefile", encoding="utf-8")
+with suppress(OSError):  # some shared file systems have no locks
+    fcntl.flock(ALIVE, fcntl.LOCK_SH)
+
+# One thread a job: jobs run side by side, and sums keep their order. So two runs on processors of one kind give
+# the same bytes; other processors sum in another order, and differ in the last digits.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[variable] = "1"
 

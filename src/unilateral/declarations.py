@@ -25,6 +25,8 @@ MAX_NODES = 10_000
 """Of values, lists and fields."""
 MAX_DEPTH = 10
 """Of lists and fields in each other; no schema needs half of it."""
+MAX_DIGITS = 18
+"""Of whole numbers: any of these fits into 64 bits."""
 WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
 
 
@@ -181,7 +183,7 @@ _WithFloats.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
     ("null", "~|null|", ["~", "n", ""]),
     ("bool", "true|false", ["t", "f"]),
-    ("int", "[-+]?(0|[1-9][0-9]{0,17})", list("-+0123456789")),
+    ("int", f"[-+]?(0|[1-9][0-9]{{0,{MAX_DIGITS - 1}}})", list("-+0123456789")),
 ):
     for _loader in (_Loader, _WithFloats):
         _loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"({_pattern})\Z"), _first)

@@ -15,7 +15,7 @@ from conftest import ROOT
 
 import unilateral
 from unilateral.errors import InputError, StorageError
-from unilateral.study import tables
+from unilateral.study import origin, tables
 
 SCRIPTS = ROOT / "workflow/scripts"
 RUN = ("case", "mesh", "partition")
@@ -62,11 +62,13 @@ def test_a_table_tells_its_parameters_in_one_order(tmp_path):
     """As JSON, whatever the order in which they are given; without any it says so."""
     given = [{"scene": {"h": "1/8", "judged": True}, "stop": 0.01}, None]
     given.append({"stop": 0.01, "scene": {"judged": True, "h": "1/8"}})
-    for k, parameters in enumerate(given):
-        tables.save(level(0.5), tmp_path / f"{k}.nc", "scene", parameters)
-    told = [json.loads(tables.load(tmp_path / f"{k}.nc").attrs["parameters"]) for k in range(3)]
+    told, sums = [], []
+    for parameters in given:
+        tables.save(level(0.5), tmp_path / "errors.nc", "scene", parameters)
+        told.append(json.loads(tables.load(tmp_path / "errors.nc").attrs["parameters"]))
+        sums.append(digest(tmp_path / "errors.nc"))
     assert told == [given[0], {}, given[0]]
-    assert digest(tmp_path / "0.nc") == digest(tmp_path / "2.nc") != digest(tmp_path / "1.nc")
+    assert sums[0] == sums[2] != sums[1]
 
 
 def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):
@@ -94,10 +96,12 @@ def test_saving_leaves_the_table_as_it_is(tmp_path):
 
 
 def test_two_files_of_one_table_are_byte_identical(tmp_path):
-    for name in ("one.nc", "two.nc"):
-        tables.save(level(0.125), tmp_path / name, "scene")
-    tables.save(level(0.125, error=np.nextafter(0.25, 1)), tmp_path / "other.nc", "scene")
-    assert digest(tmp_path / "one.nc") == digest(tmp_path / "two.nc") != digest(tmp_path / "other.nc")
+    """In one place of two folders of results; one bit of a value makes another file."""
+    files = [tmp_path / study / "scene/errors.nc" for study in ("one", "two", "other")]
+    for file, error in zip(files, (0.25, 0.25, np.nextafter(0.25, 1)), strict=True):
+        file.parent.mkdir(parents=True)
+        tables.save(level(0.125, error=error), file, "scene")
+    assert digest(files[0]) == digest(files[1]) != digest(files[2])
 
 
 def test_loading_what_is_not_there():
@@ -159,18 +163,103 @@ def test_a_flipped_bit_changes_a_value_where_nothing_checks(stored):
 
 @pytest.mark.parametrize("size", [0, 4000])
 def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
-    """A limit on the size of files stands for the disk; netCDF itself says "HDF error" of it."""
+    """A limit on the size of files stands for the disk; netCDF says "Permission denied" or "HDF error"."""
     code = (
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
         "import job, types, xarray; from unilateral.study import tables\n"
         f"def main(): tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')\n"
-        "job.run(main, types.SimpleNamespace(input={}, output={}, params={}, log=['/dev/null']))"
+        "job.run(main, types.SimpleNamespace(input={}, output={}, params={}, rule='', config={},"
+        " log=['/dev/null']))"
     )
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
-    assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: .*\n", found.stderr)
+    assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: File too large\n", found.stderr)
     assert found.returncode == 4
     assert list(tmp_path.iterdir()) == []
+
+
+PLACES = ("square/errors", "square/rates", "lshape/errors", "cost/errors", "runs/0", "runs/0_timings")
+
+
+@pytest.mark.parametrize(("one", "other"), [(a, b) for a in PLACES for b in PLACES if a != b])
+def test_a_table_in_the_place_of_another_is_refused(tmp_path, one, other):
+    """Of a scene, a rule or an experiment. Control: each is read in its own place, also if that moved."""
+    for name in (one, other):
+        path = tmp_path / f"results/{name}.nc"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tables.save(level(0.5), path, "scene")
+        assert tables.load(path).attrs["table"] == name
+    moved = (tmp_path / "results").rename(tmp_path / "old")
+    assert tables.load(moved / f"{one}.nc")["h"] == 0.5
+    path = (moved / f"{one}.nc").replace(moved / f"{other}.nc")
+    said = f"{path} is the table '{one}', and '{other}' is expected; 'snakemake -j2 -f {path}' makes it anew"
+    with pytest.raises(StorageError, match=re.escape(said)):
+        tables.load(path)
+
+
+def test_a_table_that_does_not_tell_its_place_is_refused(tmp_path, monkeypatch):
+    """As the first versions of this project wrote it."""
+    monkeypatch.setattr(tables.origin, "stamp", lambda *_: {"parameters": "{}"})
+    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
+    with pytest.raises(
+        StorageError, match=r"errors\.nc is of a version that did not tell its place, and '.*/errors'"
+    ):
+        tables.load(tmp_path / "errors.nc")
+
+
+STUDY = {"scenes": {"square": {"H": ["1/8", "1/16"]}, "lshape": {}}}
+
+
+@pytest.fixture
+def made(tmp_path):
+    """A table that is made from a file, with the fields of a scene; and that file."""
+    source = tmp_path / "source.yaml"
+    source.write_text("u: x")
+    with origin.made_by("solve", [str(source)]):
+        tables.save(
+            level(0.5), tmp_path / "errors.nc", "square", {"scenes.square": STUDY["scenes"]["square"]}
+        )
+    return tmp_path / "errors.nc", source
+
+
+@pytest.mark.parametrize("other", [{}, {"scenes": {**STUDY["scenes"], "lshape": {"H": ["1/8"]}}}])
+def test_a_table_that_was_made_with_what_there_is_now_is_read(made, other):
+    """Control of the next tests. Fields of another scene do not matter."""
+    assert tables.load(made[0], STUDY | other)["h"] == 0.5
+
+
+OLDER = {
+    "value": ({"H": ["1/8", "1/32"]}, 'scenes.square.H.1: "1/16", and the configuration has "1/32"'),
+    "more": ({"H": ["1/8", "1/16"], "h": 1}, "scenes.square.h: nothing, and the configuration has 1"),
+    "fewer": ({"H": ["1/8"]}, 'scenes.square.H.1: "1/16", and the configuration has nothing'),
+    "none": (None, 'scenes.square: {"H": ["1/8", "1/16"]}, and the configuration has nothing'),
+}
+
+
+@pytest.mark.parametrize("change", OLDER)
+def test_a_table_that_was_made_with_other_parameters_is_refused(made, change):
+    scene, said = OLDER[change]
+    said = f"{made[0]} was made with {said}; 'snakemake -j2 -f {made[0]}' makes it anew"
+    with pytest.raises(StorageError, match=re.escape(said)):
+        tables.load(made[0], {"scenes": {"square": scene}})
+
+
+@pytest.mark.parametrize("content", ["u: y", None], ids=["changed", "gone"])
+def test_a_table_that_was_made_from_other_files_is_refused(made, content):
+    """As of an older version of the code, a case or another table. The digests are those of hashlib."""
+    table, source = made
+    source.write_text(content) if content else source.unlink()
+    old, new = (hashlib.sha256(text.encode()).hexdigest()[:16] for text in ("u: x", content or ""))
+    said = f"{table} was made from {source} with the SHA-256 {old}..., and that file now has "
+    with pytest.raises(StorageError, match=re.escape(said + (new if content else "none"))):
+        tables.load(table, STUDY)
+
+
+def test_seconds_are_no_part_of_what_a_table_is_made_from(tmp_path):
+    """They differ from run to run, and tables do not."""
+    (tmp_path / "timings.nc").write_text("seconds")
+    with origin.made_by("cost", [str(tmp_path / "timings.nc")]):
+        assert origin.stamp("cost/cost.nc", None)["inputs"] == "{}"
 
 
 def test_levels_are_put_along_mesh():

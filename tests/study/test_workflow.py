@@ -1,58 +1,86 @@
-"""The pipeline: what a target plans, what ends it before it begins, the shape of its scripts."""
+"""The pipeline: what a target plans, what its jobs read, write and are given, the shape of its scripts.
+
+One process plans all jobs. What Snakemake does with them is tested in `test_snakemake.py`, and how a script
+runs as a job in `test_jobs.py`.
+"""
 
 import ast
+import copy
 import importlib.util
 import inspect
-import os
+import json
 import re
-import shutil
 import subprocess
 import sys
-import time
-from functools import cache
+from collections import Counter
+from functools import cache, reduce
 from pathlib import Path
 
 import grimp
 import pytest
-import yaml
 from conftest import ROOT, copy_project
 
-from unilateral.errors import StorageError
-from unilateral.study import drawings, tables
+from unilateral.errors import InputError
+from unilateral.study import config as configuration
+from unilateral.study import drawings
 from unilateral.study.judge import claims, ledger
 
 WORKFLOW = ROOT / "workflow"
 SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
 LIBRARY = ROOT / "src/unilateral"
-STUDY = {
-    name: field
-    for file in (WORKFLOW / "config").glob("*.yaml")
-    for name, field in yaml.safe_load(file.read_text()).items()
-}
+GIVEN, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
 FIGURE = WORKFLOW / "scripts/make_figure.py"
 """The script that imports the module of a figure by its name."""
 STARTS = [(script, "") for script in SCRIPTS if script != FIGURE]
 STARTS += [(FIGURE, module) for module in drawings.modules()]
 
 
+def checked(study):
+    """The same with its defaults."""
+    configuration.check(study, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
+    return study
+
+
+STUDY = checked(copy.deepcopy(GIVEN))
+
+
 @pytest.fixture(scope="module")
-def tree(tmp_path_factory):
-    return copy_project(tmp_path_factory.mktemp("study"))
+def planned(tmp_path_factory):
+    """All jobs, of a copy of the project in which nothing is made yet."""
+    tree = copy_project(tmp_path_factory.mktemp("study"))
+    command = [sys.executable, Path(__file__).with_name("planned.py"), "all", "quick", "deep"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=120)
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout.splitlines()[-1])
 
 
-def plan(tree, *target):
-    """The text of a dry run, and how many jobs it plans of each rule."""
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", *target]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    text = found.stdout + found.stderr
-    assert found.returncode == 0, text
-    table = text.partition("Job stats:")[2].partition("\ntotal ")[0]
-    return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
+@pytest.fixture
+def plan(planned):
+    """The jobs that a file or a rule needs: how many of each rule, and their files."""
+
+    def of(target):
+        makers = {file: job for job in planned for file in job["output"]}
+        waiting = [job for job in planned if target in (job["rule"], *job["output"])]
+        assert waiting
+        needed = []
+        while waiting:
+            job = waiting.pop()
+            if job not in needed:
+                needed.append(job)
+                waiting += [makers[file] for file in job["input"] if file in makers]
+        files = {file for job in needed for file in [*job["input"], *job["output"]]}
+        return files, dict(Counter(job["rule"] for job in needed))
+
+    return of
 
 
-def built(text):
-    """The folders below results/ that a plan names."""
-    return set(re.findall(r"\bresults/(\w+)/", text))
+def built(files):
+    """The folders below results/ that they are in."""
+    return {file.split("/")[1] for file in files if re.match(r"results/\w+/", file)}
+
+
+def figures(files):
+    return {file for file in files if re.fullmatch(r"figures/\w+\.(csv|svg)", file)}
 
 
 def jobs_of_a_scene():
@@ -60,70 +88,57 @@ def jobs_of_a_scene():
     return {"solve": 1, "dual_norm": 1}
 
 
-def test_a_table_plans_no_figure_and_no_other_scene(tree):
-    text, jobs = plan(tree, "results/square/errors.nc")
+def test_a_table_plans_no_figure_and_no_other_scene(plan):
+    files, jobs = plan("results/square/errors.nc")
     assert jobs == jobs_of_a_scene()
-    assert built(text) == {"square"}
-    assert "figures/" not in text
+    assert built(files) == {"square"}
+    assert not figures(files)
 
 
-def test_a_figure_plans_its_own_scene_only(tree):
-    text, jobs = plan(tree, "figures/rates_square.svg")
+@pytest.mark.parametrize("scene", ["square", "lshape"])
+def test_a_figure_plans_its_own_scene_only(plan, scene):
+    files, jobs = plan(f"figures/rates_{scene}.svg")
     assert jobs == {**jobs_of_a_scene(), "rates": 1, "figure": 1}
-    assert built(text) == {"square"}
-    assert set(re.findall(r"figures/\w+\.\w+", text)) == {"figures/rates_square.svg"}
+    assert built(files) == {scene}
+    assert figures(files) == {f"figures/rates_{scene}.{kind}" for kind in ("csv", "svg")}
 
 
-def test_one_figure_of_the_lshape_plans_no_other_scene(tree):
-    text, jobs = plan(tree, "figures/rates_lshape.svg")
-    assert jobs == {**jobs_of_a_scene(), "rates": 1, "figure": 1}
-    assert built(text) == {"lshape"}
+@pytest.mark.parametrize("study", ["sharpness", "adaptive", "extremes"])
+def test_a_study_of_its_own_plans_one_job_and_no_scene(plan, study):
+    files, jobs = plan(f"figures/{study}.svg")
+    assert jobs == dict.fromkeys((study, "figure"), 1)
+    assert built(files) == {study}
 
 
-def test_the_sharpness_study_plans_one_job_and_no_scene(tree):
-    text, jobs = plan(tree, "figures/sharpness.svg")
-    assert jobs == dict.fromkeys(("sharpness", "figure"), 1)
-    assert built(text) == {"sharpness"}
+def test_a_portrait_needs_no_results(plan):
+    files, jobs = plan("figures/solution.svg")
+    assert jobs == {"figure": 1}
+    assert built(files) == set()
 
 
-def test_adapted_meshes_plan_one_job_and_no_scene(tree):
-    text, jobs = plan(tree, "figures/adaptive.svg")
-    assert jobs == dict.fromkeys(("adaptive", "figure"), 1)
-    assert built(text) == {"adaptive"}
-
-
-def test_the_extremes_plan_one_job_and_no_scene(tree):
-    text, jobs = plan(tree, "figures/extremes.svg")
-    assert jobs == dict.fromkeys(("extremes", "figure"), 1)
-    assert built(text) == {"extremes"}
-
-
-def test_floors_plan_their_scene_without_rates(tree):
-    text, jobs = plan(tree, "results/square/floors.nc")
+def test_floors_plan_their_scene_without_rates(plan):
+    files, jobs = plan("results/square/floors.nc")
     assert jobs == {**jobs_of_a_scene(), "floors": 1}
-    assert built(text) == {"square"}
+    assert built(files) == {"square"}
 
 
-def test_quick_plans_the_quick_scene_only(tree):
-    text, jobs = plan(tree, "quick")
+def test_quick_plans_the_quick_scene_only(plan):
+    files, jobs = plan("quick")
     assert jobs == {**jobs_of_a_scene(), "rates": 1, "quick": 1}
-    assert built(text) == {"quick"}
+    assert built(files) == {"quick"}
 
 
-def test_large_meshes_are_a_job_each_and_no_part_of_the_whole_study(tree):
-    text, jobs = plan(tree, "deep")
+def test_large_meshes_are_a_job_each_and_no_part_of_the_whole_study(plan):
+    files, jobs = plan("deep")
     assert jobs == {"deep_level": len(STUDY["deep"]["h"]), "deep_levels": 1, "deep": 1}
-    assert built(text) == {"deep"}
-    assert "deep" not in built(plan(tree)[0])
+    assert built(files) == {"deep"}
+    assert "deep" not in built(plan("all")[0])
 
 
-def test_everything_that_is_computed_is_a_target_of_the_whole_study(tree):
+def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planned):
     """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
-    text, _ = plan(tree)
-    targets = re.search(r"^rule all:\n    input: (.*)$", text, re.MULTILINE)[1].split(", ")
-    command = [sys.executable, "-m", "snakemake", "--summary"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    files = [line.split("\t")[0] for line in found.stdout.splitlines()[1:]]
+    (targets,) = [job["input"] for job in planned if job["rule"] == "all"]
+    files, _ = plan("all")
     computed = {
         file for file in files if file.startswith("results/") and file.endswith((".nc", ".json", ".vtu"))
     }
@@ -132,105 +147,188 @@ def test_everything_that_is_computed_is_a_target_of_the_whole_study(tree):
     assert {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads} <= computed
 
 
-SOLVED = ("mesh.vtu", "solutions.nc", "errors.nc", "infsup.nc", "timings.nc")
-QUICK = [
-    ("dual_norm.nc", "dual_norm"),
-    *((name, "solve") for name in SOLVED),
-    ("rates.nc", "rates"),
-]
-"""Files of the scene `quick` and their rules, in the order in which they are made."""
+def field(path, study=STUDY):
+    """A field of the configuration by its path, such as cost.base."""
+    return reduce(lambda held, name: held[int(name) if name.isdigit() else name], path.split("."), study)
 
 
-@pytest.fixture
-def computed(tree):
-    """The project with files in place of the scene's results."""
-    folder = tree / "results/quick"
-    folder.mkdir(parents=True)
-    for i, (name, _) in enumerate(QUICK):
-        (folder / name).write_text("a result")
-        os.utime(folder / name, (time.time() + i, time.time() + i))
-    yield folder
-    shutil.rmtree(tree / "results")
+TABLES = {
+    "dual_norm": ["dual_norm.nc"],
+    "solve": ["mesh.vtu", "solutions.nc", "errors.nc", "infsup.nc", "timings.nc"],
+    "rates": ["rates.nc"],
+    "totals": ["totals.nc"],
+    "floors": ["floors.nc"],
+    "survey": ["infsup.nc"],
+}
+"""What the rules of a scene or a survey write, in its folder."""
+READ = {
+    "solve": {"norm": "dual_norm.nc"},
+    "rates": {"errors": "errors.nc"},
+    "totals": {"mesh": "mesh.vtu", "solutions": "solutions.nc"},
+    "floors": {"errors": "errors.nc"},
+}
+"""What they read there."""
+PARAMS = {
+    "dual_norm": {"scene": "scenes.{name}"},
+    "solve": {"scene": "scenes.{name}", "stop": "stop"},
+    "rates": {"study": "rates", "judged": "scenes.{name}.judged"},
+    "totals": {
+        "scene": "scenes.{name}",
+        "levels": "totals.levels",
+        "wanted": "totals.scenes.{name}",
+        "ratio": "rates.judged_ratio",
+    },
+    "floors": {"ratio": "rates.judged_ratio"},
+    "survey": {"study": "surveys.{name}"},
+    "sharpness": {"study": "sharpness", "stop": "stop"},
+    "cells": {"study": "cells", "stop": "stop"},
+    "adaptive": {"study": "adaptive", "stop": "stop"},
+    "algorithm": {"study": "algorithm"},
+    "extremes": {"study": "extremes"},
+    "cost_runs": {"of_job": "cost.jobs.{number}"},
+    "deep_level": {"scene": "deep", "stop": "stop"},
+    "deep_levels": {"study": "rates"},
+}
+"""The fields of the configuration that rules are given."""
 
 
-def test_what_is_there_is_not_made_anew(tree, computed):
-    """Control."""
-    assert "Nothing to be done" in plan(tree, "quick", "--rerun-triggers", "mtime")[0]
+def of_rules(planned, rules):
+    """The jobs of these rules, each of which has one."""
+    found = [job for job in planned if job["rule"] in rules]
+    assert {job["rule"] for job in found} == set(rules)
+    return found
 
 
-@pytest.mark.parametrize(("name", "rule"), QUICK)
-def test_what_is_missing_is_made_anew_with_what_follows_from_it(tree, computed, name, rule):
-    (computed / name).unlink()
-    _, jobs = plan(tree, "quick", "--rerun-triggers", "mtime")
-    assert jobs[rule] == 1
-    assert jobs["rates"] == 1
+def test_the_tables_of_a_scene_are_made_from_its_own_and_stand_in_its_folder(planned):
+    for job in of_rules(planned, TABLES):
+        folder = f"results/{job['params']['name']}/"
+        assert job["output"] == [folder + name for name in TABLES[job["rule"]]]
+        named = {
+            name: files for name, files in job["named"].items() if files
+        }  # no norm where there is no lambda
+        wanted = {name: folder + file for name, file in READ.get(job["rule"], {}).items() if name in named}
+        assert named == wanted
+        assert named or job["rule"] in ("dual_norm", "solve", "survey")
+        results = [file for file in job["input"] if file.startswith("results/")]
+        assert sorted(results) == sorted(named.values())
 
 
-@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 2, 3)])
-def test_one_command_makes_a_damaged_file_anew(tree, computed, name, rule):
-    """The one that messages name."""
-    assert plan(tree, "-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
-    with pytest.raises(StorageError, match=f"; 'snakemake -j2 -f .*/results/quick/{name}' makes it anew"):
-        tables.load(computed / name)
+def test_a_job_is_given_the_fields_of_the_configuration_that_are_its_own(planned):
+    for job in of_rules(planned, PARAMS):
+        given = job["params"]
+        wanted = {name: field(path.format(**given)) for name, path in PARAMS[job["rule"]].items()}
+        assert {name: given[name] for name in wanted} == wanted, job["output"]
+        rest = given.keys() - wanted.keys()
+        assert rest <= {"name", "number", "finds", "scene", "h", "study", "predicted"}, job["rule"]
 
 
-def test_a_damaged_mesh_says_how_it_is_made_anew(computed):
-    """An emptied one, as bound_totals.py reads it."""
-    (computed / "mesh.vtu").write_text("")
-    found, _ = ended(f"scenes.stored_mesh({str(computed / 'mesh.vtu')!r}, {{'polygon': 'square'}})", computed)
-    said = r"unilateral: .*mesh\.vtu: no mesh can be read .*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
-    assert re.fullmatch(said, found.stderr)
-    assert found.returncode == 4
+def test_the_worst_meshes_are_given_to_their_survey_only(planned):
+    for job in of_rules(planned, ["survey"]):
+        worst = STUDY["surveys"][job["params"]["name"]]["kind"] == "worst"
+        assert job["params"]["finds"] == (STUDY["finds"] if worst else [])
 
 
-def test_a_portrait_needs_no_results(tree):
-    text, jobs = plan(tree, "figures/solution.svg")
-    assert jobs == {"figure": 1}
-    assert built(text) == set()
+def test_a_job_depends_on_the_cases_of_its_scene(planned):
+    """And on no other."""
+    cases = {name: scene["cases"] for name, scene in STUDY["scenes"].items()}
+    own = {name: STUDY[name]["cases"] for name in ("cells", "algorithm", "deep")}
+    for job in of_rules(planned, ["dual_norm", "solve", "rates", "totals", "floors", "cells", "algorithm"]):
+        wanted = own.get(job["rule"]) or cases[job["params"]["name"]]
+        found = [file for file in job["input"] if file.startswith("manufactured/")]
+        assert sorted(found) == sorted(f"manufactured/{name}.yaml" for name in wanted)
 
 
-REFUSED = [
-    (
-        ("study", "levels: 4 }", "levels: four }"),
-        "workflow/config/study.yaml, field scenes.quick.mesh.levels: it is 'four'; it has to be a whole "
-        "number, at least 1, at most 9",
-    ),
-    (
-        ("study", "    cases: [natural, thirds]\n", "    cases: [natural, reentrant]\n"),
-        "workflow/config/study.yaml, field scenes.quick.cases[1]: case 'reentrant' is for lshape, not for "
-        "'square'",
-    ),
-    (
-        ("rates", "    smooth:", "    smoother:"),
-        "workflow/config/rates.yaml, field rates.cases: there is no 'smooth'; add it, for scene 'square' has "
-        "that case",
-    ),
-    (
-        ("study", "judged: false", "judged: false\n    judged: true"),
-        "workflow/config/study.yaml is not a YAML file: the field 'judged' is given twice",
-    ),
-]
+def test_jobs_of_the_study_of_cost_are_those_of_the_configuration(planned):
+    """Each with the norm of its scene, and all of them collected in their order."""
+    jobs = sorted(of_rules(planned, ["cost_runs"]), key=lambda job: int(job["params"]["number"]))
+    assert len(jobs) == len(STUDY["cost"]["jobs"])
+    for i, (job, declared) in enumerate(zip(jobs, STUDY["cost"]["jobs"], strict=True)):
+        assert job["named"] == {"norm": f"results/{declared['scene']}/dual_norm.nc"}
+        assert job["params"]["scene"] == STUDY["scenes"][declared["scene"]]
+        assert job["output"] == [f"results/cost/runs/{i}{kind}.nc" for kind in ("", "_timings")]
+    (collected,) = of_rules(planned, ["cost"])
+    assert collected["named"] == {
+        "runs": [job["output"][0] for job in jobs],
+        "timed": [job["output"][1] for job in jobs],
+    }
 
 
-@pytest.mark.parametrize(("change", "said"), REFUSED)
-def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, change, said):
-    """Also by a dry run, and whatever the target is."""
-    name, old, new = change
-    file = tree / f"workflow/config/{name}.yaml"
-    kept = file.read_text()
-    assert kept.count(old) == 1
-    file.write_text(kept.replace(old, new))
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/solution.svg"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    file.write_text(kept)
-    assert (found.returncode, found.stderr) == (2, f"unilateral: {said}\n")
+def test_levels_of_large_meshes_are_those_of_the_configuration(planned):
+    jobs = sorted(of_rules(planned, ["deep_level"]), key=lambda job: job["output"])
+    assert [job["params"]["h"] for job in jobs] == STUDY["deep"]["h"]
+    (collected,) = of_rules(planned, ["deep_levels"])
+    assert collected["named"] == {
+        "levels": [f"results/deep/levels/{i}.nc" for i in range(len(jobs))],
+        "timed": [f"results/deep/levels/{i}_timings.nc" for i in range(len(jobs))],
+    }
 
 
-def test_a_parameter_from_the_command_line_is_checked_too(tree):
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick", "--config", "stop=4"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    assert found.returncode == 2
-    assert "field stop: it is 4; it has to be a mapping" in found.stderr
+def test_documents_tell_the_numbers_of_the_tables_that_they_name(planned):
+    (job,) = of_rules(planned, ["numbers"])
+    judged = [name for name, scene in STUDY["scenes"].items() if scene["judged"]]
+    names = "algorithm", "case", "scene", "algebra", "precision"
+    assert job["named"] == {
+        **{name: f"results/cost/{name}.nc" for name in names},
+        "claims": "results/claims.json",
+        "rates": [f"results/{scene}/rates.nc" for scene in judged],
+        "pairs": "figures/infsup.csv",
+        "floors": "results/square/floors.nc",
+        "sharpness": "results/sharpness/rates.nc",
+        "cells": "results/cells/errors.nc",
+        "alternating": "results/cells/alternating.nc",
+        "adapted": "results/adaptive/errors.nc",
+        "adapted_rates": "results/adaptive/rates.nc",
+        "adapted_beta": "results/adaptive/infsup.nc",
+        "totals": [f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]],
+        "extremes": "results/extremes/extremes.nc",
+        "benchmarks": "benchmarks/results.nc",
+        "scores": "benchmarks/scores.csv",
+        "whole": "benchmarks/whole.json",
+    }
+
+
+def test_the_ledger_is_judged_by_all_tables_that_its_claims_read(planned):
+    (job,) = of_rules(planned, ["claims"])
+    wanted = {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads}
+    assert (set(job["named"]["tables"]), job["output"]) == (wanted, ["results/claims.json"])
+
+
+def test_a_figure_of_a_scene_reads_the_tables_of_that_scene(planned):
+    """Its name says of which; what a figure reads is named as the file is."""
+    found = 0
+    for job in of_rules(planned, ["figure"]):
+        (scene,) = {Path(file).stem.rpartition("_")[2] for file in job["output"]}
+        if scene in STUDY["scenes"]:
+            found += 1
+            assert built(job["input"]) == {scene}, job["output"]
+    assert found > len(STUDY["scenes"]) / 2
+
+
+def test_a_file_of_results_has_one_rule(planned):
+    made = Counter(file for job in planned for file in job["output"])
+    assert made
+    assert set(made.values()) == {1}
+
+
+BROKEN = {
+    "cost.base.scene": ("cost.base", "scene", "squared"),
+    "totals.scenes": ("totals.scenes", "squared", ["natural"]),
+    "floors[0]": ("floors", 0, "squared"),
+    "figures.rates.scenes[0]": ("figures.rates.scenes", 0, "squared"),
+    "figures.multiplier.reads": ("figures.multiplier.reads", "survey", "results/betasq/infsup.nc"),
+    "scenes.quick.cases[1]": ("scenes.quick.cases", 1, "naturl"),
+}
+"""Where it is told: the place of a name that stands for nothing, and the name."""
+
+
+@pytest.mark.parametrize("told", BROKEN)
+def test_a_name_that_stands_for_nothing_is_refused(told):
+    """Control: the configuration as it is, which `checked` takes."""
+    path, name, value = BROKEN[told]
+    study = copy.deepcopy(GIVEN)
+    field(path, study)[name] = value
+    with pytest.raises(InputError, match=f", field {re.escape(told)}"):
+        checked(study)
 
 
 @pytest.fixture
@@ -312,28 +410,14 @@ def test_each_rule_depends_on_its_own_script_and_has_a_log_of_its_name():
         assert re.search(rf'^    log:\n        "results/logs/{name}(/.*)?\.log",$', text, re.MULTILINE), name
 
 
-def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(tree):
+def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned):
     """Seconds and memory differ from run to run, so nothing reads them, and nothing misses them."""
     measured, pattern = {}, r'^    benchmark:\n        "results/benchmarks/(\w+).*\.tsv"$'
     for text, _ in each_rule():
         for name in re.findall(pattern, text, re.MULTILINE):
             measured[text.partition(":")[0]] = name
     assert measured == {name: name for name in ("solve", "survey", "sharpness", "adaptive", "extremes")}
-    assert "results/benchmarks" not in plan(tree)[0]
-
-
-def test_snakemake_s_linter_has_one_complaint():
-    """That a rule with a script names no conda environment or container.
-
-    The study is installed by pip from a lock with hashes, for all rules at once. An environment or a
-    container that nobody builds would silence the linter and say nothing true.
-    """
-    command = [sys.executable, "-m", "snakemake", "--lint"]
-    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60).stderr
-    complaints = re.findall(r"^Lints for (.*?) \(.*\n((?:    .*\n)+)", told, re.MULTILINE)
-    titles = {where: re.findall(r"^    \* (.*)$", lints, re.MULTILINE) for where, lints in complaints}
-    one = ["Specify a conda environment or container for each rule.:"]
-    assert titles == {f"rule {text.partition(':')[0]}": one for text, _ in each_rule()}
+    assert not [file for job in planned for file in job["input"] if file.startswith("results/benchmarks")]
 
 
 def given(text):
@@ -409,90 +493,3 @@ def test_a_hidden_parameter_would_be_found():
 def test_no_absolute_path_in_the_workflow():
     for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk"), *WORKFLOW.rglob("*.yaml")]:
         assert not re.search(r"""(^|[\s"'])(/[a-z]\w*/|~/)""", file.read_text()), file
-
-
-def ended(statements, folder):
-    """How a script ends whose `main` consists of these statements, and its log."""
-    code = "import os, warnings; from types import SimpleNamespace; from job import run; "
-    code += f"from unilateral import errors; from unilateral.study import scenes\ndef main(): {statements}\n"
-    log = folder / "job.log"
-    code += f"run(main, SimpleNamespace(input={{}}, output={{}}, params={{}}, log=[{str(log)!r}]))"
-    command = [sys.executable, "-c", code]
-    found = subprocess.run(command, cwd=WORKFLOW / "scripts", capture_output=True, text=True, timeout=60)
-    assert found.stdout == ""
-    return found, log.read_text()
-
-
-@pytest.mark.parametrize(
-    ("fault", "code", "said"),
-    [
-        ("errors.InputError('case x: u < g')", 2, "unilateral: case x: u < g\n"),
-        ("errors.StorageError('x.nc is damaged')", 4, "unilateral: x.nc is damaged\n"),
-    ],
-)
-def test_bad_input_and_bad_files_end_a_script_in_one_sentence(tmp_path, fault, code, said):
-    """On the terminal, and as the last line of the log, where what was said before stands, too."""
-    found, log = ended(f"print('a table'); raise {fault}", tmp_path)
-    assert (found.returncode, found.stderr) == (code, said)
-    assert log == f"a table\n{said}"
-
-
-def test_any_other_error_leaves_its_traceback_in_the_log(tmp_path):
-    found, log = ended("raise KeyError('x')", tmp_path)
-    said = f"unilateral: KeyError: 'x'; the traceback is in {tmp_path / 'job.log'}\n"
-    assert (found.returncode, found.stderr) == (1, said)
-    assert log.startswith("Traceback")
-    assert log.endswith(f"\nKeyError: 'x'\n{said}")
-
-
-def test_all_that_a_job_says_is_in_its_log_in_order(tmp_path):
-    """Lines, warnings, and what a library writes past Python; on the terminal there is nothing."""
-    found, log = ended("print('a'); warnings.warn('b'); os.system('echo c'); print('d')", tmp_path)
-    assert (found.returncode, found.stderr) == (0, "")
-    assert re.fullmatch(r"a\n.*UserWarning: b\nc\nd\ndone in [\d.]+ s, with at most \d+ MB\n", log)
-
-
-def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):
-    """The dual norm that it reads is no table."""
-    left = set(computed.iterdir()) - {computed / name for name in SOLVED}
-    command = [sys.executable, "-m", "snakemake", "-c1", "-f", "results/quick/errors.nc"]
-    command += ["--rerun-triggers", "mtime"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    said = re.findall(
-        r"^unilateral: .*dual_norm\.nc is damaged .*\n", found.stdout + found.stderr, re.MULTILINE
-    )
-    assert (found.returncode, len(said)) == (1, 1)
-    assert (tree / "results/logs/solve/quick.log").read_text() == said[0]
-    assert set(computed.iterdir()) == left
-
-
-def test_cases_of_a_scene_are_certified(tmp_path):
-    """A case whose gap is negative next to its transition does not get into the study."""
-    text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
-    (tmp_path / "broken.yaml").write_text(text)
-    scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
-    found, _ = ended(f"scenes.cases({scene!r})", tmp_path)
-    assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)
-
-
-ACCEPTED = {"Specify a conda environment or container for each rule."}
-"""All rules run in the one environment that holds the locked packages, and Snakemake itself: .venv. A rule of
-its own could only repeat it, in a second way to set it up."""
-
-
-def lints(folder):
-    """The titles of what Snakemake's linter says of the Snakefile in a folder."""
-    command = [sys.executable, "-m", "snakemake", "--lint"]
-    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
-    assert "Lints for" in found.stderr, found.stderr
-    return set(re.findall(r"^    \* (.*):$", found.stderr, re.MULTILINE))
-
-
-def test_snakemake_s_linter_has_nothing_else_to_say(tree):
-    assert lints(tree) <= ACCEPTED
-
-
-def test_a_rule_without_a_log_would_be_found(tmp_path):
-    """Control."""
-    (tmp_path / "Snakefile").write_text("rule made:\n    output: 'x'\n    shell: 'touch x'\n")
-    assert lints(tmp_path) - ACCEPTED == {"No log directive defined"}

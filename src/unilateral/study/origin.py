@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache, reduce
+from functools import reduce
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,6 @@ def _told(value: Any) -> str:
     return "nothing" if value is None else shown(json.dumps(value))
 
 
-@cache
 def _digest(file: str) -> str:
     """The beginning of a file's SHA-256; "none" where there is no file."""
     path = Path(file)

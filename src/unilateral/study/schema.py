@@ -11,7 +11,7 @@ from typing import Any
 
 import jsonschema
 
-from unilateral.declarations import own
+from unilateral.declarations import MAX_DEPTH, MAX_DIGITS, own
 from unilateral.geometry import polygon
 from unilateral.study import functions
 
@@ -35,9 +35,27 @@ LIMITS = {
 
 
 def faults(study: dict[str, Any], schema: str) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Where the study is not as the schema's file says, and what would be right; fills in its defaults."""
+    """Where the study is not as the schema's file says, and what would be right; fills in its defaults.
+
+    What no file may hold is told first, for it may also be given with `--config`, and jsonschema fails on it.
+    """
+    yield from _beyond(study)
     for fault in _validator(schema).iter_errors(study):
         yield tuple(fault.absolute_path), _said(fault)
+
+
+def _beyond(study: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Where numbers are longer or lists deeper than a file may have them."""
+    waiting: list[tuple[tuple[str | int, ...], Any]] = [((), study)]
+    while waiting:
+        place, value = waiting.pop()
+        if isinstance(value, int) and abs(value) >= 10**MAX_DIGITS:
+            yield place, f"it has more than {MAX_DIGITS} digits"
+        elif isinstance(value, dict | list) and len(place) >= MAX_DEPTH:
+            yield place, f"it is in more than {MAX_DEPTH} lists or fields"
+        elif isinstance(value, dict | list):
+            parts = value.items() if isinstance(value, dict) else enumerate(value)
+            waiting += [((*place, name), part) for name, part in parts]
 
 
 @cache

@@ -1,0 +1,28 @@
+"""The jobs that targets need where nothing is made yet, as JSON: of each its rule, input, output and params.
+
+`python planned.py TARGET ...`, in a folder with a Snakefile. One process plans for all tests.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from snakemake.api import DAGSettings, OutputSettings, ResourceSettings, SnakemakeApi
+from snakemake.settings.enums import Quietness
+
+
+def main(targets):
+    with SnakemakeApi(OutputSettings(quiet={Quietness.ALL}, dryrun=True)) as api:
+        workflow = api.workflow(resource_settings=ResourceSettings(cores=1), snakefile=Path("Snakefile"))
+        workflow.dag(DAGSettings(targets=set(targets))).execute_workflow(executor="dryrun")
+        print(json.dumps([described(job) for job in workflow._workflow.dag.jobs]))
+
+
+def described(job):
+    named = {name: files if isinstance(files, str) else list(files) for name, files in job.input.items()}
+    described = {"rule": job.rule.name, "named": named, "params": dict(job.params.items())}
+    return described | {"input": list(map(str, job.input)), "output": list(map(str, job.output))}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

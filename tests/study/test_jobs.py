@@ -1,0 +1,106 @@
+"""How a script runs as a job of its rule: what it is given, where it speaks, and how it ends."""
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+from unilateral.study import tables
+
+SCRIPTS = ROOT / "workflow/scripts"
+
+
+def ended(statements, folder, given=(), config=None):
+    """How a script ends whose `main` consists of these statements, and its log.
+
+    Its rule is named `made`; its input is `given`, and the configuration is `config`.
+    """
+    log, files = folder / "job.log", [str(file) for file in given]
+    code = "import os, signal, warnings; from types import SimpleNamespace; from job import run\n"
+    code += "from unilateral import errors\nclass Input(list): items = lambda _: []\n"
+    code += f"def main():\n    {statements}\n"
+    code += f"job = SimpleNamespace(input=Input({files}), output={{}}, params={{}}, log=[{str(log)!r}])\n"
+    code += f"job.rule, job.config = 'made', {config or {}}\nrun(main, job)"
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
+    assert found.stdout == ""
+    return found, log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "said"),
+    [
+        ("errors.InputError('case x: u < g')", 2, "unilateral: case x: u < g\n"),
+        ("errors.StorageError('x.nc is damaged')", 4, "unilateral: x.nc is damaged\n"),
+    ],
+)
+def test_bad_input_and_bad_files_end_a_script_in_one_sentence(tmp_path, fault, code, said):
+    """On the terminal, and as the last line of the log, where what was said before stands, too."""
+    found, log = ended(f"print('a table'); raise {fault}", tmp_path)
+    assert (found.returncode, found.stderr) == (code, said)
+    assert log == f"a table\n{said}"
+
+
+def test_any_other_error_leaves_its_traceback_in_the_log(tmp_path):
+    found, log = ended("raise KeyError('x')", tmp_path)
+    said = f"unilateral: KeyError: 'x'; the traceback is in {tmp_path / 'job.log'}\n"
+    assert (found.returncode, found.stderr) == (1, said)
+    assert log.startswith("Traceback")
+    assert log.endswith(f"\nKeyError: 'x'\n{said}")
+
+
+def test_all_that_a_job_says_is_in_its_log_in_order(tmp_path):
+    """Lines, warnings, and what a library writes past Python; on the terminal there is nothing."""
+    found, log = ended("print('a'); warnings.warn('b'); os.system('echo c'); print('d')", tmp_path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert re.fullmatch(r"a\n.*UserWarning: b\nc\nd\ndone in [\d.]+ s, with at most \d+ MB\n", log)
+
+
+def test_cases_of_a_scene_are_certified(tmp_path):
+    """A case whose gap is negative next to its transition does not get into the study."""
+    text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
+    (tmp_path / "broken.yaml").write_text(text)
+    scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
+    found, _ = ended(f"from unilateral.study import scenes; scenes.cases({scene!r})", tmp_path)
+    assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)
+
+
+def test_a_damaged_mesh_says_how_it_is_made_anew(tmp_path):
+    """An emptied one, as bound_totals.py reads it."""
+    (tmp_path / "mesh.vtu").write_text("")
+    read = f"scenes.stored_mesh({str(tmp_path / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
+    found, _ = ended(f"from unilateral.study import scenes; {read}", tmp_path)
+    said = r"unilateral: .*mesh\.vtu: no mesh can be read .*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
+    assert re.fullmatch(said, found.stderr)
+    assert found.returncode == 4
+
+
+def test_a_job_stamps_its_tables_and_refuses_those_of_another_configuration(tmp_path):
+    """It refuses before `main` begins. Control: it takes the same table with the configuration as it was."""
+    table, source = tmp_path / "square/errors.nc", tmp_path / "source.yaml"
+    table.parent.mkdir()
+    source.write_text("u: x")
+    save = "from unilateral.study import tables; import xarray; "
+    save += f"tables.save(xarray.Dataset(), {str(table)!r}, 'square', {{'stop.tolerance': 1}})"
+    assert ended(save, tmp_path, [source])[0].returncode == 0
+    told = tables.load(table).attrs
+    assert (told["table"], told["rule"], told["scene"]) == ("square/errors", "made", "square")
+    assert json.loads(told["inputs"]) == {str(source): hashlib.sha256(b"u: x").hexdigest()[:16]}
+    found, log = ended("print('read')", tmp_path, [table], {"stop": {"tolerance": 2}})
+    said = f"unilateral: {table} was made with stop.tolerance: 1, and the configuration has 2; "
+    assert (found.returncode, found.stderr) == (4, f"{said}'snakemake -j2 -f {table}' makes it anew\n")
+    assert log == found.stderr
+    assert ended("print('read')", tmp_path, [table], {"stop": {"tolerance": 1}})[1].startswith("read\n")
+
+
+def test_a_job_that_is_ended_leaves_nothing_half_written(tmp_path):
+    """By SIGTERM, in the midst of writing."""
+    code = "from unilateral.files import replacing\n"
+    code += f"    with replacing({str(tmp_path / 'a.txt')!r}): os.kill(os.getpid(), signal.SIGTERM)"
+    found, _ = ended(code, tmp_path)
+    assert found.returncode == 143
+    assert [file.name for file in tmp_path.iterdir()] == ["job.log"]

@@ -1,0 +1,152 @@
+"""What Snakemake does with the rules: what it makes anew, what ends it early, what it objects to."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import copy_project
+
+from unilateral.errors import StorageError
+from unilateral.study import tables
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    return copy_project(tmp_path_factory.mktemp("study"))
+
+
+def plan(tree, *target):
+    """The text of a dry run, and how many jobs it plans of each rule."""
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", *target]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    text = found.stdout + found.stderr
+    assert found.returncode == 0, text
+    table = text.partition("Job stats:")[2].partition("\ntotal ")[0]
+    return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
+
+
+SOLVED = ("mesh.vtu", "solutions.nc", "errors.nc", "infsup.nc", "timings.nc")
+QUICK = [
+    ("dual_norm.nc", "dual_norm"),
+    *((name, "solve") for name in SOLVED),
+    ("rates.nc", "rates"),
+]
+"""Files of the scene `quick` and their rules, in the order in which they are made."""
+
+
+@pytest.fixture
+def computed(tree):
+    """The project with files in place of the scene's results."""
+    folder = tree / "results/quick"
+    folder.mkdir(parents=True)
+    for i, (name, _) in enumerate(QUICK):
+        (folder / name).write_text("a result")
+        os.utime(folder / name, (time.time() + i, time.time() + i))
+    yield folder
+    shutil.rmtree(tree / "results")
+
+
+def test_what_is_there_is_not_made_anew(tree, computed):
+    """Control."""
+    assert "Nothing to be done" in plan(tree, "quick", "--rerun-triggers", "mtime")[0]
+
+
+@pytest.mark.parametrize(("name", "rule"), QUICK)
+def test_what_is_missing_is_made_anew_with_what_follows_from_it(tree, computed, name, rule):
+    (computed / name).unlink()
+    _, jobs = plan(tree, "quick", "--rerun-triggers", "mtime")
+    assert jobs[rule] == 1
+    assert jobs["rates"] == 1
+
+
+@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 2, 3)])
+def test_one_command_makes_a_damaged_file_anew(tree, computed, name, rule):
+    """The one that messages name."""
+    assert plan(tree, "-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
+    with pytest.raises(StorageError, match=f"; 'snakemake -j2 -f .*/results/quick/{name}' makes it anew"):
+        tables.load(computed / name)
+
+
+REFUSED = [
+    (
+        ("study", "levels: 4 }", "levels: four }"),
+        "workflow/config/study.yaml, field scenes.quick.mesh.levels: it is 'four'; it has to be a whole "
+        "number, at least 1, at most 9",
+    ),
+    (
+        ("study", "    cases: [natural, thirds]\n", "    cases: [natural, reentrant]\n"),
+        "workflow/config/study.yaml, field scenes.quick.cases[1]: case 'reentrant' is for lshape, not for "
+        "'square'",
+    ),
+    (
+        ("rates", "    smooth:", "    smoother:"),
+        "workflow/config/rates.yaml, field rates.cases: there is no 'smooth'; add it, for scene 'square' has "
+        "that case",
+    ),
+    (
+        ("study", "judged: false", "judged: false\n    judged: true"),
+        "workflow/config/study.yaml is not a YAML file: the field 'judged' is given twice",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), REFUSED)
+def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, change, said):
+    """Also by a dry run, and whatever the target is."""
+    name, old, new = change
+    file = tree / f"workflow/config/{name}.yaml"
+    kept = file.read_text()
+    assert kept.count(old) == 1
+    file.write_text(kept.replace(old, new))
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/solution.svg"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    file.write_text(kept)
+    assert (found.returncode, found.stderr) == (2, f"unilateral: {said}\n")
+
+
+def test_a_parameter_from_the_command_line_is_checked_too(tree):
+    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick", "--config", "stop=4"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    assert found.returncode == 2
+    assert "field stop: it is 4; it has to be a mapping" in found.stderr
+
+
+def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):
+    """The dual norm that it reads is no table."""
+    left = set(computed.iterdir()) - {computed / name for name in SOLVED}
+    command = [sys.executable, "-m", "snakemake", "-c1", "-f", "results/quick/errors.nc"]
+    command += ["--rerun-triggers", "mtime"]
+    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    said = re.findall(
+        r"^unilateral: .*dual_norm\.nc is damaged .*\n", found.stdout + found.stderr, re.MULTILINE
+    )
+    assert (found.returncode, len(said)) == (1, 1)
+    assert (tree / "results/logs/solve/quick.log").read_text() == said[0]
+    assert set(computed.iterdir()) == left
+
+
+ACCEPTED = {"Specify a conda environment or container for each rule."}
+"""All rules run in the one environment that holds the locked packages, and Snakemake itself: .venv. A rule of
+its own could only repeat it, in a second way to set it up."""
+
+
+def lints(folder):
+    """The titles of what Snakemake's linter says of the Snakefile in a folder."""
+    command = [sys.executable, "-m", "snakemake", "--lint"]
+    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    assert "Lints for" in found.stderr, found.stderr
+    return set(re.findall(r"^    \* (.*):$", found.stderr, re.MULTILINE))
+
+
+def test_snakemake_s_linter_has_nothing_else_to_say(tree):
+    assert lints(tree) <= ACCEPTED
+
+
+def test_a_rule_without_a_log_would_be_found(tmp_path):
+    """Control."""
+    (tmp_path / "Snakefile").write_text("rule made:\n    output: 'x'\n    shell: 'touch x'\n")
+    assert lints(tmp_path) - ACCEPTED == {"No log directive defined"}
