@@ -34,11 +34,15 @@ MIXED = 10
 
 
 class Undone(NamedTuple):
-    """A bug, and the `residual` without it; `multiplier` is what then becomes of one that was handed in."""
+    """A bug, and the `residual` without it; `multiplier` is what then becomes of one that was handed in.
+
+    The bug may be one of `both`, of u and of the multiplier.
+    """
 
     bug: Fault
     residual: Residual
     multiplier: Callable[[Trace], Trace] = lambda mu: mu
+    both: bool = False
 
 
 def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
@@ -49,6 +53,8 @@ def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) 
     """
     beside = None if exported.inside > allowed else mu
     best, of_best = (exported, ""), EXPLAINS * exported.whole(beside)
+    if of_best <= EXPLAINS**3 * allowed:
+        return best
     for name, load in loads(case, exported.discrete):
         of = replace(exported, load=load)
         if np.isfinite(load).all() and of.inside <= allowed and (left := of.whole(beside)) < of_best:
@@ -98,7 +104,7 @@ def _of_load(of: Residual, allowed: float) -> Iterator[Undone]:
         yield Undone(wrong("the matrix of (u, v)_1", 1 / factor), scaled, lambda mu: mu.times(factor))
     divided = Residual(of.discrete, of.u / factor, of.load)
     yield Undone(wrong("u", factor), divided)
-    yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor))
+    yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor), True)
 
 
 def _factor(name: str, factor: float, size: float, allowed: float) -> Fault:
