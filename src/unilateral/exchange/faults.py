@@ -26,7 +26,6 @@ COUNTS = Stop.fraction
 """Of this project's error on the same level. So far a rate over a factor of 2 changes by 0.03 at most."""
 ROUNDING = 1e-10
 """Of the error of u: an error of lambda below it is 0."""
-
 REMARK = "the load is that of f {}; its error is a part of yours, and no fault"
 
 
@@ -38,7 +37,10 @@ class Judged(NamedTuple):
 
 
 def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Array) -> Judged:
-    """By this project's `own` errors on the level, and its u_h (n,)."""
+    """By this project's `own` errors on the level, and its u_h (n,).
+
+    Of the bugs inside that can be, those are told that leave the fewest other faults.
+    """
     allowed, mu = COUNTS * own.h1, given.multiplier
     exported = Residual(discrete, given.u, discrete.load)
     of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)

@@ -180,6 +180,27 @@ def test_cells_that_do_not_meet_are_named(folder, tmp_path, off, refused):
         foreign(levels, str(tmp_path / "off.nc"))
 
 
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (slice(1, None), "vertex 0 of polygon 'square', at arc length 0, is missing"),
+        (slice(-1), "vertex 0 of polygon 'square', at arc length 4, is missing"),
+        ([0, 2], "a cell ends at"),
+        ([], "is missing"),
+    ],
+)
+def test_missing_cells_are_named_with_their_file(folder, tmp_path, rows, message):
+    """Not with the file of u, which is right."""
+    _, levels = exported(folder)
+    cells = pd.read_csv(folder / "level_2/partition.csv").assign(multiplier=0.0)
+    cells.iloc[rows].to_csv(tmp_path / "cells.csv", index=False)
+    u = pd.DataFrame(levels[-1].mesh.points, columns=["x", "y"]).assign(u=0.0)
+    u.to_csv(tmp_path / "u.csv", index=False)
+    with pytest.raises(InputError, match=message) as found:
+        foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+    assert str(found.value).startswith(f"{tmp_path / 'cells.csv'}: ")
+
+
 def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(scored):
     """Each cell in two, with the same value, is the same function."""
     solution = own(*FINEST)
