@@ -29,16 +29,24 @@ from unilateral.problems.case import Case
 
 EXPLAINS = 0.1
 """Of what is wrong: as much may be left where a bug is named. A tenth of a norm is 1 % of its square."""
+NOTHING = 1e-3
+"""Of what may be left: less is as good as nothing, and not compared."""
+EXACT = 1e-6
+"""A factor below it is 0."""
 MIXED = 10
 """How many times as far as other values of u its values at the nodes have to be from the right ones."""
 
 
 class Undone(NamedTuple):
-    """A bug, and the `residual` without it; `multiplier` is what then becomes of one that was handed in."""
+    """A bug, and the `residual` without it; `multiplier` is what then becomes of one that was handed in.
+
+    The bug may be one of `both`, of u and of the multiplier.
+    """
 
     bug: Fault
     residual: Residual
     multiplier: Callable[[Trace], Trace] = lambda mu: mu
+    both: bool = False
 
 
 def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
@@ -48,7 +56,10 @@ def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) 
     inside where that leaves more, else with the boundary load mu (nb,) of the multiplier, if there is one.
     """
     beside = None if exported.inside > allowed else mu
-    best, of_best = (exported, ""), EXPLAINS * exported.whole(beside)
+    left = exported.whole(beside)
+    if left <= NOTHING * allowed:
+        return exported, ""
+    best, of_best = (exported, ""), EXPLAINS * left
     for name, load in loads(case, exported.discrete):
         of = replace(exported, load=load)
         if np.isfinite(load).all() and of.inside <= allowed and (left := of.whole(beside)) < of_best:
@@ -62,7 +73,7 @@ def explanations(case: Case, plain: Residual, allowed: float) -> list[Undone]:
     for _, load in loads(case, plain.discrete):
         if np.isfinite(load).all():
             of = Residual(plain.discrete, plain.u, load)
-            found = [each for each in _bugs(of, allowed) if each.residual.inside <= most]
+            found = [each for each in _bugs(of) if each.residual.inside <= most]
             if found:
                 return _best(found, most)
     return list(_exchanged(plain, most))
@@ -71,26 +82,27 @@ def explanations(case: Case, plain: Residual, allowed: float) -> list[Undone]:
 def _best(found: list[Undone], most: float) -> list[Undone]:
     """Those that leave not clearly more than another."""
     left = [each.residual.inside for each in found]
-    least = max(min(left) / EXPLAINS, EXPLAINS**3 * most)
+    least = max(min(left) / EXPLAINS, NOTHING * most)
     return [each for each, of_each in zip(found, left, strict=True) if of_each <= least]
 
 
-def _bugs(of: Residual, allowed: float) -> Iterator[Undone]:
+def _bugs(of: Residual) -> Iterator[Undone]:
     K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
     for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
         c = of.share(signature)
-        yield Undone(_factor(f"the {term}", 1 - c, of.size(signature), allowed), of.plus(c * signature))
+        without = of.plus(c * signature)
+        yield Undone(_factor(f"the {term}", 1 - c, signature, without), without)
     areas = 0.5 * K_u - M_u
     fault = Fault("the triangles' areas are twice the right ones", "(grad u, grad v) / 2 + 2 (u, v) fits f")
     yield Undone(fault, of.plus(areas))
-    yield from _of_load(of, allowed)
+    yield from _of_load(of)
 
 
-def _of_load(of: Residual, allowed: float) -> Iterator[Undone]:
+def _of_load(of: Residual) -> Iterator[Undone]:
     """What has a factor if (u, v)_1 = factor (f, v) inside."""
     factor = 1 + of.share(of.load)
     scaled = Residual(of.discrete, of.u, factor * of.load)
-    load = _factor("the load (f, v)", factor, of.size(of.load), allowed)
+    load = _factor("the load (f, v)", factor, of.load, scaled)
     yield Undone(load, scaled)
     if load.what.endswith("missing"):
         return
@@ -98,12 +110,13 @@ def _of_load(of: Residual, allowed: float) -> Iterator[Undone]:
         yield Undone(wrong("the matrix of (u, v)_1", 1 / factor), scaled, lambda mu: mu.times(factor))
     divided = Residual(of.discrete, of.u / factor, of.load)
     yield Undone(wrong("u", factor), divided)
-    yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor))
+    yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor), True)
 
 
-def _factor(name: str, factor: float, size: float, allowed: float) -> Fault:
-    """That a term has it, or is missing if it is 0 as exactly as can be seen."""
-    if abs(factor) * size <= allowed:
+def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
+    """That a term (n,) has it, or is missing if it is 0 as exactly as what is left lets see."""
+    size = of.size(term)
+    if abs(factor) * size <= of.inside + EXACT * size:
         return Fault(f"{name} is missing", "the equation holds inside without it")
     return wrong(name, factor)
 

@@ -45,7 +45,7 @@ class Extremes(NamedTuple):
 
 
 def extremes(case: Case, given: Foreign, discrete: Discrete) -> Extremes | None:
-    """Of the first conditions that the multiplier may belong to, else at the nodes; None if all sides are free.
+    """Of the first conditions that the multiplier may belong to, else at the nodes; None if all is free.
 
     At a node lambda is its integral with the hat over that of the hat.
     """

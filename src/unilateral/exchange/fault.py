@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+UNEXPLAINED = "no bug that is known explains it"
+
 
 class Fault(NamedTuple):
     """`what` is wrong, the same on every level, and what was `measured` on this one."""
 
     what: str
     measured: str
+
+    @property
+    def explained(self) -> bool:
+        """Whether it is a bug that is known."""
+        return UNEXPLAINED not in self.what
 
     def __str__(self) -> str:
         return f"{self.what}: {self.measured}"
@@ -18,6 +25,11 @@ class Fault(NamedTuple):
 def wrong(name: str, factor: float, right: str = "the right one") -> Fault:
     """That something has a factor; `right` says of what."""
     return Fault(f"{name} has the wrong {'sign' if factor < 0 else 'scale'}", f"{factor:.6g} times {right}")
+
+
+def unexplained(what: str, perhaps: str, measured: str) -> Fault:
+    """That something is wrong, and nobody knows why."""
+    return Fault(f"{what}, and {UNEXPLAINED}{perhaps}", measured)
 
 
 def either(faults: list[Fault]) -> Fault:

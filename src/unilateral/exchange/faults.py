@@ -13,7 +13,7 @@ from unilateral.arrays import Array
 from unilateral.discrete import Discrete
 from unilateral.exchange.conditions import conditions, mistaken
 from unilateral.exchange.equation import EXPLAINS, explanations, renumbered, with_load
-from unilateral.exchange.fault import Fault, either, wrong
+from unilateral.exchange.fault import Fault, either, unexplained, wrong
 from unilateral.exchange.read import Foreign
 from unilateral.exchange.readings import ahead, plain, readings
 from unilateral.exchange.residual import Fit, Residual, flux_load
@@ -26,6 +26,7 @@ COUNTS = Stop.fraction
 """Of this project's error on the same level. So far a rate over a factor of 2 changes by 0.03 at most."""
 ROUNDING = 1e-10
 """Of the error of u: an error of lambda below it is 0."""
+REMARK = "the load is that of f {}; its error is a part of yours, and no fault"
 
 
 class Judged(NamedTuple):
@@ -36,30 +37,39 @@ class Judged(NamedTuple):
 
 
 def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Array) -> Judged:
-    """By this project's `own` errors on the level, and its u_h (n,)."""
+    """By this project's `own` errors on the level, and its u_h (n,).
+
+    Of the bugs inside that can be, those are told that leave the fewest other faults.
+    """
     allowed, mu = COUNTS * own.h1, given.multiplier
     exported = Residual(discrete, given.u, discrete.load)
     of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
-    if of.inside <= allowed:
-        remark = f"the load is that of f {how}; its error is a part of yours, and no fault"
-        return Judged(list(_of_multiplier(case, mu, of, own)), [remark] if how else [])
+    holds, remarks = of.inside <= allowed, [REMARK.format(how)] if how else []
+    found = list(_of_multiplier(case, mu, of, own)) if holds else []
+    if holds and all(each.explained for each in found):
+        return Judged(found, remarks)
     told = [
         [each.bug, *_of_multiplier(case, mu and each.multiplier(mu), each.residual, own)]
         for each in explanations(case, of, allowed)
+        if mu is not None or not each.both
     ]
+    if holds:
+        told = [each for each in told if all(fault.explained for fault in each)]
     if told:
         fewest = min(map(len, told))
         best = [each for each in told if len(each) == fewest]
         return Judged([either([each[0] for each in best]), *best[0][1:]], [])
-    inside = renumbered(case, of, u_h) or _unexplained(of)
+    if holds:
+        return Judged(found, remarks)
+    inside = renumbered(case, of, u_h) or _inside(of)
     return Judged([inside, *_against_exact(mu, of, own)], [])
 
 
-def _unexplained(of: Residual) -> Fault:
+def _inside(of: Residual) -> Fault:
     x, y = of.worst()
-    return Fault(
-        "the equation does not hold inside the domain, and no bug that is known explains it: the linear "
-        "solve stopped too early, the load is another one, or u is not meant as P1",
+    return unexplained(
+        "the equation does not hold inside the domain",
+        ": the linear solve stopped too early, the load is another one, or u is not meant as P1",
         f"by {of.inside:.2g} in H1, least at ({x:g}, {y:g})",
     )
 
@@ -103,8 +113,8 @@ def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
         right = f"what u's equation has, to {fit.left / fit.size:.1g}"
         yield wrong("the multiplier", fit.factor, right)
     elif not fault:
-        what = "u and the multiplier do not fit, and no bug that is known explains it"
-        yield Fault(what, f"(u, v)_1 - <lambda, v> - (f, v) is {fit.misfit:.2g} in H1")
+        measured = f"(u, v)_1 - <lambda, v> - (f, v) is {fit.misfit:.2g} in H1"
+        yield unexplained("u and the multiplier do not fit", "", measured)
 
 
 def _is_scaled(fit: Fit, allowed: float) -> bool:
@@ -143,8 +153,8 @@ def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Itera
     if found:
         yield either([Fault(what, measured) for what in sorted(found)])
         return
-    yield Fault(
-        "u is not the solution of the discrete problem, and no bug that is known explains it: the iteration "
-        "stopped too early, or g or the conditions are others",
+    yield unexplained(
+        "u is not the solution of the discrete problem",
+        ": the iteration stopped too early, or g or the conditions are others",
         measured,
     )

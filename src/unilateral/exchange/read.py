@@ -85,7 +85,7 @@ def foreign(levels: list[Level], file: str, multiplier: str | None = None) -> Fo
         found = found._replace(cells=cells)
     level, node = _matched(levels, points, file)
     values = {name: _at_nodes(level, node, found, name, file) for name in found.nodal}
-    trace, kind = _multiplier(level, node, found, values, file)
+    trace, kind = _multiplier(level, node, found, values, multiplier or file)
     return Foreign(file, level, values["u"], trace, kind)
 
 
@@ -179,7 +179,11 @@ def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) ->
             f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}; "
             f"a number below {LARGEST:g} is needed"
         )
-    return constant(partitions.from_points(mesh.polygon, np.append(start, end[-1:])), values)
+    try:
+        cells = partitions.from_points(mesh.polygon, np.append(start, end[-1:]))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    return constant(cells, values)
 
 
 def _on_edges(mesh: Mesh, ends: Index, values: Array, file: str) -> Array:

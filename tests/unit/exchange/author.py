@@ -130,7 +130,7 @@ def of_nodes(level):
 
 
 def contact(A, f, rows, g, lengths, held, settle=True):
-    """u and the multipliers of rows u >= g lengths, for the rows that are held; with equality if not settled."""
+    """u and the multipliers of the held rows u >= g lengths; with equality in all of them if not `settle`."""
     active, mu = held.copy(), np.zeros(len(g))
     for _ in range(100):
         B = rows[np.flatnonzero(active)]

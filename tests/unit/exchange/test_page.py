@@ -11,6 +11,8 @@ from conftest import discrete, load
 
 from unilateral.cli import main
 from unilateral.discrete import solve
+from unilateral.exchange.fault import Fault
+from unilateral.exchange.faults import Judged
 from unilateral.exchange.page import page
 from unilateral.exchange.read import Foreign, Level
 from unilateral.exchange.score import holds, rates, score, verdict
@@ -89,9 +91,10 @@ def test_a_page_is_the_same_twice():
 def test_faults_and_names_are_told_as_text():
     """A file's name may hold what HTML takes for markup."""
     one = scored("natural")[-1]
-    spoilt = replace(one, faults=["<lambda, v> & more"], given=replace(one.given, file="<b>.csv"))
+    told = Judged([Fault("<lambda, v>", "& more")], [])
+    spoilt = replace(one, told=told, given=replace(one.given, file="<b>.csv"))
     text = written("natural", [spoilt])
-    assert "<li>&lt;b&gt;.csv: &lt;lambda, v&gt; &amp; more</li>" in text
+    assert "<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more (level_1)</li>" in text
     assert "faults were found" in text
 
 
@@ -99,7 +102,7 @@ def test_what_holds():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
     found, case = scored("natural"), load("natural")
     assert holds(found, rates(case, found))
-    assert not holds([replace(found[0], faults=["wrong"]), found[1]], rates(case, found))
+    assert not holds([replace(found[0], told=Judged([Fault("wrong", "")], [])), found[1]], rates(case, found))
     same = [replace(each, errors=found[0].errors) for each in found]
     assert not holds(same, rates(case, same))
 
