@@ -262,6 +262,7 @@ def _told(found: Solution) -> Solution:
         bound = (
             f"the error is at most {up(search.best.total, '.4e')}" if search.believed else "no bound is left"
         )
+        bound += f"; {search.reach:g} is within reach" if search.reach else ""
         wanted = f"the accuracy {search.best.goal.accuracy:g} is not certified, {why}"
         warnings.warn(f"{wanted}; {bound}", SolutionWarning, stacklevel=3)
     if not found.unique:

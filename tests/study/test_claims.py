@@ -282,9 +282,16 @@ def test_margins_by_hand(observed, required, at_least, margin):
 
 
 @pytest.mark.parametrize(
-    ("required", "observed", "shown"), [(0.0, 0.2, "none"), (1.0, 1.2, "20 %"), (1.0, np.nan, "none")]
+    ("required", "observed", "shown"),
+    [
+        (0.0, 0.2, "none"),
+        (1.0, 1.2, "20 %"),
+        (1.0, np.nan, "none"),
+        (1e3, 1.1e9, "> 1000 %"),
+        (1.0, -1e9, "< -1000 %"),
+    ],
 )
-def test_no_margin_is_relative_to_0(required, observed, shown):
+def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, shown):
     found = made_up(observed, required, True)
     assert f"margin {shown}" in printed.explanation(found)
     assert f" {shown}  {found.verdict}" in printed.summary([found])

@@ -27,3 +27,9 @@ class Goal:
     max_memory: float = math.inf
     sharp: bool = False
     absolute: bool = False
+
+    @property
+    def limited(self) -> bool:
+        """Whether somebody set a limit, and means it to be spent."""
+        unlimited = math.isinf(self.max_unknowns) and math.isinf(self.max_memory)
+        return not unlimited or self.max_seconds != MAX_SECONDS

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from unilateral.accuracy.budget import affordable, affordable_H, bulk, wanted
+from unilateral.accuracy.budget import SPARE, affordable, affordable_H, bulk, wanted
 from unilateral.accuracy.cost import Prospect, may_adapt
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
@@ -29,7 +29,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.memory import peak_mb
+from unilateral.memory import available_mb, forget_peak, peak_mb
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop
 
@@ -48,7 +48,8 @@ def levels(
     made; OutOfBudget if a limit is reached in the midst of a level.
     """
     stop, watch, done = stop or Stop(), watch or Watch(), list[Level]()
-    watch.goal = goal
+    forget_peak()
+    watch.goal, watch.most_mb = goal, peak_mb() + SPARE * available_mb()
     for level in _uniform(problem, goal, stop, kind, done, watch):
         yield level
         if Prospect(done, stop, kind, watch.elapsed).adapted:

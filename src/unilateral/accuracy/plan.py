@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from unilateral.accuracy.budget import LARGEST_STEP, MARGIN, most_unknowns, observed_rate, sizes_and_bounds
+from unilateral.accuracy.budget import (
+    LARGEST_STEP,
+    MARGIN,
+    most_unknowns,
+    observed_rate,
+    sizes_and_bounds,
+    wanted,
+)
 from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.level import Level
 
@@ -19,6 +26,8 @@ STEP = 1.7
 """Times the unknowns of the adapted level before, on the average."""
 OF_LAMBDA = 0.75
 """Rate of its bound in unknowns on adapted meshes: that of H^{3/2}, and 0.82 was observed."""
+FAR = 10.0
+"""Times the unknowns that the limits allow: a plan was right within 2 for u, and within 3 for lambda."""
 VAST = 1e30
 """Times the error that is wanted: more is not told apart, and its powers are numbers."""
 
@@ -57,24 +66,53 @@ def enough(prospect: Prospect) -> bool:
     return prospect.done[-1].unknowns >= KNOWN and spent + to_come >= PROBE
 
 
-def _needed(prospect: Prospect) -> float:
+def hopeless(prospect: Prospect) -> bool:
+    """Whether limits that nobody set do not allow the accuracy by FAR.
+
+    Bounds are taken to fall like H at least, for on coarse meshes they may seem to stand still.
+    """
+    if prospect.done[-1].goal.limited or not (wanted(prospect.done) and enough(prospect)):
+        return False
+    needed = _needed(prospect, least_rate=1.0)
+    return math.isfinite(needed) and needed > FAR * min(most_unknowns(prospect).values())
+
+
+def reach(prospect: Prospect) -> float | None:
+    """The least accuracy of 1, 2 or 5 times a power of ten that the limits allow, None if none is known.
+
+    None, too, where none of these is below what is reached.
+    """
+    goal, last = prospect.done[-1].goal, prospect.done[-1]
+    share = last.total / last.size if last.size > 0 else 1.0
+    reached = min(last.total, VAST) if goal.absolute else min(share, 1.0)
+    exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
+    for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
+        if goal.accuracy < accuracy < reached:
+            done = [replace(level, goal=replace(goal, accuracy=accuracy)) for level in prospect.done]
+            found = plan(replace(prospect, done=done))
+            if found and not found.missed:
+                return accuracy
+    return None
+
+
+def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
     """The unknowns of the last mesh, infinite if unknown.
 
     m triangles with the shares s of the squared bound, cut into K in all, have at best the squared bound
-    sum(s^{1/2})^2 / K. Uniform meshes are taken to go on with the rate that was observed.
+    sum(s^{1/2})^2 / K. Uniform meshes are taken to go on with the rate that was observed, or the least one.
     """
     last = prospect.done[-1]
-    wanted, s = _wanted(last), last.solved.shares
-    if wanted <= 0 or not math.isfinite(last.total):
+    target, s = _wanted(last), last.solved.shares
+    if target <= 0 or not math.isfinite(last.total):
         return math.inf
-    times = min(last.total / wanted, VAST)
+    times = min(last.total / target, VAST)
     if prospect.adapted and last.goal.norm == "hm12":
         return last.unknowns * times ** (1 / OF_LAMBDA)
     if prospect.adapted:
         best = float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
         return last.unknowns * times**2 * UNEVEN * best
     rate = observed_rate(*sizes_and_bounds(prospect.done))
-    return last.unknowns * (times / MARGIN) ** (2 / (1.0 if math.isnan(rate) else rate))
+    return last.unknowns * (times / MARGIN) ** (2 / (1.0 if math.isnan(rate) else max(rate, least_rate)))
 
 
 def _wanted(last: Level) -> float:

@@ -16,7 +16,7 @@ from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import Level, standing
 from unilateral.accuracy.levels import levels
-from unilateral.accuracy.plan import Plan, enough, plan
+from unilateral.accuracy.plan import Plan, enough, hopeless, plan, reach
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.errors import BudgetError, InputError
 from unilateral.problems.data import Data
@@ -25,6 +25,7 @@ from unilateral.solvers.stop import Stop
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
+OUT_OF_REACH = "the accuracy is out of reach"
 REFUSED = "the next level is refused"
 STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
 """A search, and leave what was found."""
@@ -34,13 +35,15 @@ STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
 class Search:
     """The levels done, and what ended the search.
 
-    `plan` says what the accuracy takes, where a limit ended the search and something can be said.
+    `plan` says what the accuracy takes, where a limit ended the search and something can be said; `reach` is
+    a larger accuracy that the limits allow, where the plan shows that they do not allow this one.
     """
 
     done: list[Level]
     ended: str
     refusal: InputError | None = None
     plan: Plan | None = None
+    reach: float | None = None
 
     @cached_property
     def believed(self) -> list[Level]:
@@ -69,10 +72,13 @@ def search(
 ) -> Search:
     """All `levels`, of each of which `tell` is told; an interrupt or a limit keeps those that are done.
 
+    Without a limit of the goal's own the process takes no more memory than is free at the beginning, and the
+    search ends as soon as the plan shows that this or the seconds do not suffice by far.
     To `probe`, the first ones are enough for a plan. Before the first one is done, what stops the search is
     raised: KeyboardInterrupt, InputError, and BudgetError for a limit.
     """
     stop, watch, done = stop or Stop(), watch or Watch(), list[Level]()
+    far = False
     stopped: BaseException | None = None
     prospect: Prospect | None = None
     try:
@@ -81,7 +87,8 @@ def search(
             prospect = Prospect(tuple(done), stop, kind, watch.elapsed)
             if tell:
                 tell(level)
-            if probe and enough(prospect):
+            far = hopeless(prospect)
+            if far or (probe and enough(prospect)):
                 break
         watch.rest()
     except BaseException as caught:
@@ -91,10 +98,10 @@ def search(
         watch.rest()
     if prospect is None:
         raise _without_result(problem, stopped)
-    return _ended(prospect, stopped, probe)
+    return _ended(prospect, stopped, probe, far)
 
 
-def _ended(prospect: Prospect, stopped: BaseException | None, probe: bool) -> Search:
+def _ended(prospect: Prospect, stopped: BaseException | None, probe: bool, far: bool) -> Search:
     done, last = list(prospect.done), prospect.done[-1]
     if isinstance(stopped, KeyboardInterrupt):
         return Search(done, INTERRUPTED)
@@ -104,8 +111,11 @@ def _ended(prospect: Prospect, stopped: BaseException | None, probe: bool) -> Se
         return Search(done, CONTRADICTED)
     if not (last.certified or last.solved.result.converged):
         return Search(done, NOT_CONVERGED)
-    if probe:
-        return Search(done, "", plan=plan(prospect))
+    if probe or far:
+        planned = plan(prospect)
+        missed = planned.missed if planned else ()
+        ended = "" if probe else f"{OUT_OF_REACH} ({', '.join(missed)})"
+        return Search(done, ended, plan=planned, reach=reach(prospect) if missed else None)
     if stopped or wanted(done):
         reached = _limit(stopped) if stopped else ", ".join(limits(prospect))
         return Search(done, f"out of budget ({reached})", plan=plan(prospect))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 
@@ -18,7 +19,7 @@ class OutOfBudget(BaseException):
 
 @dataclass
 class Watch:
-    """Of a search from the time `begin` on; while it works there is a `goal`.
+    """Of a search from the time `begin` on; while it works there is a `goal`, and it may take `most_mb`.
 
     The level's mesh has so many `unknowns`, 0 while that is not known; `expected` are its seconds in all, and
     `seconds` those of its phases so far. Limits, and whether an interrupt was `asked` for, are looked at
@@ -28,6 +29,7 @@ class Watch:
 
     begin: float = field(default_factory=time.perf_counter)
     goal: Goal | None = None
+    most_mb: float = math.inf
     asked: bool = False
     raised: BaseException | None = None
     phase: str = ""
@@ -69,9 +71,10 @@ class Watch:
         """Raises OutOfBudget or KeyboardInterrupt, once while a search works."""
         if self.goal is None:
             return
+        memory = min(self.goal.max_memory, self.most_mb)
         limits = {
             f"max_seconds={self.goal.max_seconds:g}": self.elapsed > self.goal.max_seconds,
-            f"max_memory={self.goal.max_memory:g}": peak_mb() > self.goal.max_memory,
+            f"max_memory={memory:g}": peak_mb() > memory,
         }
         reached = ", ".join(name for name, over in limits.items() if over)
         if self.asked or reached:

@@ -129,9 +129,13 @@ def ending(search: Search) -> str:
         )
     nothing = norm == "hm12" and best.solved.lambda_norm == 0 and not best.goal.absolute
     needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""
-    return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}" + (
+    return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}" + (
         "; lambda_H is 0, nothing is relative to it; take --absolute" * nothing
     )
+
+
+def _reach(search: Search) -> str:
+    return f"; --accuracy {search.reach:g} is within reach" if search.reach else ""
 
 
 def amounts(plan: Plan) -> str:
@@ -156,7 +160,7 @@ def planned(name: str, search: Search, as_json: bool) -> str:
     else:
         why = "uniform meshes, for all triangles have much the same part of the bound"
     rule = "H = 2h, for an edge that meets a cell may be at most half of it, or lambda_H may be unstable"
-    return f"  plan: {amounts(plan)}{as_options(fits)}\n  {why}\n  {rule}"
+    return f"  plan: {amounts(plan)}{as_options(fits)}{_reach(search)}\n  {why}\n  {rule}"
 
 
 def _unknown(value: Any) -> bool:

@@ -156,7 +156,7 @@ def test_an_interrupt_keeps_the_best():
         if isinstance(level.solved.discrete, Adapted):
             raise KeyboardInterrupt
 
-    found = search(on_polygon("reentrant"), Goal(1e-4), tell=interrupting)
+    found = search(on_polygon("reentrant"), Goal(1e-4, max_unknowns=10**6), tell=interrupting)
     assert found.ended == "interrupted"
     assert found.best is found.done[-1]
     assert isinstance(found.best.solved.discrete, Adapted)

@@ -5,11 +5,13 @@ from dataclasses import replace
 import pytest
 from conftest import DATA, load
 
+from unilateral.accuracy import budget
 from unilateral.accuracy import plan as of_plan
+from unilateral.accuracy.budget import MARGIN, most_unknowns
 from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import levels
-from unilateral.accuracy.plan import plan
+from unilateral.accuracy.plan import FAR, enough, hopeless, plan
 from unilateral.accuracy.search import search
 from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop
@@ -29,6 +31,13 @@ def planned(done, goal):
 def at_once(monkeypatch):
     """A plan as soon as there are enough unknowns, however long they took."""
     monkeypatch.setattr(of_plan, "PROBE", 0.0)
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """One with so much memory whatever else runs on it, on which a level takes a second for 1e5 unknowns."""
+    monkeypatch.setattr(budget, "available_mb", lambda: 8000.0)
+    monkeypatch.setattr(Prospect, "speed", 1.0)
 
 
 @pytest.mark.usefixtures("at_once")
@@ -61,6 +70,48 @@ def test_limits_that_do_not_allow_a_plan_are_named():
         limits = [share * value for value in (free.unknowns, free.seconds, free.peak_mb)]
         found = planned(done, Goal(0.001, "h1", *limits)).missed
         assert [limit.split("=")[0] for limit in found] == missed
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("name", ["natural", "lshape.yaml"])
+def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, machine):
+    """And the one that is said to be in reach is, by its own plan; the next smaller one is not."""
+    found = search(problem(name), Goal(1e-9))
+    assert found.ended.startswith("the accuracy is out of reach (max_memory=")
+    assert not found.certified
+    assert found.best.unknowns <= 5000
+    assert found.plan.unknowns > 1e12
+    digits, k = f"{found.reach:.0e}".split("e")
+    before = {"1": f"5e{int(k) - 1}", "2": f"1e{k}", "5": f"2e{k}"}[digits]
+    missed = [planned(found.done, Goal(accuracy)).missed for accuracy in (found.reach, float(before))]
+    assert [bool(limits) for limits in missed] == [False, True]
+    assert found.best.total / found.best.size > found.reach
+
+
+@pytest.mark.usefixtures("at_once", "machine")
+def test_a_limit_that_somebody_set_is_spent():
+    """The same accuracy; so is one that the plan does not exclude by far."""
+    found = search(load("natural"), Goal(1e-9, max_unknowns=2000))
+    assert found.ended == "out of budget (max_unknowns=2000)"
+    assert found.reach is None
+    done = list(levels(load("natural"), Goal(0.02)))
+    allowed = min(most_unknowns(Prospect(done, Stop(), "", 1.0)).values())
+    for times, far in ((FAR / 2, False), (2 * FAR, True)):
+        last = done[-1]
+        goal = Goal(last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / MARGIN)
+        of_goal = [replace(level, goal=goal) for level in done]
+        assert hopeless(Prospect(of_goal, Stop(), "", 1.0)) == far
+
+
+@pytest.mark.usefixtures("at_once", "machine")
+def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
+    """As if the rate were 1/4: then a plan misses the limits by far, but nothing is concluded from that."""
+    done = [replace(level, goal=Goal(0.001)) for level in levels(load("natural"), Goal(0.02))]
+    monkeypatch.setattr(of_plan, "observed_rate", lambda *_: 0.25)
+    prospect = Prospect(done, Stop(), "", 1.0)
+    assert enough(prospect)
+    assert plan(prospect).unknowns > 100 * FAR * min(most_unknowns(prospect).values())
+    assert not hopeless(prospect)
 
 
 def test_what_is_certified_needs_nothing_more():

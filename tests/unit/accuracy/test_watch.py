@@ -7,11 +7,14 @@ from itertools import pairwise
 import pytest
 from conftest import load
 
+from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy import watch as of_watch
+from unilateral.accuracy.budget import SPARE
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import ENCLOSING, OutOfBudget, Watch
 from unilateral.errors import BudgetError
+from unilateral.memory import peak_mb
 
 PHASES = ("mesh", "matrices", ENCLOSING, "solve", "bound")
 """Of a level on a uniform mesh."""
@@ -86,6 +89,7 @@ def test_an_interrupt_of_which_a_library_makes_another_error_is_one():
 def test_a_limit_in_the_midst_of_a_level_keeps_those_before(name, monkeypatch):
     """The clock, or the memory, jumps in the third level; what would have been enough is said."""
     limit = 1e6
+    monkeypatch.setattr(of_levels, "available_mb", lambda: 10 * limit)
 
     def jump(watch):
         if name == "max_seconds":
@@ -97,6 +101,21 @@ def test_a_limit_in_the_midst_of_a_level_keeps_those_before(name, monkeypatch):
     assert len(found.done) == 2
     assert found.ended == f"out of budget ({name}=1e+06)"
     assert found.plan.unknowns > found.done[-1].unknowns
+
+
+def test_without_a_limit_no_more_memory_is_taken_than_was_free(monkeypatch):
+    """Beside what the process held; a level that was predicted to take less is given up all the same."""
+    monkeypatch.setattr(of_levels, "available_mb", lambda: 500.0)
+
+    def jump(watch):
+        held = watch.most_mb - SPARE * 500
+        assert 0 < held <= peak_mb()
+        monkeypatch.setattr(of_watch, "peak_mb", lambda: 1.01 * watch.most_mb)
+
+    watch = Told(15, jump)
+    found = search(load("natural"), Goal(0.02), watch=watch)
+    assert len(found.done) == 2
+    assert found.ended == f"out of budget (max_memory={watch.most_mb:g})"
 
 
 def test_a_limit_in_the_first_level_leaves_nothing():

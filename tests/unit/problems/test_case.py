@@ -356,7 +356,7 @@ BAD_FIELDS = [
     ({"gap": None}, "mine.yaml: the field gap is missing"),
     ({"u": [{"atom": "harmonc"}]}, r"mine.yaml, field u\[0\].atom: 'harmonc' is not one of"),
     ({"u": [HARMONIC | {"profile": 1}]}, r"field u\[0\]: there is no field 'profile' here; the fields are "),
-    ({"u": [TENSOR]}, r"field u\[0\]: 'profile' is a required"),
+    ({"u": [TENSOR]}, r"field u\[0\]: the field profile is missing"),
     ({"u": [HARMONIC | {"side": -2}]}, r"field u\[0\].side: -2 is less than the minimum"),
     ({"u": [HARMONIC | {"at": 1}]}, r"case 'mine', u\[0\], at: 1 must lie between 0 and 1"),
     ({"u": [HARMONIC | {"cutoff": 0}]}, r"u\[0\], cutoff: 0 must be positive"),

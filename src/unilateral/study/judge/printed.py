@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 from unilateral.study.judge.checks.evidence import Evidence
 from unilateral.study.judge.claims import Judgement
+from unilateral.study.judge.records import percent
 
 LETTERS = {
     r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
@@ -41,7 +42,7 @@ def summary(judgements: Iterable[Judgement]) -> str:
 def _percent(evidence: Evidence) -> str:
     """The margin; nothing is relative to a requirement of 0."""
     known = math.isfinite(evidence.margin) and evidence.required != 0
-    return f"{100 * evidence.margin:.3g} %" if known else "none"
+    return percent(evidence.margin) if known else "none"
 
 
 def explanation(judgement: Judgement) -> str:

@@ -23,6 +23,16 @@ LEAST, PLENTY = 1e-4, 10.0
 """Margins below and above are told as these."""
 
 
+def percent(margin: float) -> str:
+    """A margin for readers: no more digits than tell something, and none beyond LEAST and PLENTY."""
+    if abs(margin) >= PLENTY:
+        return f"> {100 * PLENTY:.0f} %" if margin > 0 else f"< -{100 * PLENTY:.0f} %"
+    if 0 <= margin < LEAST:
+        return f"< {100 * LEAST:g} %"
+    digits = 2 if abs(margin) < 0.01 else 0
+    return f"{100 * margin:.{digits}f} %"
+
+
 def holds(verdict: str) -> bool:
     """Whether a sentence may rest on a claim with that verdict."""
     return not verdict.startswith((FAILS, UNJUDGED, UNMEASURED))

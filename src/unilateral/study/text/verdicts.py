@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from unilateral.study.judge.records import LEAST, PLENTY, holds
+from unilateral.study.judge.records import PLENTY, holds, percent
 
 ROUND_OFF = 1e-12
 NONE = "–"
@@ -55,7 +55,7 @@ def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
     return {
         "what counts": _letters(record["quantity"]),
         "observed": f"{_observed(record)} {record['expected']}".replace(">=", "≥").replace("<=", "≤"),
-        "margin": NONE if _requires_0(record) else _percent(record["margin"]),
+        "margin": NONE if _requires_0(record) else percent(record["margin"]),
     }
 
 
@@ -82,12 +82,3 @@ def _observed(record: Mapping[str, Any]) -> str:
 def _requires_0(record: Mapping[str, Any]) -> bool:
     """Nothing is relative to that."""
     return float(record["expected"].split()[1]) == 0
-
-
-def _percent(margin: float) -> str:
-    if margin >= PLENTY:
-        return f"> {100 * PLENTY:.0f} %"
-    if 0 <= margin < LEAST:
-        return f"< {100 * LEAST:g} %"
-    digits = 2 if abs(margin) < 0.01 else 0
-    return f"{100 * margin:.{digits}f} %"
