@@ -244,8 +244,8 @@ def test_with_the_printed_index_only_its_claims_fail():
 def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeypatch):
     """H^{1/2} ||.||_0 in place of ||.||_{-1/2} on P0(T_H): beta is then beta_0.
 
-    An inverse estimate holds for it, trivially, and rates do not tell it from the norm. But the constant is 1,
-    too small for (4.7) where a multiplier is far from its best approximation.
+    An inverse estimate holds for it, trivially, and rates do not tell it from the norm. But its
+    constant is 1, too small for (4.7) where a multiplier is far from its best approximation.
     """
 
     def shortcut(gram):
