@@ -244,7 +244,8 @@ def test_with_the_printed_index_only_its_claims_fail():
 def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeypatch):
     """H^{1/2} ||.||_0 in place of ||.||_{-1/2} on P0(T_H): beta is then beta_0.
 
-    An inverse estimate holds for it, trivially, and rates do not tell it from the norm.
+    An inverse estimate holds for it, trivially, and rates do not tell it from the norm. But its
+    constant is 1, too small for (4.7) where a multiplier is far from its best approximation.
     """
 
     def shortcut(gram):
@@ -256,7 +257,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
         table = results()[name].copy(deep=True)
         changed[name] = table.assign(beta_lower=table["beta_0"], beta_upper=table["beta_0"])
     monkeypatch.setattr(Gram, "p0", property(shortcut))
-    assert failing(changed) == {"3.1a", "3.5", "S.local", "T.node", "A.beta"}
+    assert failing(changed) == {"3.1a", "3.5", "4.7", "S.local", "T.node", "A.beta"}
 
 
 def made_up(observed, required, at_least):

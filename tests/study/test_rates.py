@@ -273,13 +273,9 @@ def test_what_is_expected_is_as_declared():
     assert Expectation.of(study, "made_up", "l2", levels) == expected
     expected = Expectation(0.5, "exact", 0.1, 1 / 16, 2, "x", 0, 3, 0.01, 1 / 3)
     assert Expectation.of(study, "made_up", "h1", levels) == expected
-    study["cases"]["made_up"] = {norm: {"rate": "3/4", "judged_by": "ritz_bound"} for norm in ("l2", "hm12")}
+    study["cases"]["made_up"]["l2"]["judged_by"] = "ritz_bound"
     expected = Expectation(0.5, 0.75, 0.1, 1 / 8, 4, "y", -0.5, 4, 0.01, 1 / 3)
     assert Expectation.of(study, "made_up", "l2", levels) == expected
-    study["norms"]["hm12"] = dict(general)
-    del study["norms"]["hm12"]["ritz_bound"]
-    with pytest.raises(InputError, match="of 'made_up' in hm12 is judged by ritz_bound, which this norm"):
-        Expectation.of(study, "made_up", "hm12", levels)
 
 
 def test_a_case_without_expected_rates_is_named():

@@ -62,6 +62,25 @@ def test_rate(scene, name, norm):
     assert stored_verdict.item() == found.verdict
 
 
+def test_no_multiplier_is_0_where_contact_at_the_re_entrant_vertex_is_judged():
+    """So the problem is linear there. Control: reentrant, which has a gap at the vertex, has such cells."""
+    multipliers = stored("corners/solutions")["lambda_H"]
+    assert runs(multipliers.sel(case=["reentrant_full"]).to_dataset(), "lambda_H").min() > 0
+    assert runs(multipliers.sel(case=["reentrant"]).to_dataset(), "lambda_H").min() == 0
+
+
+@pytest.mark.parametrize("norm", ["hm12", "l2"])
+def test_a_multiplier_at_a_wide_angle_misses_the_bound_of_quasi_optimality(norm):
+    """On the finest level, which is why the cases at vertices are held against another bound."""
+    rates_there = EXPECTED["cases"]["obtuse_0.9"][norm]
+    assert rates_there["judged_by"] == "ritz_bound"
+    usual = {name: value for name, value in rates_there.items() if name != "judged_by"}
+    study = EXPECTED | {"cases": {"obtuse_0.9": {norm: usual}}}
+    expected = rates.Expectation.of(study, "obtuse_0.9", norm, case.declared("obtuse_0.9")[0]["asymptotic"])
+    found = rates.judge(stored("obtuse/errors"), "obtuse_0.9", norm, RATIO, expected)
+    assert [reason for reason in found.why if "is above its bound" in reason] == list(found.why) != []
+
+
 @pytest.mark.parametrize("norm", rates.NORMS)
 def test_a_spoilt_table_is_refused(norm):
     """Control: errors of the finest level 10 % larger, and one run marked as not converged."""

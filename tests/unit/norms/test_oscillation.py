@@ -179,8 +179,8 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
     """cos(2 pi n s) on all sides of the unit square: at its vertices squares on two edges are the same.
 
     The function with this flux is the sum over the sides of cos(2 pi n x) cosh(q (1 - y)) / (q sinh q), with
-    q^2 = 1 + (2 pi n)^2. Each meets itself, the one opposite and two beside it. The squares' constant on every
-    edge gives less than the norm; for n = 1 its square would be 0.318, and that of the norm is 0.416.
+    q^2 = 1 + (2 pi n)^2. Each meets itself, the one opposite and two beside it. The constant of squares on
+    all edges gives less than the norm; for n = 1 its square would be 0.318, and that of the norm is 0.416.
     """
     mesh = structured(square(), 1 / n)
     squared_norms = np.full((4 * n, 1), 1 / (2 * n))

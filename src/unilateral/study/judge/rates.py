@@ -56,15 +56,13 @@ class Expectation:
     def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
         """From the study's table of expected rates and the case's own declaration of its levels.
 
-        Raises InputError for a case that the table lacks, and for a bound that the norm lacks.
+        Raises InputError for a case that the table lacks.
         """
         if case not in study["cases"]:
             raise InputError(f"the table of expected rates has no case '{case}'; add it there")
         general, own = study["norms"][norm], study["cases"][case][norm]
-        where, judged_by = f"the expected rate of '{case}' in {norm}", own.get("judged_by", "bound")
-        if judged_by not in general:
-            raise InputError(f"{where} is judged by {judged_by}, which this norm does not have")
-        rate, bound = own["rate"], general[judged_by]
+        rate, bound = own["rate"], general[own.get("judged_by", "bound")]
+        where = f"the expected rate of '{case}' in {norm}"
         return cls(
             proved=real(general["proved"], where),
             rate=rate if rate in ("exact", "none") else real(rate, where),
