@@ -78,6 +78,7 @@ def test_a_mutant_that_is_no_python_is_not_killed(tried):
         ({"text": "x"}, "half: its text occurs 4 times in src/small.py, not once"),
         ({"tests": ["test_small.py::test_boun"]}, "half: there is no test test_small.py::test_boun"),
         ({"tests": ["test_large.py"]}, "half: there is no test test_large.py"),
+        ({"file": "src/large.py"}, "half: its text occurs 0 times in src/large.py, not once"),
     ],
 )
 def test_what_no_longer_fits_is_refused(tried, changed, fault):

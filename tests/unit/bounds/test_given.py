@@ -134,6 +134,16 @@ def test_a_jump_at_a_node_may_be_on_either_edge():
     assert norm[[0, 3]].max() < 1e-6 * norm[1:3].min()
 
 
+def test_one_jump_at_a_node_is_on_both_edges():
+    """A single place, 1/2, where rho is up to 3 within the reach: on either edge that is a whole reach."""
+    mesh, flux = structured(named("square"), 1 / 4), flux_of("0")
+    flux = replace(flux, points=np.array([0.0, 0.5, 4.0]), jumps=np.array([0.0, 3.0, 0.0]), reach=1e-3)
+    norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
+    assert np.all(norm[1:3] >= 3 * np.sqrt(1e-3))
+    assert np.all(integral[1:3] >= 3 * 1e-3)
+    assert norm[[0, *range(3, 16)]].max() == 0
+
+
 def test_rounding_is_unknown_too():
     """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
     flux = flux_of("1000/3")

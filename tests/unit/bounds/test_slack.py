@@ -27,3 +27,20 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
         found.append(bound(*data, u_h, lambda_H))
     assert all(each.lifting < 0.2 for each in found)
     assert (found[1].u - found[1].data) ** 2 - (found[0].u - found[0].data) ** 2 == pytest.approx(1, rel=1e-6)
+
+
+@pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+def test_what_is_missing_counts_for_u_by_its_norm(bound, monkeypatch):
+    """X^2 <= R + D^2: where D is larger, and R as before, the square for u has the difference of both D^2."""
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
+    data = enclosed(mesh, problem), problem.enclosed(), cells
+    u_h, lambda_H = problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5)
+    for more in (0.0, 0.01):
+        monkeypatch.setattr(
+            lifting, "missing", lambda *a, s=more: own(*a)._replace(squares=own(*a).squares + s)
+        )
+        found.append(bound(*data, u_h, lambda_H))
+    before, after = ((each.u - each.data) ** 2 - each.lifting**2 for each in found)
+    assert after == pytest.approx(before, rel=1e-6)
+    assert found[1].lifting > found[0].lifting + 0.1

@@ -165,6 +165,15 @@ def test_norms_of_a_multiplier_in_closed_form():
     assert found.projection_error == pytest.approx(math.sqrt(square_of_norm - of_means), rel=1e-10)
 
 
+def test_the_error_of_a_multiplier_in_L2_by_the_parallelogram_law():
+    """||lambda - mu||^2 + ||lambda + mu||^2 = 2 ||lambda||^2 + 2 ||mu||^2, ||lambda|| as above, mu random."""
+    cells = uniform(square(), 1 / 8)
+    found, mu = cell_means(load("smooth"), cells), np.random.default_rng(1).standard_normal(cells.n_cells)
+    square_of_norm = 2 * 6**12 / 3**13 * math.factorial(6) ** 2 / math.factorial(13)
+    both = found.l2_error(mu) ** 2 + found.l2_error(-mu) ** 2
+    assert both == pytest.approx(2 * square_of_norm + 2 * cells.lengths @ mu**2, rel=1e-12)
+
+
 @pytest.mark.parametrize(("name", "in_L2"), [("rough", False), ("singular", True)])
 def test_a_multiplier_outside_L2_has_no_norm_there(name, in_L2):
     """s^alpha is in L2 for alpha > -1/2; these have -0.95 and -1/4."""
