@@ -42,7 +42,7 @@ from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.feasible import Missing
 from unilateral.bounds.given import Given, nothing
 from unilateral.bounds.lifting import Lifting, lifting
-from unilateral.bounds.misfit import ROUNDING, misfit, root
+from unilateral.bounds.misfit import ROUNDING, misfit, root, underflow
 from unilateral.bounds.quadratic import Quadratic, linear_squares, quadratic, squares
 from unilateral.bounds.source import Source
 from unilateral.geometry.partition import Partition
@@ -111,7 +111,7 @@ def sharp_bound(
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
-    data = (1 + SUMS) * (source.distance + tau.distance)
+    data = (1 + SUMS) * (source.distance + tau.distance) + underflow(mesh)
     of_lambda = min(distance + math.sqrt(squares), eta) + oscillation + data
     return SharpBound(
         u=math.sqrt(squares - max(distance - eta, 0.0) ** 2) + data,

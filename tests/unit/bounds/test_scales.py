@@ -10,6 +10,8 @@ import pytest
 
 import unilateral as ul
 from unilateral.arrays import Array
+from unilateral.bounds import misfit
+from unilateral.bounds.misfit import UNDERFLOW
 from unilateral.errors import InputError
 from unilateral.fem.p1 import gradients
 from unilateral.fem.quadrature import symmetric
@@ -73,10 +75,12 @@ def is_bounded(found: ul.Solution, name: str, size: float) -> bool:
 @pytest.mark.parametrize("name", U)
 @pytest.mark.parametrize("power", [-463, -300, 300, 460])
 def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, power: int) -> None:
-    """To all digits but those of numbers written as decimals: nothing overflows, no square vanishes."""
+    """But for those of numbers written as decimals, and for what is added as squares may vanish."""
     sizes, stop, size = {"h": 1 / 32, "H": 1 / 16}, ul.Stop(algorithm="active_set"), 2.0**power
     one, scaled = (ul.solve(problem(name, repr(s)), **sizes, stop=stop) for s in (1.0, size))
-    np.testing.assert_allclose(np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=20 * UNDERFLOW / size
+    )
     assert is_bounded(scaled, name, size)
 
 
@@ -89,12 +93,18 @@ def test_data_beyond_are_refused() -> None:
             problem("constant", repr(size))
 
 
-def test_squares_of_smaller_data_would_vanish(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Control: without that refusal the bounds are below the error."""
+@pytest.mark.parametrize("size", [2.0**-560, 2.0**-900])
+def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
     monkeypatch.setattr(problem_file, "ZERO", 1.0)
-    size = 2.0**-560
-    found = ul.solve(problem("cosine", repr(size)), h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
-    assert not is_bounded(found, "cosine", size)
+
+    def found() -> ul.Solution:
+        of = problem("cosine", repr(size))
+        return ul.solve(of, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
+
+    assert is_bounded(found(), "cosine", size)
+    monkeypatch.setattr(misfit, "UNDERFLOW", 0.0)
+    assert not is_bounded(found(), "cosine", size)
 
 
 def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
@@ -104,7 +114,7 @@ def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
     found = ul.solve(of, h=1 / 16, H=1 / 8)
     assert is_bounded(found, "cosine", size)
     assert max(bounds(found)) < size
-    assert found.solved.result.bound < 1e-9 * size
+    assert found.solved.result.bound < 0.01 * size
 
 
 @pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
