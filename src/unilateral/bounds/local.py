@@ -102,9 +102,9 @@ def local_bound(
     distance = (1 + SUMS) * (root(of_d) + more)
     inside = of_gradient + mesh.areas * residual**2
     defect, slack = root(inside) + rounding, 2 * short.product
-    of_u = (1 + SUMS) * math.sqrt(defect**2 + slack + distance**2)
+    of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
     moved = _of_feasible(of, u_h, q, inside, residual, *d)
-    eta = (1 + SUMS) * math.sqrt((root(moved) + rounding + more) ** 2 + slack)
+    eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()

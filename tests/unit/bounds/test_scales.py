@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -128,6 +129,18 @@ def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None
             ul.solve(problem(name, "1", length), **sizes)
         return
     assert is_bounded(ul.solve(problem(name, "1", length), **sizes), name, 1.0)
+
+
+@pytest.mark.parametrize("size", [1e-100, 1e95])
+@pytest.mark.parametrize("algorithm", ["uzawa", "active_set"])
+def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
+    """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
+    length, stop = 1e20, ul.Stop(algorithm=algorithm)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)
+    assert is_bounded(found, "contact", size)
+    assert found.converged or algorithm == "active_set"
 
 
 @pytest.mark.parametrize("name", U)
