@@ -45,7 +45,7 @@ from unilateral.bounds.equilibrated import equilibrated
 from unilateral.bounds.given import Given, nothing
 from unilateral.bounds.layer import Layer
 from unilateral.bounds.lifting import lifting
-from unilateral.bounds.misfit import defects, misfit, root
+from unilateral.bounds.misfit import defects, misfit, root, underflow
 from unilateral.bounds.quadratic import linear_squares, slopes_at_nodes, squares
 from unilateral.bounds.source import Source
 from unilateral.geometry.partition import Partition
@@ -105,14 +105,14 @@ def local_bound(
     distance = (1 + SUMS) * (root(of_d) + more)
     inside = of_gradient + mesh.areas * residual**2
     defect, slack = root(inside) + rounding, 2 * short.product
-    of_u = (1 + SUMS) * math.sqrt(defect**2 + slack + distance**2)
+    of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
     moved = _of_feasible(of, u_h, q, inside, residual, *d)
-    eta = (1 + SUMS) * math.sqrt((root(moved) + rounding + more) ** 2 + slack)
+    eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
     of_data = _of_data(source, u_h)
-    data = (1 + SUMS) * (root(of_data) + tau.distance)
+    data = (1 + SUMS) * (root(of_data) + tau.distance) + underflow(mesh)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))

@@ -21,6 +21,17 @@ BLOCK = 8192
 ROUNDING = 2.0**-45
 """Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
 
+UNDERFLOW = 1e-150
+"""Times 1 and the square of the perimeter: what vanishing squares take from the root of a sum, at most.
+
+A billion of them, each off by 2^-1074 and multiplied by no more than 10^14 or its fourth power.
+"""
+
+
+def underflow(mesh: Mesh) -> float:
+    """That of a mesh: it is added to a bound."""
+    return UNDERFLOW * (1 + mesh.polygon.perimeter**2)
+
 
 def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:
     """(k, 3, 2) grad u_h - q at the nodes of those triangles.

@@ -42,7 +42,7 @@ from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.feasible import Missing
 from unilateral.bounds.given import Given, nothing
 from unilateral.bounds.lifting import Lifting, lifting
-from unilateral.bounds.misfit import ROUNDING, misfit, root
+from unilateral.bounds.misfit import ROUNDING, misfit, root, underflow
 from unilateral.bounds.quadratic import Quadratic, linear_squares, quadratic, squares
 from unilateral.bounds.source import Source
 from unilateral.geometry.partition import Partition
@@ -107,14 +107,14 @@ def sharp_bound(
     distance = (1 + SUMS) * (spaces.norm(of_lifted - of_u) + short.norm + added)
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
-    squares = (1 + SUMS) ** 2 * (away.norm(of_u) ** 2 + 2 * short.product + distance**2)
+    most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
     oscillation = (1 + SUMS) * oscillation_bound(
         mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
     ).item()
-    data = (1 + SUMS) * (source.distance + tau.distance)
-    of_lambda = min(distance + math.sqrt(squares), eta) + oscillation + data
+    data = (1 + SUMS) * (source.distance + tau.distance) + underflow(mesh)
+    of_lambda = min(distance + most, eta) + oscillation + data
     return SharpBound(
-        u=mesh.growth * (math.sqrt(squares - max(distance - eta, 0.0) ** 2) + data),
+        u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
         lambda_=mesh.growth * of_lambda if np.any(held) else 0.0,
         eta=eta,
         steps=steps,
@@ -123,6 +123,13 @@ def sharp_bound(
         oscillation=oscillation,
         unknown=source.unknown + doubt,
         irreducible=doubt + (0.0 if source.resolved else source.unknown),
+    )
+
+
+def _leg(hypotenuse: float, other: float) -> float:
+    """Of a right triangle; infinite with the hypotenuse."""
+    return (
+        math.sqrt(hypotenuse - other) * math.sqrt(hypotenuse + other) if 0 < other < math.inf else hypotenuse
     )
 
 

@@ -152,7 +152,7 @@ class Sums:
         It is a share of ||f - mean f||, of which p shows no more than what exceeds E.
         """
         unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
-        spread = math.sqrt(max(self.square - self.integral**2 / self.area, 0.0)) - unknown
+        spread = math.sqrt(max(self.square - self.integral * (self.integral / self.area), 0.0)) - unknown
         return max(share * ENOUGH * h * spread, FLOOR * (norm - unknown), 0.0) ** 2
 
 

@@ -27,6 +27,8 @@ from unilateral.problems.units import Units
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140
 """Of |f| and |g|, so that squares of errors are normal numbers, and none overflows."""
+POWER = 2
+"""Of the root of the polygon's area, in units of (k/c)^{1/2}: what data on larger ones are multiplied by."""
 ZERO = 1e-320
 """What interval arithmetic makes of 0, at most."""
 ROUND_OFF = 1e-12
@@ -217,7 +219,7 @@ def _check(problem: Problem, name: str) -> None:
     largest = 0.0
     for side in constrained:
         largest = max(largest, *map(abs, obstacle.range(side)))
-        _check_size(largest / units.value, unit, f"{name}, field g", f"on side {side}", least=0.0)
+        _check_size(largest / units.value, unit, f"{name}, field g", f"on side {side}", least=False)
     _check_size(largest / units.value, unit, f"{name}, field g", "on all sides")
     for side in problem.flux_sides:
         size = max(map(abs, problem.enclosed_flux.range(side))) / units.flux
@@ -231,13 +233,14 @@ def _check(problem: Problem, name: str) -> None:
             )
 
 
-def _check_size(size: float, unit: float, where: str, place: str, least: float = SMALLEST) -> None:
+def _check_size(size: float, unit: float, where: str, place: str, least: bool = True) -> None:
     """|f|, |g| or |q| in the polygon whose area is the square of `unit`."""
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
-    if size * max(unit, 1.0) > LARGEST or (size > ZERO and size * min(unit, 1.0) < least):
-        of_polygon = f", times {unit:.3g}, the root of the polygon's area," if unit != 1 else ""
+    smallest, largest = SMALLEST / min(unit, 1.0), LARGEST / max(unit, 1.0) ** POWER
+    if size > largest or (size > ZERO and size < smallest and least):
+        of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
             f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "
-            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+            f"precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
         )

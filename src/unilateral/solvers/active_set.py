@@ -34,6 +34,8 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
     try:
         lambda_H = _least_distance(operator, offset)
     except RuntimeError:
+        lambda_H = np.full(len(offset), math.nan)
+    if not np.all((lambda_H >= 0) & np.isfinite(lambda_H)):
         lambda_H = np.zeros(len(offset))
     if operator.singular:
         bound, applications = energy_bound(operator, offset, lambda_H), 1
@@ -47,7 +49,10 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
 
 
 def _least_distance(operator: DualOperator, offset: Array) -> Array:
-    """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0."""
+    """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0.
+
+    On domains much larger than 1 it may still be 0 by rounding, and lambda_H not finite, or negative.
+    """
     from scipy.optimize import nnls
 
     scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
@@ -56,4 +61,5 @@ def _least_distance(operator: DualOperator, offset: Array) -> Array:
     matrix = np.vstack([operator.half, -operator.H_i * offset / scale])
     target = np.append(np.zeros(len(operator.half)), 1.0)
     solution, _ = nnls(matrix, target, maxiter=10 * matrix.shape[1])
-    return scale * solution / (1 - matrix[-1] @ solution)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.asarray(scale * solution / (1 - matrix[-1] @ solution))

@@ -1,0 +1,153 @@
+"""Bounds at the ends of the range of data, of polygons and of k and c: known solutions, nothing lost."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import unilateral as ul
+from unilateral.arrays import Array
+from unilateral.bounds import misfit
+from unilateral.bounds.misfit import UNDERFLOW
+from unilateral.errors import InputError
+from unilateral.fem.p1 import gradients
+from unilateral.fem.quadrature import symmetric
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems import problem_file
+from unilateral.problems.problem_file import LARGEST, SMALLEST
+
+Function = Callable[[Array], Array]
+
+
+def square(length: float) -> list[list[float]]:
+    return [[0, 0], [length, 0], [length, length], [0, length]]
+
+
+def problem(name: str, of_u: str, length: float = 1.0, k: float = 1.0, c: float = 1.0) -> ul.Problem:
+    """u = U(x / L) times a number: known, with contact on both ends of the square, or none."""
+    t, kc = f"(x*{1 / length!r})", {"k": repr(k), "c": repr(c)}
+    second, first = f"{k!r}*({1 / length!r})**2", f"{c!r}"
+    if name == "constant":
+        return ul.Problem(square(length), f"{of_u}*{first}", g=f"-{of_u}", **kc)
+    if name == "cosine":
+        return ul.Problem(
+            square(length), f"{of_u}*({first} + pi**2*{second})*cos(pi*{t})", g=f"-2*{of_u}", **kc
+        )
+    ends = f"{of_u}/4"
+    f = f"{of_u}*({first}*({t} - 1/2)**2 - 2*{second})"
+    return ul.Problem(square(length), f, g=[None, ends, None, ends], free_sides=[0, 2], **kc)
+
+
+U: dict[str, tuple[Function, Function]] = {
+    "constant": (np.ones_like, np.zeros_like),
+    "cosine": (lambda t: np.cos(math.pi * t), lambda t: -math.pi * np.sin(math.pi * t)),
+    "contact": (lambda t: (t - 0.5) ** 2, lambda t: 2 * t - 1),
+}
+
+
+def relative_error(mesh: Mesh, u_h: Array, name: str, size: float) -> float:
+    """||u - u_h||_1 over the size of u, on the mesh that is computed on."""
+    length, (hats, weights) = float(mesh.points.max()), symmetric(8)
+    u, x = u_h / size, (hats @ mesh.points[mesh.triangles])[..., 0] / length
+    slope = np.einsum("ti,tid->td", u[mesh.triangles], gradients(mesh))[:, None]
+    value, derivative = U[name]
+    squares = (u[mesh.triangles] @ hats.T - value(x)) ** 2
+    squares += (slope[..., 0] - derivative(x) / length) ** 2 + slope[..., 1] ** 2
+    return math.sqrt(float(mesh.areas @ (squares @ weights)))
+
+
+def bounds(found: ul.Solution) -> list[float]:
+    """The cheap and the sharp bound of u, and those of lambda."""
+    both = found.bounds, found.sharp_bounds
+    assert all(both)
+    return [number for each in both if each for number in (each.u, each.multiplier)]
+
+
+def is_bounded(found: ul.Solution, name: str, size: float) -> bool:
+    of = found.solved
+    error = relative_error(of.discrete.mesh, of.u_h, name, size)
+    return 0 < error <= min(bounds(found)[::2]) / size < math.inf
+
+
+@pytest.mark.parametrize("name", U)
+@pytest.mark.parametrize("power", [-463, -300, 300, 460])
+def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, power: int) -> None:
+    """But for those of numbers written as decimals, and for what is added as squares may vanish."""
+    sizes, stop, size = {"h": 1 / 32, "H": 1 / 16}, ul.Stop(algorithm="active_set"), 2.0**power
+    one, scaled = (ul.solve(problem(name, repr(s)), **sizes, stop=stop) for s in (1.0, size))
+    np.testing.assert_allclose(
+        np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=20 * UNDERFLOW / size
+    )
+    assert is_bounded(scaled, name, size)
+
+
+def test_data_beyond_are_refused() -> None:
+    """2^-463 and 2^460 are within, by less than a factor of 2^10."""
+    assert SMALLEST < 2.0**-463 < 2**10 * SMALLEST
+    assert 2.0**460 < LARGEST < 2.0**470
+    for size in (0.9 * SMALLEST, 1.1 * LARGEST):
+        with pytest.raises(InputError, match="squares of errors leave double precision; scale the data"):
+            problem("constant", repr(size))
+
+
+@pytest.mark.parametrize("size", [2.0**-560, 2.0**-900])
+def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
+    monkeypatch.setattr(problem_file, "ZERO", 1.0)
+
+    def found() -> ul.Solution:
+        of = problem("cosine", repr(size))
+        return ul.solve(of, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
+
+    assert is_bounded(found(), "cosine", size)
+    monkeypatch.setattr(misfit, "UNDERFLOW", 0.0)
+    assert not is_bounded(found(), "cosine", size)
+
+
+def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
+    """u is as small as f; so are the bounds, though not the algebraic one's sizes, u - g and g."""
+    size = 2.0**-400
+    of = ul.Problem(square(1), f"{size!r}*(1 + pi**2)*cos(pi*x)", g="-1")
+    found = ul.solve(of, h=1 / 16, H=1 / 8)
+    assert is_bounded(found, "cosine", size)
+    assert max(bounds(found)) < size
+    assert found.solved.result.bound < 0.01 * size
+
+
+@pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
+@pytest.mark.parametrize("name", U)
+@pytest.mark.parametrize("length", [1e-8, 1e-2, 1e4, 1e8])
+def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None:
+    """Those that are too small to be condensed to the boundary are refused there."""
+    sizes = {"h": length / 8, "H": length / 4, "stop": ul.Stop(algorithm=algorithm)}
+    if length < 1e-3 and algorithm == "auto":
+        with pytest.raises(InputError, match="too small for double precision"):
+            ul.solve(problem(name, "1", length), **sizes)
+        return
+    assert is_bounded(ul.solve(problem(name, "1", length), **sizes), name, 1.0)
+
+
+@pytest.mark.parametrize("size", [1e-100, 1e95])
+@pytest.mark.parametrize("algorithm", ["uzawa", "active_set"])
+def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
+    """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
+    length, stop = 1e20, ul.Stop(algorithm=algorithm)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)
+    assert is_bounded(found, "contact", size)
+    assert found.converged or algorithm == "active_set"
+
+
+@pytest.mark.parametrize("name", U)
+@pytest.mark.parametrize(
+    ("k", "c"), [(1e-12, 1e-12), (1e-12, 1.0), (1.0, 1e12), (1.0, 1e-4), (1e12, 1e6), (1e12, 1e12)]
+)
+def test_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
+    """On the scaled problem, u being k^(1/2) times the user's."""
+    found = ul.solve(problem(name, "1", k=k, c=c), h=1 / 8, H=1 / 4)
+    assert is_bounded(found, name, math.sqrt(k))
