@@ -28,7 +28,7 @@ from unilateral.cli.report import (
     table,
 )
 from unilateral.cli.streams import say, tell
-from unilateral.cli.watching import clear, watching
+from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import InputError
 from unilateral.files import check_target
 from unilateral.memory import available_mb, peak_mb
@@ -40,6 +40,8 @@ from unilateral.solution import ENDINGS, Solution, not_unique
 from unilateral.solvers.stop import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
+READING = "the formulas enclosed"
+"""The phase before a search, long only for formulas that are long or vary fast."""
 FEW = 512
 """Cells up to which the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
 KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
@@ -49,8 +51,10 @@ KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 def run(options: SimpleNamespace) -> int:
     """Solve and report; the exit code."""
     _targets(options)
-    problem, watch = _problem(options), Watch(begin=options.begin)
     drawn = sys.stderr.isatty() and not options.json
+    with bar_during(READING, drawn):
+        problem = _problem(options)
+    watch = Watch(begin=options.begin)
     if options.accuracy is None:
         return _reported(_solved(options, problem, watch, drawn), options, watch, drawn)
     with watching(watch, drawn):

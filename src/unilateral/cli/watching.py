@@ -46,6 +46,26 @@ def watching(watch: Watch, drawn: bool) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before[1])
 
 
+@contextlib.contextmanager
+def bar_during(phase: str, drawn: bool) -> Iterator[None]:
+    """A bar on standard error, if it is `drawn`, while something takes long before a search begins.
+
+    Ctrl-C ends it as usual.
+    """
+    if not drawn:
+        yield
+        return
+    watch = Watch(phase=phase)
+    before = signal.signal(signal.SIGALRM, lambda *_: draw(watch))
+    signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+        clear(drawn)
+
+
 def draw(watch: Watch) -> None:
     """The bar of a long level; to be called from a handler, so nothing is buffered."""
     taken = watch.level_seconds

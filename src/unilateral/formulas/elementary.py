@@ -129,7 +129,10 @@ def power(a: Model, n: int) -> Model:
 
 
 def positive_power(a: Model, k: float) -> Model:
-    """a_+^k for k != 0. Where a >= -d has both signs it is a^k up to d^k, for a whole k > 0, else in its range."""
+    """a_+^k for k != 0. Where a >= -d has both signs it is a^k up to d^k, for a whole k > 0.
+
+    For any other k it is in its range there.
+    """
     lower, upper = a.range
     whole = k > 0 and k == int(k)
 

@@ -1,8 +1,8 @@
 """Interval arithmetic on arrays: every result contains all values, for the rounding goes outward.
 
 An interval is a pair (lower, upper) of arrays (k,), which are infinite where a bound is not known, and never
-NaN. NumPy's sums and products are correctly rounded and its functions are off by at most four units in the last
-place, of subnormal numbers, too; every result is widened by ULPS of them.
+NaN. NumPy's sums and products are correctly rounded and its functions are off by at most four units in the
+last place, also where these are subnormal; every result is widened by ULPS of them.
 """
 
 from __future__ import annotations

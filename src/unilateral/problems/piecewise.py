@@ -27,6 +27,8 @@ FLOOR = 1e-13
 IN_VAIN = 4.0
 """Times the rounding at a point: a piece on which a function is known that well is not cut."""
 MOST_PIECES = 60_000
+BLOCK = 1 << 11
+"""Pieces at once, so that the models of a long formula fit into the processor's cache."""
 SHORTEST = 2.0**-44
 """Of a side."""
 PLACES = 8.0
@@ -157,6 +159,11 @@ def _only_rounded(model: SideModel, pieces: Pieces) -> Mask:
 
 
 def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:
+    blocks = [slice(i, i + BLOCK) for i in range(0, len(side), BLOCK)]
+    return _together([_on_block(model, side[at], start[at], end[at]) for at in blocks])
+
+
+def _on_block(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:
     t = affine(basis(1, ORDER), 0.5 * (start + end), 0.5 * (end - start)[None], (start, end))
     found = model(side, t)
     return Pieces(side, start, end, found.c, found.rad, *found.range)

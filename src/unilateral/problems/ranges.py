@@ -21,6 +21,8 @@ SAME = 1e-9
 """So is one that misses them by less than this share of the value."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
+BLOCK = 1 << 11
+"""Boxes at once, so that the models of a long formula fit into the processor's cache."""
 MOST_DISTANCES = 1 << 20
 """At once, of boxes from sides."""
 
@@ -55,9 +57,12 @@ def range_in(polygon: Polygon, formula: sympy.Expr) -> tuple[float, float]:
 
 def _bounds(formula: sympy.Expr, boxes: Array) -> Interval:
     """(k,), (k,) of the formula on the boxes (k, 2, 2)."""
-    if len(boxes) == 0:
-        return np.zeros(0), np.zeros(0)
-    return evaluate(formula, {z: _variable(boxes, i) for i, z in enumerate((X, Y))}).range
+    found = [(np.zeros(0), np.zeros(0))]
+    for start in range(0, len(boxes), BLOCK):
+        block = boxes[start : start + BLOCK]
+        found.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate((X, Y))}).range)
+    lower, upper = (np.concatenate(ends) for ends in zip(*found, strict=True))
+    return lower, upper
 
 
 def _variable(boxes: Array, axis: int) -> Model:

@@ -279,6 +279,47 @@ def test_tanh_near_the_real_axis():
     assert abs(acb(0, 1).tanh()) > elementary.AROUND_TANH * (1 - 1e-3)
 
 
+LEAVING = {
+    "a factor underflows": (
+        "1 + 1e300*(1e59*(x-37/100)**2 + 1e59*(y-41/100)**2 + 1e48)**(-6)",
+        (0.37, 0.41),
+        1e-7,
+    ),
+    "coefficients underflow": (
+        "((exp(pos(x,1)) + tanh(y) - (x/3 - 6*y + 167/792)**31))**(-3)",
+        (0.1, 65.0),
+        1e-3,
+    ),
+    "it overflows": ("pos(x - y + 100000000000, 100/7)**2", (1.0, 1.0), 0.1),
+    "a root's series": ("pos(1e-111*x, 3/2)", (1.0, 1.0), 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", LEAVING)
+def test_formulas_of_which_parts_leave_the_range(name):
+    """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
+    text, centre, half = LEAVING[name]
+    formula, at = parse(text, ("x", "y"), "here"), np.array(centre)
+    ends = at - 1.001 * half, at + 1.001 * half
+    variables = {
+        z: affine(
+            basis(2, 4),
+            at[i : i + 1],
+            half * np.eye(2)[:, i : i + 1],
+            (ends[0][i : i + 1], ends[1][i : i + 1]),
+        )
+        for i, z in enumerate((X, Y))
+    }
+    found = evaluate(formula, variables)
+
+    def answer(sigma):
+        places = {z: exact(at[i]) + exact(half) * sigma[i] for i, z in enumerate((X, Y))}
+        return holds(found, 0, sigma, value(formula, places))
+
+    sigmas = np.random.default_rng(5).uniform(-1, 1, (10, 2)).tolist()
+    assert all(certain(answer, sigma) for sigma in [[0.0, 0.0], [1.0, 1.0], *sigmas])
+
+
 NUMBERS = [
     *(
         "cos(exp((842/488)**12))",
