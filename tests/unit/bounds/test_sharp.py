@@ -691,7 +691,7 @@ def test_the_constants_on_squares_cannot_be_smaller():
 
 
 def test_the_slack_counts_twice(monkeypatch):
-    """By the identity eta^2 has 2 <q.n, v - g> in it: a slack of 1/2 adds 1 to it."""
+    """By the identity eta^2 has 2 <q.n, v - g> in it, as has R + D^2: a slack of 1/2 adds 1 to both."""
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
     cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
     lambda_H = cell_means(problem, cells).lambda_means
@@ -700,6 +700,8 @@ def test_the_slack_counts_twice(monkeypatch):
         monkeypatch.setattr(lifting, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s))
         found.append(bound_on(problem, mesh, cells, lambda_H)[0])
     assert found[1].eta ** 2 - found[0].eta ** 2 == pytest.approx(1, rel=1e-8)
+    R_and_D = [(each.u - each.data) ** 2 + max(each.lifting - each.eta, 0) ** 2 for each in found]
+    assert R_and_D[1] - R_and_D[0] == pytest.approx(1, rel=1e-8)
 
 
 def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
