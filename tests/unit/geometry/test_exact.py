@@ -1,14 +1,18 @@
 """The distance of meshes in memory from exact ones, against 50 digits and by triangles where it is sharp."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose
 
 from unilateral.errors import InputError
+from unilateral.fem.p1 import h1_norm
 from unilateral.geometry import exact
 from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.norms.oscillation import trace_constants, value_constants
 
 KITE = np.array([[0, 0], [1, 0.1], [0.9, 0.7], [0, 1.3]])
 
@@ -95,6 +99,31 @@ def test_sides_that_rounding_stretches_have_no_bound():
     polygon = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 1e-13]]), "cut")
     with pytest.raises(InputError, match=r"'cut': .* rounding changes side 4 by 0\.\d* of its length"):
         exact.check(polygon, np.zeros((1, 2)), np.zeros(1))
+
+
+@pytest.mark.parametrize("way", ["apart", "anyhow"])
+def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
+    """On a mesh all of whose nodes are moved: apart, by 1e-4 of their places, or anyhow.
+
+    The constants are those of traces, times norms on edges, and diameters times norms on triangles.
+    """
+    rng = np.random.default_rng(6)
+    polygon = Polygon(KITE - KITE.mean(axis=0), doubt=1e-4)
+    mesh = unstructured(polygon, 1.0)
+    angle = rng.uniform(0, 2 * np.pi, mesh.n_nodes)
+    off = {"apart": mesh.points, "anyhow": np.stack([np.cos(angle), np.sin(angle)], axis=1)}[way]
+    moved = replace(mesh, points=mesh.points + 1e-4 * off)
+    values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
+    grown = [h1_norm(moved, v) / h1_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
+    at, edges = mesh.boundary_triangles, np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    for constants in (trace_constants, value_constants):
+        old, new = (
+            np.sqrt(constants(of, at) * np.hypot(*np.diff(of.points[edges], axis=0)[0].T))
+            for of in (mesh, moved)
+        )
+        grown += [*(new / old), *(old / new)]
+    grown += [*(moved.longest_edges * np.sqrt(moved.areas) / mesh.longest_edges / np.sqrt(mesh.areas))]
+    assert 0.02 * (mesh.growth - 1) < max(grown) - 1 <= mesh.growth - 1
 
 
 def test_the_growth_has_the_largest_of_both():
