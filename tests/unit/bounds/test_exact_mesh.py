@@ -235,6 +235,15 @@ def test_what_is_added_holds_what_displaced_nodes_do(size, sharp):
     assert sharp < max(ratios) <= 1
 
 
+def test_f_is_enclosed_where_displaced_nodes_put_it():
+    """f = 3 x is off by 3 times the doubt where all nodes are moved in x by that much."""
+    polygon = Polygon(KITE, doubt=1e-3)
+    mesh = meshes.unstructured(polygon, 0.3)
+    g = (sympy.S(-9),) * polygon.n_sides
+    source = enclosed(mesh, Problem("moved", polygon, 3 * X, g, ()))
+    assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
+
+
 def test_nodes_within_the_tolerance_are_moved():
     """Off by 0.99e-10 they once left an error that was above the bound; moved, they leave none."""
     mesh = meshes.unstructured(square(), 1 / 8)

@@ -1,6 +1,7 @@
 """The distance of meshes in memory from exact ones, against 50 digits and by triangles where it is sharp."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry import exact
 from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
+from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.norms.oscillation import trace_constants, value_constants
 
@@ -56,6 +58,23 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
     found = exact.distortion(shift.ravel(), np.arange(1200).reshape(-1, 3), longest, areas)
     assert np.all(norms <= found)
     assert np.max(norms / found) > 0.7
+
+
+def test_distortions_hold_the_rounding_of_areas():
+    """Of needles in all directions, whose areas are differences of rounded products."""
+    rng = np.random.default_rng(8)
+    angle, flat = rng.uniform(0, 2 * np.pi, 2000), 10.0 ** rng.uniform(-8, -1, 2000)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    place = rng.uniform(-1, 1, (2000, 2))
+    corners = np.stack([place, place + along, place + 0.4 * along + flat[:, None] * across], axis=1)
+    points, triangles = corners.reshape(-1, 2), np.arange(6000).reshape(-1, 3)
+    areas = signed_areas(points, triangles)
+    (a, b, c), exactly = np.moveaxis(corners, 1, 0), np.vectorize(Fraction, otypes=[object])
+    (e, f), (p, q) = (exactly(b).T - exactly(a).T, exactly(c).T - exactly(a).T)
+    off = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
+    found = exact.distortion(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
+    assert 0.01 < np.max(off / found) <= 1
 
 
 def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
