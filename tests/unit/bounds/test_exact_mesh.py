@@ -14,6 +14,7 @@ import sympy
 from mpmath import mp, mpf
 
 from unilateral.bounds import edge_flux
+from unilateral.bounds.forces import forces
 from unilateral.bounds.given import given
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.misfit import defects, misfit
@@ -242,6 +243,20 @@ def test_f_is_enclosed_where_displaced_nodes_put_it():
     g = (sympy.S(-9),) * polygon.n_sides
     source = enclosed(mesh, Problem("moved", polygon, 3 * X, g, ()))
     assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
+
+
+@pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
+    """And what is known of the force: an upper bound by it, too."""
+    mesh, cells = meshes.unstructured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    problem = Problem("bowl", square(), X**2 + Y**2, (sympy.S.Zero,) * 4, ())
+    source, pair = enclosed(mesh, problem), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
+    found = []
+    for growth in (1.0, 1.5):
+        monkeypatch.setattr(Mesh, "growth", growth)
+        bounds = bound(source, problem.enclosed_obstacle, cells, *pair)
+        found.append([bounds.u, bounds.lambda_, forces(mesh, cells, pair[1], 0.1, [range(4)])[0].upper])
+    np.testing.assert_allclose(found[1], 1.5 * np.array(found[0]), rtol=1e-12)
 
 
 def test_nodes_within_the_tolerance_are_moved():
