@@ -119,4 +119,5 @@ def contradict(a: Level, b: Level) -> bool:
         (a.solved.u_integral, b.solved.u_integral, root * of_u),
         (a.solved.force, b.solved.force, root * of_lambda),
     )
-    return any(abs(x - y) > (1 + SUMS) * bound + SUMS * max(abs(x), abs(y)) for x, y, bound in apart)
+    rounding = (1 + SUMS) * math.prod(each.solved.discrete.mesh.growth for each in (a, b)) - 1
+    return any(abs(x - y) > (1 + SUMS) * bound + rounding * max(abs(x), abs(y)) for x, y, bound in apart)

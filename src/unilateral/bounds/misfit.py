@@ -54,8 +54,7 @@ def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
 
     The exact mesh's part is in that, too.
     """
-    mesh, sizes, stretch = source.mesh, 0.0, np.zeros(len(source.mesh.triangles))
-    np.maximum.at(stretch, mesh.boundary_triangles, mesh.polygon.stretch[mesh.side])
+    mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
     squares, residual = np.empty((2, len(mesh.triangles)))
     for begin in range(0, len(squares), BLOCK):
         of = slice(begin, begin + BLOCK)
@@ -64,12 +63,20 @@ def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
         flow, steep = q[:, :, of].sum(axis=(0, 1)), mesh.longest_edges[of] / area
         residual[of] = u.mean(axis=1) + (0.5 * flow - moments.sum(axis=1)) / area
         into, out = np.abs(q[0][:, of]), np.abs(q[1][:, of])
-        of_q = (into + out).sum(axis=0) * (steep + 1 / area)
-        size = np.abs(u).max(axis=1) * (1 + steep) + of_q + np.abs(moments).sum(axis=1) / area
+        size = np.abs(u).max(axis=1) * (1 + steep) + (into + out).sum(axis=0) * (steep + 1 / area)
         exact = 0.5 * ((into + out[[2, 0, 1]]).max(axis=0) * steep + np.abs(flow) / area)
-        added = ROUNDING * size + mesh.distortion[of] * exact + stretch[of] * of_q
-        sizes += float(area @ added**2)
+        added = ROUNDING * (size + np.abs(moments).sum(axis=1) / area) + mesh.distortion[of] * exact
+        sizes += float(area @ (added + stretched[of]) ** 2)
     return squares, residual, math.sqrt(sizes)
+
+
+def _stretched(mesh: Mesh, q: Array) -> Array:
+    """(m,) |q_T| + |div q_T| at most, q_T having the `stretch` of the sides times the flow of q there."""
+    at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
+    node = np.argmax(mesh.triangles[at] == mesh.boundary[:, None], axis=1)
+    flow = mesh.polygon.stretch[mesh.side] * np.abs(q[:, node, at]).sum(axis=0)
+    np.add.at(found, at, 0.5 * flow * (mesh.longest_edges + 1)[at] / mesh.areas[at])
+    return found
 
 
 def root(squares: Array) -> float:

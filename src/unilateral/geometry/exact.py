@@ -44,14 +44,14 @@ def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> 
 def check(polygon: Polygon, places: Array, distorted: Array) -> None:
     """Raises InputError where a triangle at the `places` (m, 2) is `distorted` (m,) too much for a bound."""
     worst, short = int(distorted.argmax()), int(polygon.stretch.argmax())
-    if distorted[worst] > MOST:
+    if not distorted[worst] <= MOST:
         x, y = places[worst]
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
             f"coordinates changes triangle {worst} at ({x:.6g}, {y:.6g}) by {distorted[worst]:.1g} of its "
             f"height, more than {MOST:g}; move the polygon to the origin, or take larger or less flat ones"
         )
-    if polygon.stretch[short] > MOST:
+    if not polygon.stretch[short] <= MOST:
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed, for rounding changes side {short} by "
             f"{polygon.stretch[short]:.1g} of its length, more than {MOST:g}; leave out so short a side, or "

@@ -217,6 +217,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
     from unilateral.geometry.triangulate import triangulate
 
     edges = Partition(polygon, np.append(s, polygon.perimeter))
+    _check_rounding(polygon, float(edges.lengths.max()), "gmsh")
     mesh = from_arrays(polygon, *triangulate(edges, growth), "gmsh")
     return replace(mesh, s=edges.points)
 

@@ -32,7 +32,8 @@ class Polygon:
     of that; then points of both, coordinates being rounded, are at most `doubt` apart.
 
     Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,
-    too far apart or too near, or if two sides touch elsewhere than in their common vertex.
+    too far apart or too near, if a side is lost beside the perimeter by rounding, or if two sides touch
+    elsewhere than in their common vertex.
     """
 
     vertices: Array
@@ -195,6 +196,13 @@ def _check(v: Array, name: str) -> None:
         raise InputError(
             f"polygon '{name}' is too large or too small, and squares of areas leave double precision; "
             f"it has to be at least {SMALLEST:g} wide or high, its coordinates at most {LARGEST:g}"
+        )
+    lengths = np.hypot(*(np.roll(v, -1, axis=0) - v).T)
+    short, perimeter = int(lengths.argmin()), float(lengths.sum())
+    if lengths[short] <= np.spacing(perimeter):
+        raise InputError(
+            f"polygon '{name}': its side {short} is {lengths[short]:.2g} long, which rounding takes away "
+            f"beside the perimeter, {perimeter:.6g}; leave one of its vertices out"
         )
     crossing = first_crossing(v)
     if crossing is not None:

@@ -3,6 +3,7 @@
 The true errors are computed with 50 digits on the exact mesh, whose boundary nodes lie on the sides.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,10 +14,13 @@ import sympy
 from mpmath import mp, mpf
 
 from unilateral.bounds import edge_flux
+from unilateral.bounds.forces import forces
 from unilateral.bounds.given import given
 from unilateral.bounds.local import local_bound
+from unilateral.bounds.misfit import defects, misfit
+from unilateral.bounds.quadratic import linear_squares
 from unilateral.bounds.sharp import sharp_bound
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
 from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
@@ -155,7 +159,7 @@ OTHERS = {
     "square": lambda: meshes.unstructured(placed(1, 1e6, shape=square().vertices), 0.2),
     "adapted": lambda: halved_somewhere(placed(1, 1e4)),
     "short side": lambda: meshes.unstructured(placed(1, 0, shape=np.vstack([KITE, [[0, 1e-5]]])), 0.5),
-    "refined six times": lambda: meshes.refine(meshes.unstructured(placed(1, 1e5), 2), 5),
+    "often refined": lambda: meshes.refine(meshes.unstructured(placed(1, 1e5), 2), 4),
 }
 
 
@@ -190,6 +194,69 @@ def test_without_the_rounding_of_scaled_vertices_they_do_not(monkeypatch):
     assert min(indices(of, mesh)) >= 1
     monkeypatch.setattr("unilateral.problems.scaled.EPS", 0.0)
     assert min(indices(of, mesh)) < 0.5
+
+
+def displaced(mesh, u, q, rng):
+    """||grad u - q|| and ||div q|| on a mesh all of whose nodes are moved by nearly the polygon's doubt.
+
+    Nodes on the sides stay where they divide them, and flows through them are as their lengths.
+    """
+    polygon, side = mesh.polygon, mesh.side
+    angle, by = rng.uniform(0, 2 * np.pi, mesh.n_nodes), polygon.doubt * rng.uniform(0.8, 1, mesh.n_nodes)
+    points = mesh.points + by[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    vertices = points[mesh.boundary[np.isin(mesh.s[:-1], polygon.starts)]]
+    edges = np.roll(vertices, -1, axis=0) - vertices
+    t = (mesh.s[:-1] - polygon.starts[side]) / polygon.lengths[side]
+    points[mesh.boundary] = vertices[side] + t[:, None] * edges[side]
+    moved, at = replace(mesh, points=points), mesh.boundary_triangles
+    node = np.argmax(mesh.triangles[at] == mesh.boundary[:, None], axis=1)
+    q = q.copy()
+    q[:, node, at] *= (np.hypot(*edges.T) / polygon.lengths)[side]
+    of_gradient = linear_squares(moved.areas, misfit(moved, u, q, slice(None)))
+    return np.sqrt(of_gradient.sum()), np.sqrt(np.sum((0.5 * q.sum(axis=(0, 1))) ** 2 / moved.areas))
+
+
+@pytest.mark.parametrize(("size", "sharp"), [(1.0, 0.15), (1e-2, 0.5)])
+def test_what_is_added_holds_what_displaced_nodes_do(size, sharp):
+    """For q = grad u, u linear, and f = u both norms are 0 in memory; on small polygons div q counts most."""
+    ratios = []
+    for number in range(12):
+        rng = np.random.default_rng(number)
+        polygon = Polygon(size * KITE * [1, 10.0 ** -(number % 2)], doubt=1e-6 * size)
+        mesh = meshes.unstructured(polygon, size / rng.choice([2, 8, 20]))
+        slope = turned(np.array([1.0, 0.0]), rng.uniform(0, 2 * np.pi))
+        u, corners = mesh.points @ slope, mesh.points[mesh.triangles]
+        e, f = (np.roll(corners, -1, axis=1) - corners).transpose(2, 1, 0)
+        q, at_nodes = np.broadcast_to(slope[1] * e - slope[0] * f, (2, *e.shape)), u[mesh.triangles]
+        moments = mesh.areas[:, None] / 12 * (at_nodes + at_nodes.sum(axis=1, keepdims=True))
+        source = Source(mesh, at_nodes, moments, *np.zeros((2, len(moments))))
+        squares, residual, added = defects(source, u, q)
+        assert np.sqrt(squares.sum() + mesh.areas @ residual**2) < 1e-12 * size
+        ratios.append(np.hypot(*displaced(mesh, u, q, rng)) / added)
+    assert sharp < max(ratios) <= 1
+
+
+def test_f_is_enclosed_where_displaced_nodes_put_it():
+    """f = 3 x is off by 3 times the doubt where all nodes are moved in x by that much."""
+    polygon = Polygon(KITE, doubt=1e-3)
+    mesh = meshes.unstructured(polygon, 0.3)
+    g = (sympy.S(-9),) * polygon.n_sides
+    source = enclosed(mesh, Problem("moved", polygon, 3 * X, g, ()))
+    assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
+
+
+@pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
+    """And what is known of the force: an upper bound by it, too."""
+    mesh, cells = meshes.unstructured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    problem = Problem("bowl", square(), X**2 + Y**2, (sympy.S.Zero,) * 4, ())
+    source, pair = enclosed(mesh, problem), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
+    found = []
+    for growth in (1.0, 1.5):
+        monkeypatch.setattr(Mesh, "growth", growth)
+        bounds = bound(source, problem.enclosed_obstacle, cells, *pair)
+        found.append([bounds.u, bounds.lambda_, forces(mesh, cells, pair[1], 0.1, [range(4)])[0].upper])
+    np.testing.assert_allclose(found[1], 1.5 * np.array(found[0]), rtol=1e-12)
 
 
 def test_nodes_within_the_tolerance_are_moved():

@@ -1,14 +1,20 @@
 """The distance of meshes in memory from exact ones, against 50 digits and by triangles where it is sharp."""
 
+from dataclasses import replace
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose
 
 from unilateral.errors import InputError
+from unilateral.fem.p1 import h1_norm
 from unilateral.geometry import exact
 from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
+from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.norms.oscillation import trace_constants, value_constants
 
 KITE = np.array([[0, 0], [1, 0.1], [0.9, 0.7], [0, 1.3]])
 
@@ -54,6 +60,23 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
     assert np.max(norms / found) > 0.7
 
 
+def test_distortions_hold_the_rounding_of_areas():
+    """Of needles in all directions, whose areas are differences of rounded products."""
+    rng = np.random.default_rng(8)
+    angle, flat = rng.uniform(0, 2 * np.pi, 2000), 10.0 ** rng.uniform(-8, -1, 2000)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    place = rng.uniform(-1, 1, (2000, 2))
+    corners = np.stack([place, place + along, place + 0.4 * along + flat[:, None] * across], axis=1)
+    points, triangles = corners.reshape(-1, 2), np.arange(6000).reshape(-1, 3)
+    areas = signed_areas(points, triangles)
+    (a, b, c), exactly = np.moveaxis(corners, 1, 0), np.vectorize(Fraction, otypes=[object])
+    (e, f), (p, q) = (exactly(b).T - exactly(a).T, exactly(c).T - exactly(a).T)
+    off = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
+    found = exact.distortion(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
+    assert 0.01 < np.max(off / found) <= 1
+
+
 def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
     """By a part of the triangle's height, across the edge: D Phi - I is that part."""
     shift, triangle = np.array([0.0, 0.0, 2e-6]), np.array([[0, 1, 2]])
@@ -95,6 +118,31 @@ def test_sides_that_rounding_stretches_have_no_bound():
     polygon = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 1e-13]]), "cut")
     with pytest.raises(InputError, match=r"'cut': .* rounding changes side 4 by 0\.\d* of its length"):
         exact.check(polygon, np.zeros((1, 2)), np.zeros(1))
+
+
+@pytest.mark.parametrize("way", ["apart", "anyhow"])
+def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
+    """On a mesh all of whose nodes are moved: apart, by 1e-4 of their places, or anyhow.
+
+    The constants are those of traces, times norms on edges, and diameters times norms on triangles.
+    """
+    rng = np.random.default_rng(6)
+    polygon = Polygon(KITE - KITE.mean(axis=0), doubt=1e-4)
+    mesh = unstructured(polygon, 1.0)
+    angle = rng.uniform(0, 2 * np.pi, mesh.n_nodes)
+    off = {"apart": mesh.points, "anyhow": np.stack([np.cos(angle), np.sin(angle)], axis=1)}[way]
+    moved = replace(mesh, points=mesh.points + 1e-4 * off)
+    values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
+    grown = [h1_norm(moved, v) / h1_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
+    at, edges = mesh.boundary_triangles, np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    for constants in (trace_constants, value_constants):
+        old, new = (
+            np.sqrt(constants(of, at) * np.hypot(*np.diff(of.points[edges], axis=0)[0].T))
+            for of in (mesh, moved)
+        )
+        grown += [*(new / old), *(old / new)]
+    grown += [*(moved.longest_edges * np.sqrt(moved.areas) / mesh.longest_edges / np.sqrt(mesh.areas))]
+    assert 0.02 * (mesh.growth - 1) < max(grown) - 1 <= mesh.growth - 1
 
 
 def test_the_growth_has_the_largest_of_both():

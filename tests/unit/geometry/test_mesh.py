@@ -138,6 +138,13 @@ def test_children_are_their_parent_halved():
     assert_array_equal(fine.points[: coarse.n_nodes], coarse.points)
 
 
+@pytest.mark.parametrize("place", [1e10, 1e15, 1e16])
+def test_sizes_that_rounding_takes_away_are_refused_before_gmsh(place):
+    """At 1e16 nodes of different places have the same coordinates."""
+    with pytest.raises(InputError, match=r"coordinates as large as 1e\+1\d are rounded by .*; move polygon"):
+        unstructured(Polygon(4 * square().vertices + place), 1)
+
+
 def test_unstructured_size_and_shape():
     """Boundary edges as asked for, triangles not much larger, no angle below the wedge's own 20 degrees."""
     for polygon, h in ((named("lshape"), 0.1), (WEDGE, 0.03)):

@@ -147,6 +147,14 @@ def test_one_vertex_far_away(size):
         Polygon([[0, 0], [1, 0], [1, 1], [0, size]])
 
 
+@pytest.mark.parametrize("length", [1e-300, 1e-20, 4e-16])
+def test_sides_that_are_lost_beside_the_perimeter(length):
+    """Both ends of such a side would have the same arc length, or its squared length would be 0."""
+    with pytest.raises(InputError, match=f"its side 0 is {length:.2g} long, which rounding takes away"):
+        Polygon([[0, 0], [length, 0], [1, 0], [1, 1], [0, 1]])
+    assert Polygon([[0, 0], [1e-14, 0], [1, 0], [1, 1], [0, 1]]).n_sides == 5
+
+
 @pytest.mark.parametrize("size", [1e-75, 1e75])
 def test_polygons_whose_areas_just_can_be(size):
     """Control."""

@@ -1,5 +1,6 @@
 """What BDM1 does not carry: its constants against eigenvalues, where squares fit, and that it is needed."""
 
+from dataclasses import replace
 from fractions import Fraction
 from math import pi, sinh, sqrt, tanh
 
@@ -20,6 +21,7 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.oscillation import (
     MEAN_FREE_ON_SQUARE,
     ON_SQUARE,
+    REACH,
     has_square,
     oscillation_bound,
     trace_constants,
@@ -266,3 +268,15 @@ def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatc
     assert below <= found.upper
     monkeypatch.setattr(functionals, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
     assert norm.of_p0(mu, other).upper < 0.9 * below
+
+
+def test_squares_have_room_for_the_displacement_of_nodes():
+    """On edges of 1/8 beside the middles of sides: 7/16 from the next sides, where the reach is 0.28."""
+    mesh = meshes.unstructured(square(), 1 / 8)
+    middle = np.isclose(np.abs(np.mod(0.5 * (mesh.s[1:] + mesh.s[:-1]), 1) - 0.5), 1 / 16)
+    for room, expected in ((0.9, True), (1.1, False)):
+        doubt = room * (7 / 16 - REACH * 2 / 8) / 4
+        lengths = 2 * doubt * REACH * 2 / 8 / 4  # what sides may be longer takes of it
+        moved = Polygon(square().vertices, doubt=doubt - lengths)
+        assert np.all(has_square(replace(mesh, polygon=moved))[middle] == expected)
+    assert middle.sum() == 8
