@@ -1,4 +1,4 @@
-"""`make` begins with this: it undoes what a killed run left, which is Snakemake's lock, and files half written."""
+"""`make` begins with this. It undoes what a killed run left: Snakemake's lock, and files half written."""
 
 import fcntl
 import shutil
@@ -19,7 +19,9 @@ def main():
             fcntl.flock(snakefile, fcntl.LOCK_EX | fcntl.LOCK_NB)  # every run holds it, as the Snakefile says
         except BlockingIOError:
             if locks:
-                sys.exit("Another run of the study is at work in this folder; wait until it has ended, or end it.")
+                sys.exit(
+                    "Another run of the study is at work in this folder; wait until it has ended, or end it."
+                )
             return
         for lock in locks:
             lock.unlink()

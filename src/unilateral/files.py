@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -68,9 +67,17 @@ def hidden_beside(path: Path) -> Iterator[Path]:
         yield folder
     finally:
         try:
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """A folder with all in it, if it is there; `shutil.rmtree` makes an OSError of an interrupt."""
+    for inner, _, files in os.walk(folder, topdown=False):
+        for file in files:
+            Path(inner, file).unlink(missing_ok=True)
+        Path(inner).rmdir()
 
 
 def write_netcdf(table: Dataset, path: Path, **options: Any) -> None:

@@ -1,19 +1,25 @@
 """The ledger: every claim judged on the stored results, every control seen to fail, and the arithmetic."""
 
+import hashlib
+import json
+import os
 import re
+import shutil
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+import xarray as xr
 from conftest import RESULTS, config
 
 from unilateral import cli
-from unilateral.errors import InputError
+from unilateral.errors import InputError, StorageError
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import Bounds, Gram
 from unilateral.norms.resolution import RULE
+from unilateral.study import tables
 from unilateral.study.judge import claims, controls, printed, records
 from unilateral.study.judge import results as of_study
 from unilateral.study.judge.checks.evidence import Evidence
@@ -311,7 +317,7 @@ def test_the_table_and_one_claim_on_the_command_line(capsys):
 def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
     """Control."""
     spoilt = controls.spoilt(results(), LEDGER["4.14"].control)
-    monkeypatch.setattr(of_study, "Results", lambda _: spoilt)
+    monkeypatch.setattr(of_study, "finished", lambda _: spoilt)
     assert cli.main(["claims", "4.14"]) == 1
     assert "verdict: fails" in capsys.readouterr().out
 
@@ -323,3 +329,43 @@ def test_unknown_claims_and_missing_tables_are_bad_input(capsys, tmp_path):
     assert "there is no table" in capsys.readouterr().err
     with pytest.raises(InputError):
         Results(tmp_path)["square/errors"]
+
+
+@pytest.fixture
+def study(tmp_path):
+    """A study that has ended: two tables and the manifest that lists them."""
+    paths = [tmp_path / f"results/{name}.nc" for name in ("square/errors", "square/timings")]
+    paths[0].parent.mkdir(parents=True)
+    for path in paths:
+        tables.save(xr.Dataset({"x": 1.0}), path, "square")
+    listed = {"path": "results/square/errors.nc", "sha256": hashlib.sha256(paths[0].read_bytes()).hexdigest()}
+    (tmp_path / "results/manifest.json").write_text(json.dumps({"files": [listed]}))
+    return tmp_path / "results"
+
+
+def test_a_table_of_another_version_than_the_manifest_lists_is_refused(study):
+    """Of the same place and parameters. Controls: the listed one, one that is not listed, no manifest."""
+    found = of_study.finished(study)
+    assert found["square/errors"].x == found["square/timings"].x == 1
+    tables.save(xr.Dataset({"x": np.nextafter(1.0, 2)}), study / "square/errors.nc", "square")
+    said = r"square/errors\.nc is another version than the study ended with: its SHA-256 is \w{16}"
+    with pytest.raises(
+        StorageError, match=said + r".*, and .*manifest\.json has \w{16}\.\.\.; 'snakemake -j2 -f "
+    ):
+        of_study.finished(study)["square/errors"]
+    with pytest.raises(StorageError, match=said):
+        Results(study, {}, of_study.finished(study).listed)["square/errors"]
+    (study / "manifest.json").unlink()
+    assert of_study.finished(study)["square/errors"].x > 1
+
+
+def test_claims_are_not_judged_by_exchanged_tables(capsys, tmp_path):
+    """Of the stored results, all others linked."""
+    shutil.copytree(RESULTS, tmp_path / "results", copy_function=os.symlink)
+    for one, other in (("square", "unstructured"), ("unstructured", "square")):
+        path = tmp_path / f"results/{one}/rates.nc"
+        path.unlink()
+        path.symlink_to(RESULTS / f"{other}/rates.nc")
+    assert cli.main(["claims", "4.12", "--results", str(tmp_path / "results")]) == 4
+    said = "square/rates.nc is the table 'unstructured/rates', and 'square/rates' is expected; 'snakemake"
+    assert said in capsys.readouterr().err

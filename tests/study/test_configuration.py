@@ -496,3 +496,36 @@ def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
         if not any(re.fullmatch(at, place) and re.fullmatch(hows, how) for at, hows in ACCEPTED)
     ]
     assert surprising == []
+
+
+def nested(levels):
+    return [nested(levels - 1)] if levels else 1
+
+
+EXTREME = {
+    "long": (10**400, "it has more than 18 digits"),
+    "longer than Python prints": (10**5000, "it has more than 18 digits"),
+    "negative": (-(10**400), "it has more than 18 digits"),
+    "deep": (nested(500), "it is in more than 10 lists or fields"),
+    "wide": ([1] * 10**5, "it is "),
+    "fraction": ("1/" + "9" * 400, "it "),
+    "digits": ("1" * 400, "it "),
+}
+
+
+@pytest.mark.parametrize("value", EXTREME)
+@pytest.mark.parametrize("path", ["deep.H_over_h", "algorithm.steps", "stop.fraction", "documents"])
+def test_what_no_file_may_hold_is_refused_in_one_short_sentence(path, value):
+    """As it can be given with --config. Control: `changed` with the value that is there is accepted."""
+    given, said = EXTREME[value]
+    told = fault(changed(path, given))
+    assert told is not None
+    assert f", field {path}" in told
+    assert said in told
+    assert len(told) < 400
+
+
+def test_the_longest_number_of_a_file_is_not_too_long():
+    """Control: 18 digits are refused by the schema, if at all."""
+    assert "digits" not in str(fault(changed("algorithm.steps", 10**18 - 1)))
+    assert "digits" in fault(changed("algorithm.steps", 10**18))

@@ -1,14 +1,18 @@
 """What Snakemake does with the rules: what it makes anew, what ends it early, what it objects to."""
 
+import fcntl
+import importlib.util
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
-from conftest import copy_project
+from conftest import ROOT, copy_project
 
 from unilateral.errors import StorageError
 from unilateral.study import tables
@@ -150,3 +154,69 @@ def test_a_rule_without_a_log_would_be_found(tmp_path):
     """Control."""
     (tmp_path / "Snakefile").write_text("rule made:\n    output: 'x'\n    shell: 'touch x'\n")
     assert lints(tmp_path) - ACCEPTED == {"No log directive defined"}
+
+
+@pytest.fixture
+def resume(tmp_path, monkeypatch):
+    """What `make` begins with, in a folder where a killed run left a lock and files half written."""
+    spec = importlib.util.spec_from_file_location("resume", ROOT / "workflow/resume.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.chdir(tmp_path)
+    for name in (".snakemake/locks/0.input.lock", "Snakefile", "results/square/errors.nc", ".hidden.tmp"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).touch()
+    for name in ("results/square/errors.nc", "figures/rates.svg", "README.md"):
+        left = Path(name).with_name(f".{Path(name).name}.0123456789abcdef.tmp")
+        left.mkdir(parents=True)
+        (left / "half").touch()
+    return module.main
+
+
+def files():
+    return sorted(str(file) for file in Path().rglob("*") if file.is_file())
+
+
+def test_what_a_killed_run_left_is_removed_and_nothing_else(resume):
+    resume()
+    assert files() == [".hidden.tmp", "Snakefile", "results/square/errors.nc"]
+    assert not list(Path().rglob("*.tmp/"))
+    before = files()
+    resume()
+    assert files() == before
+
+
+def test_nothing_is_removed_while_another_run_is_alive(resume):
+    """It ends in a sentence if that run has Snakemake's lock; a dry run has none, and does not matter."""
+    before = files()
+    with open("Snakefile") as alive:
+        fcntl.flock(alive, fcntl.LOCK_SH)
+        with pytest.raises(SystemExit, match="Another run of the study is at work in this folder; wait"):
+            resume()
+        assert files() == before
+        shutil.rmtree(".snakemake/locks")
+        resume()
+        assert set(files()) == {file for file in before if not file.startswith(".snakemake")}
+    resume()
+    assert not list(Path().rglob("*.tmp/"))
+
+
+def test_a_run_that_is_killed_can_be_taken_up_and_one_that_lives_cannot(tree, resume, monkeypatch):
+    """A real one, killed as soon as it has its lock. This takes as long as Snakemake takes to begin."""
+    monkeypatch.chdir(tree)
+    command = [sys.executable, "-m", "snakemake", "-c1", "quick"]
+    run = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+    try:
+        locks = Path(".snakemake/locks")
+        while not (locks.is_dir() and list(locks.iterdir())):
+            assert run.poll() is None
+            time.sleep(0.05)
+        with pytest.raises(SystemExit, match="Another run of the study is at work"):
+            resume()
+    finally:
+        os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+    assert list(locks.iterdir())
+    resume()
+    assert not list(locks.iterdir())
+    shutil.rmtree("results", ignore_errors=True)

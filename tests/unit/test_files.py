@@ -1,13 +1,21 @@
 """How files are written: whole or not at all, with the permissions that the umask leaves."""
 
 import os
+import resource
+import shutil
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 
+from unilateral import signals
 from unilateral.errors import InputError, StorageError
-from unilateral.files import replacing
+from unilateral.files import replacing, write_netcdf
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
@@ -101,3 +109,78 @@ def test_what_the_disk_refuses(tmp_path):
     said = r"a\.nc cannot be written: Is a directory"
     with pytest.raises(StorageError, match=said), replacing(tmp_path / "a.nc") as temporary:
         temporary.write_text("new")
+
+
+UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""A file that is open when its writer is ended is closed with a warning."""
+
+
+def random_ends(folder, context, rng):
+    """How often writing is ended by SIGTERM at a random moment, and how often that leaves something."""
+    ended = left = 0
+    before = signal.signal(signal.SIGALRM, signals._terminate)
+    for _ in range(1000):
+        try:
+            signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-6, 6e-4))
+            with context(folder / "a.txt") as temporary:
+                temporary.write_text("new")
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        except (SystemExit, OSError):  # which the standard library makes of it at some moments
+            ended += 1
+        remains = [file for file in folder.iterdir() if file.name != "a.txt"]
+        left += bool(remains)
+        for file in remains:
+            shutil.rmtree(file)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+    return ended, left
+
+
+@UNCLOSED
+def test_no_moment_to_be_ended_leaves_a_hidden_folder(tmp_path):
+    """By the handler of SIGTERM, called by a clock."""
+    ended, left = random_ends(tmp_path, replacing, np.random.default_rng(1))
+    assert ended > 100
+    assert left == 0
+
+
+@UNCLOSED
+def test_a_folder_whose_name_comes_too_late_is_left_at_some_moments(tmp_path):
+    """Control: the standard library's, between making and remembering it, and while removing it."""
+
+    @contextmanager
+    def plain(path):
+        with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
+            yield Path(folder) / path.name
+
+    ended, left = random_ends(tmp_path, plain, np.random.default_rng(1))
+    assert ended > 100
+    assert left > 0
+
+
+def test_handlers_are_as_before_afterwards_and_what_is_ignored_stays_so():
+    """As SIGINT is of a command in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN), signal.getsignal(signal.SIGTERM)
+    with signals.cleaning_up():
+        inside = signal.getsignal(signal.SIGINT)
+        with pytest.raises(SystemExit) as found:
+            os.kill(os.getpid(), signal.SIGTERM)
+    after = signal.signal(signal.SIGINT, before[0]), signal.getsignal(signal.SIGTERM)
+    assert (inside, found.value.code, after) == (signal.SIG_IGN, 143, (signal.SIG_IGN, before[1]))
+
+
+@pytest.mark.parametrize("size", [0, 100])
+def test_a_full_disk_is_told_as_the_system_tells_it(tmp_path, size):
+    """A limit on the size of files stands for the disk; netCDF says other things. Control: no limit."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises((OSError, RuntimeError)) as plain:
+            xr.Dataset({"x": [1.0]}).to_netcdf(tmp_path / "plain.nc", engine="netcdf4")
+        with pytest.raises(OSError, match="File too large"):
+            write_netcdf(xr.Dataset({"x": [1.0]}), tmp_path / "s.nc")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "File too large" not in str(plain.value)
+    write_netcdf(xr.Dataset({"x": [1.0]}), tmp_path / "other.nc")
+    assert xr.load_dataset(tmp_path / "other.nc").x == 1

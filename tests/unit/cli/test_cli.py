@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import tomllib
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -863,6 +864,24 @@ def found_imported(imported, run):
     """Which of the slow modules a process has imported after an import and a call."""
     source = f"import sys, {imported}; {run}; print('', *{SLOW} & set(sys.modules))"
     return set(in_a_process(source).splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("module", ["unilateral.cli", "unilateral.cli.streams", "difflib", "numpy"])
+def test_an_interrupt_while_the_command_begins_ends_it_in_one_line(module):
+    """While it imports that; the installed command begins with `unilateral.__main__`."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["scripts"] == {"unilateral": "unilateral.__main__:main"}
+    source = (
+        "import os, signal, sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        name == {module!r} and os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from unilateral.__main__ import main\n"
+        "main(['cases'])\n"
+    )
+    found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, timeout=60)
+    assert (found.returncode, found.stdout, found.stderr) == (130, "", "unilateral: interrupted\n")
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,8 @@ from conftest import CANTOR, load
 
 import unilateral as ul
 from unilateral.cli import main
+from unilateral.errors import StorageError
+from unilateral.exchange import export as exporting
 from unilateral.exchange.export import LEVEL_FILES, export
 from unilateral.exchange.formulas import DEFINITIONS, formulas
 from unilateral.exchange.held import obstacle
@@ -231,4 +233,31 @@ def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("unilateral.exchange.export._cells", lambda case, cells: 1 / (cells.n_cells - 8))
     with pytest.raises((ZeroDivisionError, AttributeError)):
         export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, capsys, monkeypatch):
+    """The quicker one's folder appears while the slower one writes."""
+    out, write = tmp_path / "out", exporting._write
+
+    def overtaken(*arguments):
+        write(*arguments)
+        out.mkdir()
+        (out / "problem.json").write_text("{}")
+
+    monkeypatch.setattr(exporting, "_write", overtaken)
+    assert main(["export", "natural", "--h", "1/4", "--H", "1/2", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"unilateral: {out} is there already; name a folder that is not\n"
+    assert [file.name for file in (*tmp_path.iterdir(), *out.iterdir())] == ["out", "problem.json"]
+
+
+def test_a_full_disk_is_told_of_the_file_that_was_to_be_there(tmp_path, monkeypatch):
+    """Not of the hidden one."""
+
+    def full(_, path):
+        raise StorageError(f"{path} cannot be written: No space left on device")
+
+    monkeypatch.setattr(exporting, "write", full)
+    with pytest.raises(StorageError, match=rf"^{tmp_path}/out/level_0/mesh\.msh cannot be written: No space"):
+        export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out")
     assert not list(tmp_path.iterdir())
