@@ -6,6 +6,7 @@ than they are said to be. What is right stays unnamed, in whatever way it was ma
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from unilateral.discrete import solve
 from unilateral.exchange.conditions import conditions
 from unilateral.exchange.faults import judged
 from unilateral.exchange.read import Foreign, Level
-from unilateral.exchange.residual import Residual
+from unilateral.exchange.residual import Residual, loads
 from unilateral.exchange.score import score
 from unilateral.exchange.trace import constant, continuous, of_reactions
 from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
@@ -196,6 +197,18 @@ def test_f_by_its_values_at_the_nodes_is_no_fault():
     one = score(case, Foreign("file", level, found.u_h, constant(of.partition, found.lambda_H), ""))
     assert Residual(of, found.u_h, of.load).inside > 0.01 * one.own.h1
     assert one.faults == []
+
+
+def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
+    """For constants all of them; those of f interpolated, and of the edges' midpoints, also for x and y.
+
+    By the mass matrix, which integrates products of P1 functions; the others must differ.
+    """
+    of, mass = problem(), stiffness_and_mass(problem().mesh)[1]
+    for f, exact in ((lambda p: 1 + 0 * p[:, 0], 4), (lambda p: 1 + 2 * p[:, 0] - 3 * p[:, 1], 2)):
+        found = [load for name, load in loads(SimpleNamespace(source=f), of) if name]
+        right = [np.allclose(load, mass @ f(of.mesh.points), rtol=0, atol=1e-15) for load in found]
+        assert (len(found), sum(right), right[0], right[-1]) == (4, exact, True, True)
 
 
 def test_another_numbering_is_named_and_two_swapped_nodes_are_placed():
