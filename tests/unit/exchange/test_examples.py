@@ -13,12 +13,12 @@ from contextlib import redirect_stdout
 from io import StringIO
 
 import pytest
-from conftest import ROOT, discrete, load
+from conftest import ROOT, discrete
 
 from benchmarks import plan
 from unilateral.cli import main
-from unilateral.exchange.faults import residual
 from unilateral.exchange.read import exported, foreign
+from unilateral.exchange.residual import Residual
 
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")
 DRIVERS = PLAN["scores"]["drivers"]
@@ -96,5 +96,6 @@ def test_a_driver_has_the_load_of_the_exported_quadrature(told):
     folder, words, _ = told
     _, levels = exported(folder / "natural")
     for file, n in zip(words[1:4], (8, 16, 32), strict=True):
-        of = residual(load("natural"), discrete("natural", n, n // 2), foreign(levels, str(folder / file)).u)
+        problem = discrete("natural", n, n // 2)
+        of = Residual(problem, foreign(levels, str(folder / file)).u, problem.load)
         assert of.inside <= 1e-10 * of.discrete.exact.ritz.u_norm
