@@ -27,5 +27,5 @@ def test_the_axis_is_cut_only_where_beta_is_zero_beyond(beta):
     assert (figure.axes[0].get_xlim()[1] < last) == (beta == 0)
     texts = said(figure)
     assert sum("$0$ up\nto" in text for text in texts) == (beta == 0)
-    assert any("at most 1.2 % higher" in text for text in texts) == (beta > 0)
+    assert any("at most 1.3 % higher" in text for text in texts) == (beta > 0)
     assert any("%" in text for text in texts) == (beta > 0)
