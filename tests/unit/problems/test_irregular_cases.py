@@ -189,7 +189,7 @@ def test_the_corners_of_the_l_shape():
 def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square_distance):
     """r^(pi/omega) cos(pi theta/omega), r and theta by complex numbers, and a square distance.
 
-    On the two sides at the vertex lambda is that of the latter alone: the same number all along, and positive.
+    On the two sides at the vertex lambda is that of the latter alone: the same number all along and positive.
     """
     case, (times, x, y) = load_on(name, home(name).name), square_distance
     polygon, here = case.polygon, case.polygon.vertices[vertex]
