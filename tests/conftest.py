@@ -65,6 +65,12 @@ def load(name, polygon="square", side=0):
     return cases.load(name, named(polygon), side)
 
 
+def home(name):
+    """The first polygon that a case is for."""
+    polygons = cases.declared(name)[0]["polygons"]
+    return named("square" if polygons == "any" else polygons[0])
+
+
 @cache
 def certified(name, polygon="square", side=0):
     return certify(load(name, polygon, side))

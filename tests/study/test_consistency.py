@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import CANTOR, certified, config, load
+from conftest import CANTOR, certified, config, home, load
 
 from unilateral.errors import InputError
 from unilateral.geometry.partition import from_points, shifted, uniform
@@ -22,7 +22,7 @@ ZERO = 1e-15
 def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, polygon):
     """The certificate looks at the gap's values between singular points."""
     if polygon not in cases.declared(name)[0]["polygons"] and cases.declared(name)[0]["polygons"] != "any":
-        polygon = {"square": "lshape", "lshape": "square"}[polygon]
+        polygon = home(name).name
     case = load(name, polygon)
     starts, lengths = case.polygon.starts, case.polygon.lengths
     ends = [

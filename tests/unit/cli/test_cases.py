@@ -6,11 +6,11 @@ import types
 
 import numpy as np
 import pytest
-from conftest import CANTOR, ROOT, certified, load
+from conftest import CANTOR, ROOT, certified, home, load
 
 from unilateral.cli import main
 from unilateral.exchange.formulas import module
-from unilateral.geometry.structured import structured
+from unilateral.geometry.mesh import unstructured
 from unilateral.problems import case as cases
 
 CLOSED = [name for name in cases.names() if name not in CANTOR]
@@ -24,7 +24,7 @@ def run(capsys):
 
 
 def of(name):
-    return load(name, "lshape" if name in ("reentrant", "violates_j") else "square")
+    return load(name, home(name).name)
 
 
 def test_json_has_every_case_on_every_polygon(run, monkeypatch):
@@ -64,10 +64,10 @@ def test_one_case_as_text(run):
 
 def test_one_case_for_programs(run):
     found = json.loads(run("cases", "thirds", "--json")[1])
-    assert [each["polygon"] for each in found["polygons"]] == ["square", "lshape"]
+    assert [each["polygon"] for each in found["polygons"]] == ["square", "lshape", "hexagon"]
     assert found["proved_rates"] == {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
     assert found["polygons"][0]["powers"] == [{"x": pytest.approx(1 / 3), "y": 0.0, "exponent": "3/2"}]
-    assert [len(each["lambda"]) for each in found["polygons"]] == [4, 6]
+    assert [len(each["lambda"]) for each in found["polygons"]] == [4, 6, 6]
     assert json.loads(run("cases", "thirds", "--format", "json")[1]) == found
 
 
@@ -117,7 +117,7 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     """
     with_ufl(monkeypatch, **NUMPY_AS_UFL)
     case, found = of(name), functions(kind, of(name))
-    mesh = structured(case.polygon, 1 / 5)
+    mesh = unstructured(case.polygon, 1 / 5)
     inside = mesh.points[mesh.triangles].mean(axis=1)
     u, gradient = case.value_and_gradient(inside)
     f = case.source(inside)
@@ -154,7 +154,7 @@ def test_what_has_no_formulas_says_so(run):
     """A Cantor family; what is known without formulas is shown."""
     code, out, err = run("cases", "violates_jjj")
     assert (code, err) == (0, "")
-    assert out.count("there are no closed formulas, for u is a sum over the intervals of a Cantor set") == 2
+    assert out.count("there are no closed formulas, for u is a sum over the intervals of a Cantor set") == 3
     assert "contact on 85 intervals" in out  # 1 + 4 + 16 + 64 of four odd generations
     for kind in ("python", "ufl"):
         code, out, err = run("cases", "violates_jjj", "--format", kind)

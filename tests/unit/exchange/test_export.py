@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from conftest import CANTOR, load
+from conftest import CANTOR, home, load
 
 import unilateral as ul
 from unilateral.cli import main
@@ -20,6 +20,7 @@ from unilateral.exchange.read import exported
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry import mesh_files, polygon
+from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 
@@ -41,14 +42,14 @@ def test_formulas_are_the_case(name):
 
     A wrong sign, side, scale or branch of the angle would show at once, by far more than rounding.
     """
-    domain = polygon.named("lshape" if name in ("reentrant", "violates_j") else "square")
+    domain = home(name)
     case, names = cases.load(name, domain), {}
     exec(DEFINITIONS, names)
 
     def value(text, points):
         return np.broadcast_to(eval(text, {**names, "x": points[:, 0], "y": points[:, 1]}), len(points))
 
-    told, mesh = formulas(case), structured(domain, 1 / 6)
+    told, mesh = formulas(case), unstructured(domain, 1 / 6)
     inside = mesh.points[mesh.triangles].mean(axis=1)
     u, f = case.value_and_gradient(inside)[0], case.source(inside)
     np.testing.assert_allclose(value(told["u"], inside), u, rtol=1e-12, atol=1e-12)

@@ -40,6 +40,7 @@ IRREGULAR = {  # the polygon, and whether (j), (jj) and (jjj) hold
     "violates_jj": ("square", (True, False, True)),
     "singular": ("square", (False, False, True)),
     "reentrant": ("lshape", (False, False, True)),
+    "reentrant_full": ("lshape", (False, False, True)),
     "rough": ("square", (False, False, True)),
 }
 on_every_place = pytest.mark.parametrize(("name", "polygon", "side"), PLACES)
@@ -99,7 +100,7 @@ def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
     points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
     for values in (*case.value_and_gradient(points), case.source(points)):
         assert not values.any()
-    everywhere = name in ("natural", "full_contact", "no_contact", "violates_j")
+    everywhere = name in ("natural", "full_contact", "no_contact", "violates_j", "reentrant_full")
     assert zero.any() != everywhere
 
 
@@ -258,6 +259,7 @@ def contact(name, polygon, side):
         "smooth": sorted([(side, 1 / 3, 2 / 3), ((side + 1) % n, 1 / 3, 2 / 3)]),
         "vertex": [(0, 0, 5 / 12)],
         "violates_j": [(i, 0, 1) for i in range(6)],
+        "reentrant_full": [(i, 0, 1) for i in range(6)],
         "reentrant": [(0, 1 / 3, 2 / 3)],
     }.get(name, [(side, 1 / 3, 7 / 12)])
 
@@ -278,7 +280,7 @@ def test_every_case_is_certified(name, polygon, side):
     np.testing.assert_allclose(np.array(found.contact).reshape(-1, 3), expected, atol=1e-14)
     assert found.g_regular == (name not in GAPS_WITH_KINKS)
     assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
-    assert (found.gap_max == 0) == (name in ("full_contact", "violates_j"))
+    assert (found.gap_max == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
     assert (found.lambda_max < 1e-14) == (name == "no_contact")
 
 

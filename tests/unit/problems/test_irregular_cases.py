@@ -5,14 +5,17 @@ import math
 import numpy as np
 import pytest
 import sympy
+from conftest import home
 from conftest import load as load_on
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems.atoms import Along
+from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import corner, harmonic
 
 ALPHA = {
@@ -173,6 +176,47 @@ def test_the_corners_of_the_l_shape():
         np.testing.assert_allclose(trace, ((x + 0.45) ** 2 + (y - 0.55) ** 2) / 2, atol=1e-12)
         smooth = 0.55 if side == 2 else 0.45  # the distance of (-.45, .55) from the side's line
         np.testing.assert_allclose(flux, smooth + 2 / 3 * r ** (-1 / 3) * chi, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "vertex", "angle", "square_distance"),
+    [
+        ("obtuse_0.9", 1, 0.9 * np.pi, (1.5, 0.66, 0.41)),
+        ("obtuse_0.75", 2, 0.75 * np.pi, (1.5, 0.66, 0.41)),
+        ("reentrant_full", 2, 1.5 * np.pi, (4, -0.45, 0.55)),
+    ],
+)
+def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square_distance):
+    """r^(pi/omega) cos(pi theta/omega), r and theta by complex numbers, and a square distance.
+
+    On the two sides at the vertex lambda is that of the latter alone: the same number all along and positive.
+    """
+    case, (times, x, y) = load_on(name, home(name).name), square_distance
+    polygon, here = case.polygon, case.polygon.vertices[vertex]
+    inside = triangles_inside(polygon)
+    z = (inside - here) @ [1, 1j] / (polygon.tangents[vertex] @ [1, 1j])
+    theta = np.angle(z) % (2 * np.pi)
+    assert np.all(theta < angle)
+    smooth = times * np.sum((inside - [x, y]) ** 2, axis=1)
+    u = (
+        np.abs(z) ** (np.pi / angle)
+        * np.cos(np.pi / angle * theta)
+        * polygon.lengths[vertex] ** (1 - np.pi / angle)
+    )
+    np.testing.assert_allclose(case.value_and_gradient(inside)[0], u + smooth, rtol=1e-12)
+    for side in (vertex, vertex - 1):
+        _, flux, gap = case.boundary(np.full(9, side), np.linspace(0.01, 0.99, 9) * polygon.lengths[side])
+        distance = polygon.normals[side] @ (here - [x, y])
+        np.testing.assert_allclose(flux, 2 * times * distance, rtol=1e-12)
+        assert not gap.any()
+    found = certify(case)
+    assert found.contact == tuple((side, 0, 1) for side in range(6))
+
+
+def triangles_inside(polygon):
+    """(k, 2) centroids of the triangles of a mesh."""
+    mesh = unstructured(polygon, 1 / 5)
+    return mesh.points[mesh.triangles].mean(axis=1)
 
 
 def squared_gradient(case, *where):
