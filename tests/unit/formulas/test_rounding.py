@@ -130,3 +130,12 @@ def test_places_that_are_rounded_are_known_up_to_that():
     found = affine(basis(1, 4), centre, arms, (centre - 0.251, centre + 0.251), rounding=1e-3)
     assert found.rad[0] >= 1e-3
     assert found.range[1][0] >= 0.751
+
+
+def test_the_rounding_of_an_exponent_counts_the_logarithm():
+    """The cube root of numbers up to 1e300, their logarithm 690: 1/3, rounded, changes it by 1e-14."""
+    centre = np.logspace(200, 300, 50)
+    point = Model(basis(1, 4), np.vstack([centre, np.zeros((4, 50))]), np.zeros(50), (centre, centre))
+    found = elementary.positive_power(point, 1 / 3)
+    assert beyond(found, lambda a: a ** (mpmath.mpf(1) / 3), centre, 0 * centre, 0 * centre).max() <= 0
+    assert np.all(found.rad <= 1e-11 * found.c[0])
