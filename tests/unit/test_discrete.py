@@ -7,11 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 from conftest import DATA, condensed, coupled, discrete
+from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
 from unilateral.discrete import solve, with_load, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
+from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact import exact
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
@@ -226,3 +230,15 @@ def test_newton_where_beta_is_zero_is_refused():
 def test_a_step_for_the_active_set_is_refused():
     with pytest.raises(InputError, match="active_set has no step rho"):
         Stop(algorithm="active_set", rho=1.0)
+
+
+def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():
+    """Of all mu with the discrete norm of the bound one has the largest norm, at least in its lower bound."""
+    on, gram = discrete("natural", 16, 8), dual_norm(uniform(square(), 1 / 8)).gram()
+    found = on.iterated(1e-3, Stop())
+    ratios, vectors = eigh(gram.p0.lower, on.spaces.operator.D)
+    mu = found.result.bound * vectors[:, -1]
+    assert np.linalg.norm(on.spaces.operator.half @ mu) == pytest.approx(found.result.bound)
+    norm = math.sqrt(ratios[-1]) * found.result.bound
+    assert 1.05 * found.result.bound < norm <= found.algebraic("hm12")
+    assert found.algebraic("h1") == found.result.bound

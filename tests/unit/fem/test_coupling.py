@@ -105,3 +105,15 @@ def test_boundary_mass_integrates_squares_of_linear_functions():
     assert one @ (M @ x) == pytest.approx(2, rel=1e-14)
     assert x @ (M @ x) == pytest.approx(5 / 3, rel=1e-14)
     assert abs(M - M.T).max() == 0
+
+
+def test_boundary_mass_on_some_edges():
+    """On the bottom and the right side they are 2, 3/2 and 4/3; hats of the other sides' nodes have none."""
+    mesh = structured(square(), 1 / 8)
+    M = boundary_mass(mesh, np.isin(mesh.side, [0, 1]))
+    one, (x, y) = np.ones(len(mesh.boundary)), mesh.points[mesh.boundary].T
+    assert [v @ (M @ v) for v in (one, x, y)] == pytest.approx([2, 1 / 3 + 1, 1 / 3], rel=1e-14)
+    assert one @ (M @ x) == pytest.approx(3 / 2, rel=1e-14)
+    away = (x < 1) & (y > 0)
+    assert away.sum() == 15
+    assert abs(M[away]).max() == 0

@@ -251,3 +251,18 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
     means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
     np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "alpha"), [("rough", -0.95), ("singular", -0.25), ("borderline_0.05", 0.05)]
+)
+def test_boundary_means_of_a_power_times_a_cutoff(name, alpha):
+    """(s^alpha (1 - 16 s^2)^4)_+, term by term; in tau = s^(1/20) that is no polynomial of a low degree."""
+    case, cells = load(name), partitions.shifted(square(), 1 / 8, 0.37)
+    x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
+    s = np.clip(x - 1 / 3, 0, 0.25)
+    terms = [math.comb(4, j) * (-16) ** j * s ** (2 * j + alpha + 1) / (2 * j + alpha + 1) for j in range(5)]
+    rule = boundary_rule(case.polygon, cells.points, case.singular())
+    flux = case.boundary(rule.side, rule.s, rule.near)[1]
+    found = rule.integrate(flux, cells.n_cells)[cells.side == 0]
+    np.testing.assert_allclose(found, np.diff(sum(terms)), rtol=1e-12, atol=1e-12)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from flint import arb, arb_mat, ctx
+from flint import acb_mat, arb, arb_mat, ctx
 
 import unilateral as ul
 from unilateral.adapted import adapted
@@ -16,10 +16,12 @@ from unilateral.arrays import Array, Mask
 from unilateral.discrete import Discrete, discretise
 from unilateral.discrete_solution import Solution
 from unilateral.fem import rounded
+from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.structured import structured
 from unilateral.nested import nested
+from unilateral.solvers.certified import certified
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 
@@ -198,3 +200,60 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
     monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
     power = 0.5 if way == "singular" else 1.0
     assert bound() > 0.1 * 1e6**power * before
+
+
+def root(P: float, linear: float) -> float:
+    """The largest x with x^2 <= P + linear x."""
+    return (linear + (linear**2 + 4 * P) ** 0.5) / 2
+
+
+@pytest.mark.parametrize("share", [1e-5, 1e-2, 1.0, 1e2])
+def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
+    """One cell: a = |R| s and b = |R| / (rho s) are known; where b is much larger it is hardly less."""
+    of = DualOperator(np.array([[2.0]]), np.ones(1), 1.0)
+    rho, gap = 1.9 / of.lambda_max, rounded.Rounded(np.array([-3.0]), np.zeros(1))
+    R = rho * 3.0
+    a, b = 2 * R, R / (2 * rho)
+    delta = share * b
+    found = certified(of, np.zeros(1), gap, delta, rho)
+    least = root(b * delta, a + b + delta) + delta
+    assert least <= found
+    alone = certified(of, np.zeros(1), gap, 0.0, rho)
+    assert alone == pytest.approx(a + b, rel=2e-6)
+    steep = DualOperator(np.array([[1e-3]]), np.ones(1), 1.0)  # a is nothing beside b
+    slow = 1e-3 / steep.lambda_max
+    b = 3.0 / 1e-3
+    found, alone = (certified(steep, np.zeros(1), gap, share * each, slow) for each in (1e-3, 0.0))
+    least = root(b * share * 1e-3, slow * 3e-3 + b + share * 1e-3) + share * 1e-3
+    assert least <= found
+    assert found - alone <= 1.01 * (least - root(0, slow * 3e-3 + b)) + 1e-9 * b
+
+
+@pytest.mark.parametrize("P", [0.0, 1e-4, 1.0])
+@pytest.mark.parametrize("delta", [0.0, 1e-4, 1.0])
+def test_nor_by_the_energy(P: float, delta: float) -> None:
+    """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
+    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), 4.0)
+    assert of.singular
+    gap, mu = rounded.Rounded(np.array([-0.5, 0.5]), np.zeros(2)), np.array([0.0, P])
+    found, q = certified(of, mu, gap, delta, 1.0), 0.5 * 2
+    least = root(P + q * delta, q + delta) + delta
+    assert least <= found
+    if max(P, delta) < 1:  # small beside q: then it is hardly less
+        assert found - q <= 1.01 * (least - q) + 1e-8
+
+
+def test_the_least_eigenvalue_is_bounded_from_below() -> None:
+    """Against 60 digits, for eigenvalues down to 1e-12 of the largest; control: those found are too large."""
+    above = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        q, r = (np.linalg.qr(rng.standard_normal((12, 12)))[0] for _ in range(2))
+        of = DualOperator(q @ np.diag(10.0 ** np.linspace(0, -6, 12)) @ r, np.ones(12), 1.0)
+        half = exact(of.half)
+        true = min(
+            (each.real for each in acb_mat(half.transpose() * half).eig()), key=lambda each: each.mid()
+        )
+        assert of.lambda_low <= float(true.lower())
+        above.append(of.lambda_min > float(true.upper()))
+    assert any(above)
