@@ -35,7 +35,7 @@ def test_a_scene_s_table_tells_its_parameters(errors, scene):
     """Those of the configuration, whose defaults are filled in; a value that was changed since is told."""
     told = json.loads(errors.attrs["parameters"])
     declared = SCENES[scene]
-    assert {name: told["scene"][name] for name in declared} == declared
+    assert {name: told[f"scenes.{scene}"][name] for name in declared} == declared
     assert told["stop"] == config("study")["stop"]
 
 
