@@ -82,7 +82,7 @@ def test_cases_lists_the_catalogue_with_its_certificates(run, monkeypatch):
     for name in case.names():
         declaration = case.declared(name)[0]
         rows = [line.split() for line in out.splitlines() if line.startswith(f"{name} ")]
-        on = ["square", "lshape"] if declaration["polygons"] == "any" else declaration["polygons"]
+        on = ["square", "lshape", "hexagon"] if declaration["polygons"] == "any" else declaration["polygons"]
         assert [row[-1] for row in rows] == on
         hypotheses = ["yes" if value else "no" for value in declaration["hypotheses"].values()]
         assert all(row[1:4] == hypotheses for row in rows)
