@@ -20,6 +20,7 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.oscillation import (
     MEAN_FREE_ON_SQUARE,
     ON_SQUARE,
+    REACH,
     has_square,
     oscillation_bound,
     trace_constants,
@@ -247,3 +248,9 @@ def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatc
     assert below <= found.upper
     monkeypatch.setattr(functionals, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
     assert norm.of_p0(mu, other).upper < 0.9 * below
+
+
+def test_no_corner_of_a_square_is_beyond_its_reach():
+    """From the midpoint of the edge, (0, 0) to (1, 0), to the farthest corners of the square on it."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    assert max(np.hypot(*(corners - [0.5, 0]).T)) <= REACH
