@@ -168,7 +168,9 @@ class Solution:
 
         It says when to stop. `total` has the error of the iteration in it, and does not rest on this.
         """
-        beta = 1.0 if norm == "h1" or self.result.bound == 0 else self.discrete.beta
+        if norm == "hm12" and len(self.discrete.cells) == 0:
+            return 0.0
+        beta = 1.0 if norm == "h1" else self.discrete.beta
         return self.result.bound / beta if beta > 0 else math.inf
 
     def size(self, norm: str, sharp: bool = False) -> float:

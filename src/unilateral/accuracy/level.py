@@ -20,6 +20,10 @@ WORTH, ENOUGH = 1.5, 200
 """1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
 
 
+NOTHING = 1e-140
+"""An error that small is none where the discrete solution is 0: data are larger, or 0."""
+
+
 @dataclass(frozen=True, eq=False)
 class Level:
     """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most.
@@ -64,6 +68,8 @@ class Level:
     @property
     def certified(self) -> bool:
         wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
+        if self.target == 0:
+            wanted = NOTHING
         return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 

@@ -144,6 +144,25 @@ def test_one_jump_at_a_node_is_on_both_edges():
     assert norm[[0, *range(3, 16)]].max() == 0
 
 
+def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
+    """Its place is known up to the reach: on twice that the flux may differ by 3."""
+    mesh, flux = structured(named("square"), 1 / 4), flux_of("3*pos(x - 1/3, 0)")
+    at = np.argmin(np.abs(flux.points - 1 / 3))
+    flux = replace(flux, jumps=np.where(np.arange(len(flux.jumps)) == at, 3.0, 0.0))
+    norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
+    assert norm[1] == pytest.approx(3 * np.sqrt(2 * flux.reach))
+    assert integral[1] == pytest.approx(3 * 2 * flux.reach)
+
+
+def test_places_on_an_edge_are_known_up_to_the_reach():
+    """Moved by that, a flux changes its mean by as much over the edge; and 8 products are summed for it."""
+    mesh, flux = structured(named("square"), 1 / 4), flux_of("1000/3")
+    edge, size = np.array([0, 1]), np.array([2.0, 3.0])
+    found = module._rounding(flux, mesh, edge, size)
+    assert np.all(found[:2] >= size * (8 * 2**-52 + flux.reach / 0.25))
+    assert not found[2:].any()
+
+
 def test_rounding_is_unknown_too():
     """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
     flux = flux_of("1000/3")

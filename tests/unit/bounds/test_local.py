@@ -1,5 +1,7 @@
 """The cheap guaranteed bound: never below the true error, how sharp, and that it needs all its parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skfem
@@ -18,6 +20,7 @@ from test_sharp import (
 )
 
 from unilateral.bounds import feasible, lifting, local, misfit
+from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.layer import layer
 from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
@@ -263,3 +266,26 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
         return local.local_bound(*given, np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)).lifting
 
     assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
+
+
+def test_the_rounding_of_a_root_of_a_sum():
+    """Of 16 million squares, each added with half a unit of rounding: the root has half of that."""
+    assert SUMS >= 16e6 * 2.0**-53 / 2
+
+
+def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
+    """Full contact and sigma > 0: by the doubt t, g may be lower and u_h + d is higher, and ||d||_1 grows.
+
+    <sigma, u_h + d - g> grows by 2 t times the force, and the function added is t on the whole boundary.
+    """
+    of, t = pair("full_contact", 8), 1e-3
+    force, shorts = of.cells.lengths @ of.lambda_H, []
+    own = lifting.missing
+    monkeypatch.setattr(lifting, "missing", lambda *given: shorts.append(own(*given)) or shorts[-1])
+    g = of.case.enclosed_obstacle
+    less = replace(g, doubt=g.doubt + t, upper=g.upper + t)
+    for obstacle in (g, less):
+        local.local_bound(enclosed(of.mesh, of.case), obstacle, of.cells, of.u_h, of.lambda_H)
+    known, doubtful = shorts
+    assert doubtful.product - known.product == pytest.approx(2 * t * force, rel=1e-6)
+    np.testing.assert_allclose(doubtful.added[of.mesh.boundary], t, rtol=1e-6)

@@ -105,6 +105,39 @@ def mean_of(i, j):
     return sum(comb(i, a) * comb(j, b) * 2 ** (a + b) * (-1) ** (i + j - a - b) * of for a, b, of in terms)
 
 
+def to_hats(first):
+    """[of each monomial] its L2 projection to linear functions at the corners, exactly."""
+    m = basis(2, 4).exponents.tolist()
+    hats = [[mean_of(i, j), mean_of(i + 1, j), mean_of(i, j + 1)] for i, j in m]
+    own = [[-(b + c), one + b, one + c] for one, b, c in hats]  # twice the means with hats
+    found = [[6 * x - Fraction(3, 2) * sum(of) for x in of] for of in own]
+    return [[*of[3 - first :], *of[: 3 - first]] for of in found]
+
+
+@pytest.mark.parametrize("halvings", [1, 2])
+def test_the_rounding_of_projections_is_below_its_allowance(halvings):
+    """In rational arithmetic; and a hundredth of it would be too little."""
+    rng, first = np.random.default_rng(5), 1
+    c = rng.standard_normal((3, 15)) * 10.0 ** rng.uniform(-3, 3, (3, 15))
+    halving, exact = projection._halving(first), [[Fraction(x) for x in row] for row in c.tolist()]
+    columns = [[(i, Fraction(x)) for i, x in enumerate(of) if x] for of in halving.T.tolist()]
+    for _ in range(halvings):
+        all_parts = [[sum(of[i] * x for i, x in column) for column in columns] for of in exact]
+        exact = [of[15 * part : 15 * part + 15] for of in all_parts for part in range(4)]
+    to_f_h = to_hats(first)
+    f_h = projection.projected(halved(c, halvings, first), first)[0]
+    allowed = np.repeat(projection.rounding(c.T, halvings), 4**halvings)
+    off = [
+        [
+            abs(Fraction(value) - sum(x * of[corner] for x, of in zip(row, to_f_h, strict=True)))
+            for corner, value in enumerate(at)
+        ]
+        for row, at in zip(exact, f_h.tolist(), strict=True)
+    ]
+    worst = (np.array(off, dtype=float).max(axis=1) / allowed).max()
+    assert 0.01 < worst <= 1
+
+
 @pytest.mark.parametrize("first", range(3))
 def test_constants_are_as_exact_as_their_rounding_says(first):
     """As `rounding` says: those of halving are sixteenths, in sum 1; the others at most 1, up to 8 units."""
@@ -112,9 +145,7 @@ def test_constants_are_as_exact_as_their_rounding_says(first):
     np.testing.assert_array_equal(16 * halving, np.round(16 * halving))
     np.testing.assert_array_equal(np.abs(halving).reshape(15, 4, 15).sum(axis=2), 1)
     to_f_h, rest = np.split(projection._projection(first).T, [3])
-    hats = [[mean_of(i, j), mean_of(i + 1, j), mean_of(i, j + 1)] for i, j in m]
-    own = [[-(b + c), one + b, one + c] for one, b, c in hats]  # twice the means with hats
-    exact = np.roll([[float(6 * x - Fraction(3, 2) * sum(of)) for x in of] for of in own], first, axis=1).T
+    exact = np.array(to_hats(first), dtype=float).T
     assert np.abs(exact).max() <= 1
     np.testing.assert_allclose(to_f_h, exact, rtol=0, atol=8 * EPS)
     gram = np.array([[float(mean_of(a + c, b + d)) for c, d in m] for a, b in m])

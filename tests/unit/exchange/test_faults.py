@@ -74,7 +74,8 @@ def spoilt(how, s):
     if how.startswith("λ and"):
         return u, on_cells(mu + s * mu.max() * (-1.0) ** np.arange(len(mu)))
     if how.startswith("g"):
-        other = replace(problem(), offset=problem().offset - s, exact=None, data=None)
+        of = problem()
+        other = replace(of, offset=of.offset - s, g_means=of.g_means + s, exact=None, data=None)
         found = solve(other, Stop(tolerance=1e-7))
         return found.u_h, on_cells(found.lambda_H)
     return uzawa(s * errors.hm12_lower) if how.startswith("Uzawa") else (jacobi(s * errors.h1), on_cells(mu))

@@ -280,3 +280,9 @@ def test_squares_have_room_for_the_displacement_of_nodes():
         moved = Polygon(square().vertices, doubt=doubt - lengths)
         assert np.all(has_square(replace(mesh, polygon=moved))[middle] == expected)
     assert middle.sum() == 8
+
+
+def test_no_corner_of_a_square_is_beyond_its_reach():
+    """From the midpoint of the edge, (0, 0) to (1, 0), to the farthest corners of the square on it."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    assert max(np.hypot(*(corners - [0.5, 0]).T)) <= REACH

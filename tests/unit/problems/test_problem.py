@@ -1,6 +1,7 @@
 """Problems from files: what they mean, sides that carry no contact, and what is refused, in which words."""
 
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -102,6 +103,18 @@ def test_a_side_below_the_source_is_idle(declared):
     assert problem.idle_sides() == (0, 3)
     free = problem_file.load(declared(**IDLE, free_sides="[3]"))
     assert free.idle_sides() == (0,)
+
+
+def test_the_lower_bound_of_u_is_one_whatever_is_rounded(declared):
+    """inf f / c, in rational arithmetic, for numbers of which no quotient is exact."""
+    above = []
+    for number in range(1, 40):
+        c = Fraction(number, 7)
+        problem = problem_file.load(declared(f=f"{number + 13}/11", g="-9", c=f"{number}/7"))
+        least = problem.range_of_f[0]
+        assert Fraction(problem.least) <= Fraction(least) / c
+        above.append(Fraction(least / float(c)) > Fraction(least) / c)
+    assert any(above)  # control: without what is subtracted
 
 
 def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declared):
