@@ -112,7 +112,7 @@ class Adapted:
         result = DualResult(
             found.lambda_H, found.systems, found.steps, found.bound, converged, math.nan, "active_set"
         )
-        return Solution(self, result, tolerance, lambda_H, lambda: found.u)
+        return Solution(self, result, tolerance, lambda_H, found.u)
 
 
 def refinements(

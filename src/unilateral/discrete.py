@@ -133,7 +133,7 @@ class Discrete:
         bound = self._certified(result, u_h)
         rounding = max(bound - result.bound, 0.0)
         result = replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
-        return Solution(self, result, tolerance, self.spaces.extended(result.lambda_H), lambda: u_h)
+        return Solution(self, result, tolerance, self.spaces.extended(result.lambda_H), u_h)
 
     def _certified(self, result: DualResult, u_h: Array) -> float:
         """The bound for u_h (n,) as it was computed."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
@@ -80,12 +79,7 @@ class Solution:
     result: DualResult
     tolerance: float
     lambda_H: Array
-    find_u_h: Callable[[], Array]
-
-    @cached_property
-    def u_h(self) -> Array:
-        """(n,)"""
-        return self.find_u_h()
+    u_h: Array
 
     @cached_property
     def errors(self) -> ExactErrors | None:

@@ -71,7 +71,11 @@ class Nested:
         """
         fraction = stop.fraction * min(1.0, math.sqrt(FINE / self.mesh.n_nodes))
         solution = self._solution(self.grids.solve(None, fraction=fraction))
-        return solution if tolerance is None else solution.improved(tolerance, stop)
+        if tolerance is None:
+            return solution
+        if solution.result.bound <= tolerance:
+            return replace(solution, tolerance=tolerance, result=replace(solution.result, converged=True))
+        return solution.improved(tolerance, stop)
 
     def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
         """The solution, iterated on to a smaller tolerance."""
@@ -92,7 +96,7 @@ class Nested:
         finest = found.counts[-1][0]
         steps = sum(count for level, count in found.counts if level == finest)
         result = DualResult(found.lambda_H, steps, steps, found.bound, found.converged, math.nan, "multigrid")
-        return Solution(self, result, found.tolerance, lambda_H, lambda: found.u)
+        return Solution(self, result, found.tolerance, lambda_H, found.u)
 
 
 def nested(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Nested | None:

@@ -171,7 +171,7 @@ EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 
 
 
 def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch):
-    monkeypatch.setattr(of_study, "Results", lambda _: controls.spoilt(results(), EDGES))
+    monkeypatch.setattr(of_study, "Results", lambda *_, **__: controls.spoilt(results(), EDGES))
     reason = "not judged: the smallest beta with 2 edges in every cell is not known of betaworst"
     assert cli.main(["claims", "S.edges"]) == 1
     text = capsys.readouterr().out

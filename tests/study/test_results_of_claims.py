@@ -44,7 +44,7 @@ def test_one_claim_that_fails_is_json_with_code_1(capsys, monkeypatch):
     """Control, by the claim's own."""
     claim = claims.find("4.14")
     spoilt = controls.spoilt(results.Results(RESULTS), claim.control)
-    monkeypatch.setattr(results, "Results", lambda _: spoilt)
+    monkeypatch.setattr(results, "Results", lambda *_, **__: spoilt)
     assert main(["claims", "4.14", "--json"]) == 1
     (found,) = json.loads(capsys.readouterr().out)["claims"]
     assert (found["id"], found["holds"], found["verdict"]) == ("4.14", False, "fails")

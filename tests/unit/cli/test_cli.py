@@ -878,7 +878,8 @@ def test_an_interrupt_while_the_command_begins_ends_it_in_one_line(module):
         f"        name == {module!r} and os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Interrupting())\n"
         "from unilateral.__main__ import main\n"
-        "main(['cases'])\n"
+        "sys.argv[1:] = ['cases']\n"
+        "main()\n"
     )
     found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, timeout=60)
     assert (found.returncode, found.stdout, found.stderr) == (130, "", "unilateral: interrupted\n")

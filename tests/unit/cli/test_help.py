@@ -83,7 +83,7 @@ def test_all_algorithms_can_be_named():
         (("export", "smoth", "--h", "1/8", "--H", "1/4", "--out", "x"), "did you mean smooth?"),
         (
             ("solve", "thirds", "--h", "1/8", "--H", "1/4", "--polygon", "lshap"),
-            "polygon 'lshap' is unknown; the named ones are square, lshape; did you mean lshape?",
+            "polygon 'lshap' is unknown; the named ones are square, lshape, hexagon; did you mean lshape?",
         ),
         (("solve", "natural", "--accuracy", "0.1", "--norm", "hm1"), "none of h1, hm12; did you mean hm12?"),
         (("solve", "natural", "--h", "1/8", "--H", "1/4", "--algorithm", "uzwa"), "did you mean uzawa?"),

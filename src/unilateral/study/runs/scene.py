@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import xarray as xr
 
-from unilateral.arrays import Array
 from unilateral.discrete import solve, with_solution
 from unilateral.discrete_solution import Solution
 from unilateral.fem.condense import condense
@@ -83,17 +80,14 @@ def sweep(
         values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
         for name, value in zip(PER_PAIR, values, strict=True):
             table[name][0, k] = value
-        runs = []
         for c, problem in enumerate(problems):
             begin = time.perf_counter()
             exact = Exact(problem, cells[c])
             table["ritz_means"][c, 0, k] = exact.ritz_means(spaces)
             solution = solve(with_solution(spaces, exact), stop, stability.beta_lower)
-            runs.append((solution, exact.errors(spaces, solution.result.lambda_H)))
+            errors = exact.errors(spaces, solution.result.lambda_H)
             seconds[c, 0, k] = time.perf_counter() - begin
-        u_h = _responses(spaces, [solution for solution, _ in runs])
-        for c, (solution, errors) in enumerate(runs):
-            _record(table, c, k, replace(solution, find_u_h=partial(u_h.__getitem__, c)), errors)
+            _record(table, c, k, solution, errors)
             if form:
                 difference = cells[c].lambda_means - solution.lambda_H
                 lower, upper = form.error(c, difference[None])
@@ -151,12 +145,6 @@ def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -
             "h_over_H": (grid, mesh.h / H[None]),
         },
     )
-
-
-def _responses(spaces: MixedSpaces, solutions: Sequence[Solution]) -> Array:
-    """u_h of all solutions (k, n), by one solve, which reads the factors once."""
-    loads = np.array([solution.discrete.load for solution in solutions])
-    return spaces.response(loads.T, np.array([solution.result.lambda_H for solution in solutions]).T).T
 
 
 def _record(table: xr.Dataset, c: int, k: int, solution: Solution, errors: ExactErrors) -> None:
