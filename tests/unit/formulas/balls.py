@@ -11,6 +11,7 @@ from unilateral.formulas.formula import pos
 
 PRECISIONS = (128, 512, 2048, 8192)
 """Bits."""
+ctx.prec = PRECISIONS[0]
 FUNCTIONS = {
     sympy.exp: arb.exp,
     sympy.log: arb.log,
