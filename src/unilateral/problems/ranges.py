@@ -79,7 +79,7 @@ def _part(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MOST_DISTANCES)
     away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
     rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
-    near = np.concatenate(away) <= half * (1 + 1e-9) + rounding
+    near = np.concatenate(away) <= half + rounding
     inside = polygon.contains(centres)
     return near | inside, inside
 

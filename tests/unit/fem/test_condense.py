@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from unilateral.errors import InputError
 from unilateral.fem.condense import check_constants, condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
-from unilateral.fem.spaces import DualOperator, dual_operator
+from unilateral.fem.spaces import STEKLOV_GUARD, DualOperator, dual_operator
 from unilateral.fem.sparse import dissected, elimination_order, factorise, last_block
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -219,3 +219,13 @@ def test_a_domain_too_small_for_double_precision_is_refused(L):
         InputError, match=r"polygon 'scaled' of diameter .* is too small for double precision"
     ):
         condense(scaled_square(L))
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_steklov_s_eigenvalue_is_below_that_of_a_coarse_mesh_by_less_than_the_guard(name):
+    """By Richardson's extrapolation, the error being of second order."""
+    mesh = structured(named(name), 1.0)
+    coarse, fine, finest = (condense(refined(mesh, times)).sigma_1 for times in (0, 4, 5))
+    exact = finest - (fine - finest) / 3
+    assert STEKLOV_GUARD * coarse < 0.99 * exact
+    assert coarse > exact

@@ -6,6 +6,7 @@ import sympy
 
 from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.problems import ranges
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.ranges import SHARP, range_in
 
@@ -66,6 +67,16 @@ def test_a_vertex_that_hardly_reaches_into_a_box_counts(beyond):
     kite = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [at, at], [0.0, 1.0]]), "kite")
     peak = parse(f"exp(-10000*((x - {at})**2 + (y - {at})**2))", ("x", "y"), "here")
     assert range_in(kite, peak)[1] >= 1 - 1e-12
+
+
+def test_boxes_that_touch_the_polygon_but_for_rounding_count():
+    """A vertex is the corner of each box, far from the origin; the middles of boxes are rounded."""
+    polygon = Polygon(square().vertices + 1e6 / 3, "far")
+    at, sizes = polygon.vertices[0], 10.0 ** np.random.default_rng(1).uniform(-9, -2, (500, 2))
+    boxes = np.stack([at - sizes, np.broadcast_to(at, sizes.shape)], axis=2)
+    assert ranges._part(polygon, boxes)[0].all()
+    half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
+    assert np.any(np.hypot(*(boxes.mean(axis=2) - at).T) > half)
 
 
 @pytest.mark.parametrize(("power", "place"), [(2, 100), (4, 20)])

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import sympy
 
 import unilateral as ul
+from unilateral.problems import scaled as module
 from unilateral.problems.scaled import scaled
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -33,3 +35,16 @@ def test_a_step_is_at_the_same_curve_in_scaled_coordinates(step, places, k, c, l
     inside = eval(step, {"x": x, "y": y}) > 0
     assert (kink.sign * kink.level(np.column_stack([x, y]) / length) > 0).tolist() == inside.tolist()
     assert 0 < inside.sum() < 100
+
+
+def test_the_least_value_that_counts_is_rounded_down(monkeypatch):
+    """k^{1/2} times that of u, with 40 digits. Control: the nearest number is above it for some k."""
+    monkeypatch.setattr(module, "enclosed", lambda polygon, model, free, least: least)
+    above = 0
+    for k in range(2, 40):
+        problem = ul.Problem(SQUARE, f="x - 1/3", g=-1, k=k)
+        of = scaled(problem)
+        exact = sympy.sqrt(k).n(40) * sympy.Rational(of.of.least)
+        assert sympy.Rational(of.enclosed_obstacle) <= exact
+        above += bool(sympy.Rational(of.of.least / of.of.units.value) > exact)
+    assert above > 0

@@ -148,3 +148,10 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
 def test_the_growth_has_the_largest_of_both():
     mesh = from_arrays(square(), square().vertices, [[0, 1, 2], [0, 2, 3]])
     assert 1 < mesh.growth < 1 + 1e-13
+
+
+def test_the_growth_is_what_the_proof_adds_up():
+    """Proposition S5: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
+    t = np.linspace(1e-9, 2 * exact.MOST, 1000)
+    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact.GROWTH * t)
+    assert exact.MOST == 1e-3
