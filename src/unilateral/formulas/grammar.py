@@ -98,7 +98,7 @@ class Reader(ast.NodeVisitor):
     def checked(self, node: ast.AST, value: sympy.Expr, degree: float, functions: int) -> Part:
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         if any(max(n.p.bit_length(), n.q.bit_length()) > MAX_BITS for n in value.atoms(sympy.Rational)):
-            raise self.refuse(node, "has a number that is too large")
+            raise self.refuse(node, "has a number that is too large or too small")
         try:
             finite = is_finite_and_real(value)
         except ValueError:
@@ -129,7 +129,7 @@ class Reader(ast.NodeVisitor):
         except InvalidOperation:
             raise self.refuse(node, "is not a decimal number") from None
         if abs(value.adjusted()) > MAX_BITS:
-            raise self.refuse(node, "has a number that is too large")
+            raise self.refuse(node, "has a number that is too large or too small")
         return self.checked(node, sympy.Rational(*value.as_integer_ratio()), 0.0, 0)
 
     def visit_Name(self, node: ast.Name) -> Part:

@@ -44,6 +44,15 @@ def test_the_table(stored):
         assert set(found[column]) == {value}
 
 
+def test_a_ratio_at_which_nothing_was_solved_is_left_out(stored):
+    """The study has levels with h/H = 1, 1/2 and 1/4, and runs for the first two."""
+    ratios = [1.0, 0.5, 0.25]
+    several = xr.concat([study_rates().assign_coords(h_over_H=[ratio]) for ratio in ratios], "h_over_H")
+    tables.save(several, stored[1], "scene")
+    assert set(study_errors()["h_over_H"].values.flat) >= set(ratios)
+    assert set(rates.table(*stored)["h_over_H"]) == {1.0, 0.5}
+
+
 def test_a_study_without_levels_to_draw_is_refused(stored):
     tables.save(study_rates().assign_coords(h_over_H=[0.3]), stored[1], "scene")
     with pytest.raises(InputError, match=r"scene 'scene' has no level with h/H = 0\.3 to draw rates along"):

@@ -22,17 +22,18 @@ COLUMNS = ["scene", *INDEX, "h", "H", "error", "asymptotic", "rate", "proved", "
 def table(errors: style.FilePath, rates: style.FilePath) -> pd.DataFrame:
     """One row per case, norm, h/H and level: the error, whether it is asymptotic, and the fitted rate.
 
-    Raises InputError if no level has one of the ratios h/H.
+    A ratio h/H at which nothing was solved has no rows. Raises InputError if no ratio has any.
     """
     found, fitted = tables.load(errors), tables.load(rates)
-    parts = [_along(found, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
-    rows = pd.concat(parts).sort_values(INDEX, kind="stable").assign(scene=found.attrs["scene"])
-    if rows.empty:
+    all_parts = [_along(found, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
+    parts = [part for part in all_parts if part["error"].notna().any()]
+    if not parts:
         ratios = ", ".join(f"{ratio:g}" for ratio in fitted["h_over_H"].values)
         raise InputError(
             f"scene '{found.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
         )
-    return rows[COLUMNS]
+    rows = pd.concat(parts).sort_values(INDEX, kind="stable")
+    return rows.assign(scene=found.attrs["scene"])[COLUMNS]
 
 
 def _along(errors: xr.Dataset, of: xr.Dataset) -> pd.DataFrame:
