@@ -23,6 +23,8 @@ def main():
                     "Another run of the study is at work in this folder; wait until it has ended, or end it."
                 )
             return
+        except OSError:
+            return  # some shared file systems have no locks: nobody knows whether another run lives
         for lock in locks:
             lock.unlink()
         for folder in WRITTEN:

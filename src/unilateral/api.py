@@ -83,7 +83,10 @@ def case(
 
 def load(path: str | os.PathLike[str]) -> Case | problems.Problem:
     """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field."""
-    name = os.fspath(path)
+    try:
+        name = os.fspath(path)
+    except TypeError:
+        raise InputError(f"{shown(repr(path))} is no path of a YAML file") from None
     return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
 
 
@@ -202,8 +205,14 @@ def solve(
     """
     problem = _problem(problem)
     h, H, accuracy = (_number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
-    if isinstance(mesh, str) and mesh not in ("", *KINDS):
-        raise InputError(f"the mesh '{mesh}' is neither a mesh nor one of {', '.join(KINDS)}")
+    if not isinstance(mesh, Mesh) and not (isinstance(mesh, str) and mesh in ("", *KINDS)):
+        raise InputError(
+            f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as ul.mesh(path)"
+        )
+    if not isinstance(stop, Stop | None):
+        raise InputError(
+            f"stop is {shown(repr(stop))}; it has to be a ul.Stop, such as ul.Stop(tolerance=1e-8)"
+        )
     if accuracy is None:
         stop = stop or Stop()
         own_mesh, cells = _sizes(problem, h, H, mesh, stop)
@@ -248,7 +257,7 @@ def _number(name: str, given: Size | None) -> float | None:
         return real(given, name)
     try:
         return given if given is None else float(given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"
         ) from None

@@ -88,11 +88,10 @@ def _along(above: Axes, below: Axes, contact: Contact, gap: Array) -> None:
     s, polygon = contact.partition.points, contact.partition.polygon
     above.stairs(contact.lambda_H, s, color=CONTACT, fill=True, alpha=0.3)
     above.stairs(contact.lambda_H, s, color=CONTACT)
-    open_ = settled(gap, contact.lambda_H)
-    below.stairs(open_, s, baseline=0, color=GAP)
-    if not np.nansum(open_) > 0:
-        where = "everywhere" if contact.full else "on all sides that are not free"
-        below.text(0.5, 0.75, f"in contact {where}", ha="center", va="center", transform=below.transAxes)
+    below.stairs(gap, s, baseline=0, color=GAP)
+    if not np.nan_to_num(gap).any():
+        where = "on the whole boundary" if np.isfinite(gap).all() else "on all sides that are not free"
+        below.text(0.5, 0.75, f"$u_h = g$ {where}", ha="center", va="center", transform=below.transAxes)
         below.set(ylim=(-1, 1), yticks=[0])
     for axes, label in ((above, "$\\lambda_H$"), (below, "mean of $u_h - g$")):
         for start in polygon.starts:
@@ -107,7 +106,7 @@ def _along(above: Axes, below: Axes, contact: Contact, gap: Array) -> None:
 
 
 def settled(gap: Array, lambda_H: Array) -> Array:
-    """u_h - g (m,) with 0 for what the iteration has left of 0; NaN stays.
+    """u_h - g (m,) with 0 where it is no larger than what a converged iteration has left of 0; NaN stays.
 
     Where lambda_H > 0 it is 0 in exact arithmetic, and nowhere below 0. What is seen of it there tells the
     size of that remainder.

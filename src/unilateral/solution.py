@@ -246,10 +246,11 @@ class Solution:
 
     def plot(self) -> Figure:
         """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
-        from unilateral.plot import figure
+        from unilateral.plot import figure, settled
 
+        gap = settled(self.gap, self.multiplier) if self.converged else self.gap
         adapted = isinstance(self.solved.discrete, Adapted)
-        return figure(self.mesh, self.u, self.contact, self.gap, adapted, self._title())
+        return figure(self.mesh, self.u, self.contact, gap, adapted, self._title())
 
     def _title(self) -> str:
         """The problem's name and, where an accuracy is certified, the bound."""

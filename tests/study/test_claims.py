@@ -24,6 +24,7 @@ from unilateral.study.judge import claims, controls, printed, records
 from unilateral.study.judge import results as of_study
 from unilateral.study.judge.checks.evidence import Evidence
 from unilateral.study.judge.claims import Judgement
+from unilateral.study.judge.printed import plain
 from unilateral.study.judge.results import Results
 from unilateral.study.text import marks, verdicts
 
@@ -357,6 +358,22 @@ def test_a_table_of_another_version_than_the_manifest_lists_is_refused(study):
         Results(study, {}, of_study.finished(study).listed)["square/errors"]
     (study / "manifest.json").unlink()
     assert of_study.finished(study)["square/errors"].x > 1
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", '{"files": [{}]}', '{"files": [3]}'])
+def test_what_is_no_manifest_is_refused(study, content):
+    (study / "manifest.json").write_text(content)
+    with pytest.raises(
+        StorageError, match=r"manifest\.json is not the manifest of a study; 'snakemake -j2 -f"
+    ):
+        of_study.finished(study)
+
+
+def test_no_statement_is_printed_with_tex():
+    """On the terminal. Control: statements have TeX."""
+    statements = [claim.statement for claim in claims.ledger()]
+    assert not [each for each in map(plain, statements) if "\\" in each or "$" in each]
+    assert any("\\" in each for each in statements)
 
 
 def test_claims_are_not_judged_by_exchanged_tables(capsys, tmp_path):

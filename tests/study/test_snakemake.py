@@ -1,5 +1,6 @@
 """What Snakemake does with the rules: what it makes anew, what ends it early, what it objects to."""
 
+import errno
 import fcntl
 import importlib.util
 import os
@@ -199,6 +200,18 @@ def test_nothing_is_removed_while_another_run_is_alive(resume):
         assert set(files()) == {file for file in before if not file.startswith(".snakemake")}
     resume()
     assert not list(Path().rglob("*.tmp/"))
+
+
+def test_where_there_are_no_locks_nothing_is_removed(resume, monkeypatch):
+    """As on some shared file systems: nobody knows then whether another run lives."""
+
+    def refused(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    before = files()
+    monkeypatch.setattr(fcntl, "flock", refused)
+    resume()
+    assert files() == before
 
 
 def test_a_run_that_is_killed_can_be_taken_up_and_one_that_lives_cannot(tree, resume, monkeypatch):

@@ -6,6 +6,7 @@ import math
 import re
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -82,6 +83,11 @@ def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
     """An iteration on such data would never end."""
     with pytest.raises(ul.InputError, match=said):
         ul.solve(ul.Problem(SQUARE, f=f, g=g), **SIZES, stop=ul.Stop(algorithm=algorithm))
+
+
+def test_a_function_with_complex_numbers_is_refused():
+    with pytest.raises(ul.InputError, match="problem, field f: the function returns complex numbers"):
+        ul.solve(ul.Problem(SQUARE, f=lambda x, y: x + 1j * y, g=0), **SIZES)
 
 
 @pytest.mark.parametrize(
@@ -297,7 +303,7 @@ def test_the_picture_shows_contact_and_gap():
 
 @pytest.mark.parametrize(
     ("g", "free", "said"),
-    [(0, [], "everywhere"), ([0, 0, 0, None], [3], "on all sides that are not free")],
+    [(0, [], "on the whole boundary"), ([0, 0, 0, None], [3], "on all sides that are not free")],
 )
 def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration(g, free, said):
     """f < 0 = g presses u down; of this loose tolerance means of u_h - g are up to 1e-3, of both signs."""
@@ -306,8 +312,20 @@ def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration
     gap = s.plot().axes[2]
     shown = gap.patches[0].get_data().values
     assert np.all(shown[np.isfinite(s.gap)] == 0)
-    assert [text.get_text() for text in gap.texts] == [f"in contact {said}"]
+    assert [text.get_text() for text in gap.texts] == [f"$u_h = g$ {said}"]
     assert gap.get_yticks().tolist() == [0]
+
+
+def test_what_has_not_converged_is_drawn_as_it_is():
+    """After one step nothing is known of what the iteration leaves; and u = g may be without contact."""
+    with pytest.warns(Warning):
+        s = ul.solve(ul.case("natural"), **SIZES, stop=ul.Stop(algorithm="uzawa", max_steps=1))
+    gap = s.plot().axes[2]
+    np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
+    assert (np.abs(s.gap).max() > 1, len(gap.texts)) == (True, 0)
+    zero = ul.solve(ul.Problem(SQUARE, f=0, g=0), **SIZES).plot()
+    assert zero.axes[0].get_title().endswith("length 0")
+    assert [text.get_text() for text in zero.axes[2].texts] == ["$u_h = g$ on the whole boundary"]
 
 
 def test_the_gap_is_drawn_but_for_the_size_of_what_the_iteration_left():
@@ -346,10 +364,20 @@ def test_the_colour_bar_is_as_high_as_its_panel(height):
         ({"accuracy": {}}, "the accuracy is {}; it has to be a number"),
         ({"h": 1e-9, "H": 1 / 8}, "h = 1e-09 makes 1e+18 unknowns on 'problem', which take at least"),
         ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
-        ({"accuracy": 0.1, "mesh": "quads"}, "the mesh 'quads' is neither a mesh nor one of structured"),
+        ({"accuracy": 10**400}, "the accuracy is 1000000"),
+        (
+            {"accuracy": 0.1, "mesh": "quads"},
+            "the mesh is 'quads'; it has to be structured or unstructured, or",
+        ),
         ({"accuracy": 0.1, "norm": "l2"}, "the norm 'l2' is none of h1, hm12"),
         ({"accuracy": 2}, "the accuracy 2 is relative and must be below 1, unless absolute=True"),
-        ({"mesh": "quads", **SIZES}, "the mesh 'quads' is neither a mesh nor one of structured"),
+        (
+            {"mesh": "quads", **SIZES},
+            "the mesh is 'quads'; it has to be structured or unstructured, or a mesh",
+        ),
+        ({"mesh": 3, **SIZES}, "the mesh is 3; it has to be structured or unstructured, or a mesh such as"),
+        ({"mesh": Path("own.msh"), "H": 1}, "own.msh'); it has to be structured or unstructured, or a mesh"),
+        ({"stop": 3, **SIZES}, "stop is 3; it has to be a ul.Stop"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(arguments, message):
@@ -363,6 +391,13 @@ def test_what_does_not_fit_together_is_refused(arguments, message):
 def test_what_is_no_problem_is_refused(given, message):
     with pytest.raises(ul.InputError, match=message):
         ul.solve(given, **SIZES)
+
+
+def test_what_is_no_path_and_no_number_is_refused():
+    with pytest.raises(ul.InputError, match="3 is no path of a YAML file"):
+        ul.load(3)
+    with pytest.raises(ul.InputError, match="fraction is 'x'; it has to be a number"):
+        ul.Stop(fraction="x")
 
 
 def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():

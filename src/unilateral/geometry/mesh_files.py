@@ -20,6 +20,7 @@ from unilateral.geometry.polygon import Polygon
 
 STRAIGHT = 1e-9
 """The sine of the angle up to which a boundary runs on."""
+MALFORMED = "it has no nodes or no triangles, its end is missing, or it is not what its ending says"
 
 
 def write(
@@ -58,7 +59,7 @@ def write(
         except OSError:
             raise
         except Exception as error:
-            raise InputError(f"{path}: the mesh cannot be written there ({_reason(error)})") from error
+            raise InputError(f"{path}: the mesh cannot be written there ({_words(error)})") from error
 
 
 def _groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
@@ -86,7 +87,8 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
         with _quiet():
             content = meshio.read(path)
     except (Exception, SystemExit) as error:
-        raise InputError(f"{path}: no mesh can be read from this file ({_reason(error)})") from error
+        reason = _words(error) if isinstance(error, OSError | meshio.ReadError) else MALFORMED
+        raise InputError(f"{path}: no mesh can be read from this file ({reason})") from error
     foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
     if foreign:
         raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
@@ -131,8 +133,5 @@ def _quiet() -> Iterator[None]:
         yield
 
 
-def _reason(error: BaseException) -> str:
-    """What went wrong, in words: meshio leaves the interpreter when a file is not what its ending says."""
-    if isinstance(error, SystemExit | IndexError):
-        return "its content is not what its ending says"
+def _words(error: BaseException) -> str:
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__

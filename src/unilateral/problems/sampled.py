@@ -73,7 +73,10 @@ def values(function: Function, points: Array, where: str) -> Array:
     x, y = np.moveaxis(points, -1, 0)
     try:
         with np.errstate(all="ignore"):
-            found = np.broadcast_to(np.asarray(function(x, y), dtype=float), x.shape)
+            given = np.asarray(function(x, y))
+            if np.iscomplexobj(given):
+                raise InputError(f"{where}: the function returns complex numbers; it has to return real ones")
+            found = np.broadcast_to(np.asarray(given, dtype=float), x.shape)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 from unilateral.errors import InputError, meant
 
@@ -16,8 +17,8 @@ class Stop:
     `fraction` is the share of the discretisation error that the algebraic error may have; an absolute
     `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S). The `algorithm` "auto" is multigrid on
     large meshes, the active set where S is singular, Nesterov where no rho is given and more than
-    `max_steps` plain steps are predicted, else plain Uzawa. Raises InputError for an unknown algorithm, and
-    a rho without a use.
+    `max_steps` plain steps are predicted, else plain Uzawa. Raises InputError for what is no number, for an
+    unknown algorithm, and for a rho without a use.
     """
 
     fraction: float = 0.01
@@ -27,6 +28,10 @@ class Stop:
     rho: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("fraction", "tolerance", "max_steps", "rho"):
+            given = getattr(self, name)
+            if given is not None and not isinstance(given, Real):
+                raise InputError(f"{name} is {given!r}; it has to be a number")
         if self.algorithm not in ALGORITHMS:
             known = ", ".join(ALGORITHMS)
             raise InputError(

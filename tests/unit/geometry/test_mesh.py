@@ -1,5 +1,6 @@
 """Triangulations: what theory says of any of them, files, and a negative control for every check."""
 
+import re
 import threading
 
 import gmsh
@@ -452,6 +453,19 @@ def test_files_without_nodes_or_triangles_are_refused(name, content, message, tm
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=f"{name}: {message}"):
         read(tmp_path / name, square())
+
+
+NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("none.msh", NONE_2_2), ("empty.msh", ""), ("cut.vtk", "# vtk")]
+)
+def test_malformed_files_are_told_in_words_not_in_those_of_numpy(name, content, tmp_path):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=name) as refused:
+        read(tmp_path / name, square())
+    assert not re.search("array|shape|index|identity|expected|block", str(refused.value))
 
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "mesh", "inp", "stl", "avs"])

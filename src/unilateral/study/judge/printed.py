@@ -16,7 +16,8 @@ LETTERS = {
     r"\|": "‖", r"\le ": "<= ", r"\ge ": ">= ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
     r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\min": "min", r"\log": "log", r"\gamma": "γ",
     r"\delta": "δ", r"\tau": "τ", r"\sum": "Σ", r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×",
-    r"\cdot": "·", r"\,": " ", "$": "",
+    r"\cdot": "·", r"\partial": "∂", r"\nu": "ν", r"\pi": "π", r"\omega": "ω", r"\sqrt": "√", r"\,": " ",
+    "$": "",
 }  # fmt: skip
 
 

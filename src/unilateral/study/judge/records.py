@@ -24,7 +24,8 @@ LEAST, PLENTY = 1e-4, 10.0
 
 
 def percent(margin: float) -> str:
-    """A margin for readers: no more digits than tell something, and none beyond LEAST and PLENTY."""
+    """A margin for readers: no more than two digits, and none beyond LEAST and PLENTY."""
+    margin = float(f"{margin:.2g}")
     if abs(margin) >= PLENTY:
         return f"> {100 * PLENTY:.0f} %" if margin > 0 else f"< -{100 * PLENTY:.0f} %"
     if 0 <= margin < LEAST:

@@ -46,5 +46,12 @@ class Results(dict[str, xr.Dataset]):
 def finished(folder: str | Path) -> Results:
     """The tables of a study that has ended, as its manifest lists them, if there is one."""
     manifest = Path(folder, MANIFEST)
-    files = records.read(manifest)["files"] if manifest.is_file() else []
-    return Results(folder, listed={file["path"].partition("/")[2]: file["sha256"] for file in files})
+    if not manifest.is_file():
+        return Results(folder)
+    found = records.read(manifest)
+    try:
+        return Results(folder, listed={of["path"].partition("/")[2]: of["sha256"] for of in found["files"]})
+    except (KeyError, TypeError, AttributeError) as error:
+        raise StorageError(
+            f"{manifest} is not the manifest of a study; 'snakemake -j2 -f {manifest}' makes it anew"
+        ) from error

@@ -19,6 +19,7 @@ LETTERS = {
     "epsilon": "ε",
     "lambda": "λ",
     "mu": "μ",
+    "nu": "ν",
     "rho": "ρ",
     "sigma": "σ",
     "omega": "ω",
