@@ -207,12 +207,11 @@ def solve(
     h, H, accuracy = (_number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
     if not isinstance(mesh, Mesh) and not (isinstance(mesh, str) and mesh in ("", *KINDS)):
         raise InputError(
-            f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as ul.mesh(path)"
+            f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as "
+            "ul.mesh(path)"
         )
     if not isinstance(stop, Stop | None):
-        raise InputError(
-            f"stop is {shown(repr(stop))}; it has to be a ul.Stop, such as ul.Stop(tolerance=1e-8)"
-        )
+        raise InputError(f"stop is {shown(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)")
     if accuracy is None:
         stop = stop or Stop()
         own_mesh, cells = _sizes(problem, h, H, mesh, stop)

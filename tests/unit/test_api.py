@@ -318,7 +318,7 @@ def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration
 
 def test_what_has_not_converged_is_drawn_as_it_is():
     """After one step nothing is known of what the iteration leaves; and u = g may be without contact."""
-    with pytest.warns(Warning):
+    with pytest.warns(Warning, match="converge"):
         s = ul.solve(ul.case("natural"), **SIZES, stop=ul.Stop(algorithm="uzawa", max_steps=1))
     gap = s.plot().axes[2]
     np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
@@ -376,8 +376,8 @@ def test_the_colour_bar_is_as_high_as_its_panel(height):
             "the mesh is 'quads'; it has to be structured or unstructured, or a mesh",
         ),
         ({"mesh": 3, **SIZES}, "the mesh is 3; it has to be structured or unstructured, or a mesh such as"),
-        ({"mesh": Path("own.msh"), "H": 1}, "own.msh'); it has to be structured or unstructured, or a mesh"),
-        ({"stop": 3, **SIZES}, "stop is 3; it has to be a ul.Stop"),
+        ({"mesh": Path("own.msh"), "H": 1}, "own.msh'); it has to be structured or unstructured"),
+        ({"stop": 3, **SIZES}, "stop is 3; it has to be one such as ul.Stop(tolerance=1e-8)"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(arguments, message):
