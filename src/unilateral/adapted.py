@@ -19,7 +19,7 @@ from unilateral.bounds.kept import kept
 from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete import FIRST, flux_load, obstacle_means
 from unilateral.discrete_solution import AIM, Solution
-from unilateral.fem.p1 import coupling, load, lumped_mass, stiffness_and_mass
+from unilateral.fem.p1 import coupling, h1_norm, load, lumped_mass, stiffness_and_mass
 from unilateral.fem.rounded import dual_norm
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
@@ -78,7 +78,7 @@ class Adapted:
         Else it is at most `stop.fraction` of the bound of ||u - u_h||_1.
         """
         solution = self.iterated(stop.tolerance, stop)
-        return solution if stop.tolerance is not None else _enough(solution, stop)
+        return solution if stop.tolerance is not None else solution.within(stop)
 
     def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
         """The same for a tolerance or, with None, a share of the bound at 0.
@@ -102,8 +102,8 @@ class Adapted:
         """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
         R = self.system.B.T @ lambda_H
         v = riesz(self.system, R, ROUGH * dual_norm(R, self.system.mass))
-        norm = math.sqrt(float(v @ (self.system.A @ v)))
-        return float(R @ v) / norm if norm > 0 else 0.0
+        norm = h1_norm(self.of.mesh, v)
+        return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
     def _solution(self, found: Settled, tolerance: float) -> Solution:
         lambda_H = np.zeros(self.partition.n_cells)
@@ -136,17 +136,7 @@ def _after(last: Solution | None, discrete: Adapted, stop: Stop) -> Solution:
     if last is None:
         return discrete.solved(stop)
     start = last.discrete.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
-    return _enough(discrete.iterated(AIM * stop.fraction * last.total("h1"), stop, start), stop)
-
-
-def _enough(solution: Solution, stop: Stop) -> Solution:
-    """Iterated on until the algebraic bound is at most `stop.fraction` of the one of ||u - u_h||_1.
-
-    That is asked for again, for it falls, too, where most of it was algebraic. Rounding may end it before.
-    """
-    while (better := solution.improved(stop.fraction * solution.total("h1"), stop)) is not solution:
-        solution = better
-    return solution
+    return discrete.iterated(AIM * stop.fraction * last.total("h1"), stop, start).within(stop)
 
 
 def adapted(problem: Data, of: AdaptedMesh, guess: Array, before: Source | None = None) -> Adapted:

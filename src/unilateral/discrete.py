@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.given import given
@@ -17,8 +18,8 @@ from unilateral.fem.loads import sampled_edge_load, sampled_moments
 from unilateral.fem.p1 import edge_load, h1_norm
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.fem.rounded import SLACK, Rounded, dual_norm, loaded, means, residual
-from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.fem.rounded import Rounded, dual_norm, loaded, means, residual
+from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
@@ -84,8 +85,11 @@ class Discrete:
         return self.exact.errors(self.spaces, lambda_H) if self.exact else None
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        """||lambda_H||_{-1/2,h} for lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
-        return float(np.linalg.norm(self.spaces.operator.half @ lambda_H))
+        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}.
+
+        It is that norm up to the rounding of A_3.
+        """
+        return (1 - FORMS) * float(dnrm2(self.spaces.operator.half @ lambda_H))
 
     @cached_property
     def first(self) -> DualResult:
@@ -144,7 +148,7 @@ class Discrete:
         z = on.solve(left.values)
         rest = residual(on.for_products, on.mass, z, left)
         gap = means(spaces.B, spaces.operator.H_i, u_h[boundary], self.g_means[self.cells])
-        delta = SLACK * h1_norm(self.mesh, z) + dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
+        delta = (1 + FORMS) * h1_norm(self.mesh, z) + dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
         return certified(spaces.operator, mu, gap, delta, result.rho)
 
 
@@ -218,8 +222,7 @@ def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) ->
     if discrete.exact is None and not bounded:
         return discrete.iterated(discrete.crude(stop.fraction * UNKNOWN), stop)
     if discrete.exact is None:
-        solved = discrete.iterated(discrete.crude(FIRST), stop)
-        return solved.improved(stop.fraction * solved.total("h1"), stop)
+        return discrete.iterated(discrete.crude(FIRST), stop).within(stop)
     return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
@@ -175,9 +175,20 @@ class Solution:
     def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
         """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.
 
-        Not so where half of the bound is rounding.
+        Where half of the bound or more is rounding no step helps: the solution has not converged.
         """
-        enough = max(tolerance, 2 * self.result.rounding)
-        if self.result.bound <= enough or not self.result.converged:
+        if self.result.bound <= tolerance or not self.result.converged:
             return self
+        if self.result.bound <= 2 * self.result.rounding:
+            return replace(self, tolerance=tolerance, result=replace(self.result, converged=False))
         return self.discrete.continued(self, aim * tolerance, stop)
+
+    def within(self, stop: Stop) -> Solution:
+        """Iterated on until the algebraic bound is at most `stop.fraction` of the one of ||u - u_h||_1.
+
+        That is asked for again, for it falls, too, where most of it was algebraic. Rounding may end it.
+        """
+        found = self
+        while (better := found.improved(stop.fraction * found.total("h1"), stop)) is not found:
+            found = better
+        return found

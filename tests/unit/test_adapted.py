@@ -115,9 +115,25 @@ def test_lambda_s_norm_is_one_from_below_and_not_idle(way):
     exact = discretise(problem, found.mesh, found.partition)
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, len(found.cells))
-        below, norm = (each.lambda_norm(lambda_H) for each in (found, exact))
+        below, norm = found.lambda_norm(lambda_H), np.linalg.norm(exact.spaces.operator.half @ lambda_H)
         assert 0.99 * norm < below <= norm * (1 + 1e-12)
     assert found.lambda_norm(0 * lambda_H) == 0
+
+
+@pytest.mark.parametrize("length", [1e-5, 1e-7])
+def test_it_is_one_from_below_on_small_domains(length):
+    """lambda_H = 1: <lambda_H, v> / ||v||_1 is largest for a constant v, up to the square of the length.
+
+    Control: by v . A v, in which the mass is lost, the number would be too large.
+    """
+    sides = length * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    found = on(ul.Problem(sides, f="-1", g="0"))
+    one, exact = np.ones(len(found.cells)), 4 * (1 + length**2)
+    assert 0.99 * exact < found.lambda_norm(one) <= exact
+    R = found.system.B.T @ one
+    v = problems.riesz(found.system, R, problems.ROUGH * dual_norm(R, found.system.mass))
+    lost = v @ (found.system.A @ v)
+    assert length > 1e-6 or not 0.99 * exact < R @ v / np.sqrt(np.abs(lost)) <= exact
 
 
 def test_it_stops_where_it_is_told_and_goes_on(monkeypatch):

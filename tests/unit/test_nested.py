@@ -9,7 +9,7 @@ from unilateral import choice, discrete_solution
 from unilateral.discrete import Discrete, discretise
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import load
+from unilateral.fem.p1 import h1_norm, load
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
@@ -105,9 +105,25 @@ def test_the_norm_from_below_is_one_from_below_and_not_idle():
     both = nested(problem, mesh, cells), discretise(problem, mesh, cells)
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, cells.n_cells)
-        below, exact = (each.lambda_norm(lambda_H) for each in both)
+        below, exact = both[0].lambda_norm(lambda_H), np.linalg.norm(both[1].spaces.operator.half @ lambda_H)
         assert 0.5 * exact < below <= exact * (1 + 1e-12)
     assert both[0].lambda_norm(0 * lambda_H) == 0
+
+
+@pytest.mark.parametrize(("length", "least"), [(1e-5, 0.5), (4.124626382901348e-07, 0.5), (1e-8, 0.0)])
+def test_it_is_one_from_below_on_small_domains(length, least):
+    """lambda_H = 1: <lambda_H, v> / ||v||_1 is largest for a constant v, up to the square of the length.
+
+    Control: by v . A v, in which the mass is lost, the number is another one.
+    """
+    problem = ul.Problem(length * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), f="-1", g="0")
+    mesh = meshes.similar(structured(square(), 1 / 32), problem.polygon)
+    found = nested(problem, mesh, uniform(problem.polygon, length / 16))
+    one, exact = np.ones(len(found.cells)), 4 * (1 + length**2)
+    assert least * exact <= found.lambda_norm(one) <= exact
+    finest = found.grids.grids[-1]
+    v = np.ones(mesh.n_nodes) + 1e-3 * np.random.default_rng(1).random(mesh.n_nodes) * length**2
+    assert length > 1e-6 or np.sqrt(np.abs(v @ (finest.A @ v))) != pytest.approx(h1_norm(mesh, v), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["natural", "thirds"])

@@ -10,6 +10,7 @@ import numpy as np
 
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.bounds.edge_flux import SUMS
+from unilateral.bounds.misfit import underflow
 from unilateral.discrete_solution import Solution
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
@@ -19,9 +20,8 @@ SHARE = 0.1
 WORTH, ENOUGH = 1.5, 200
 """1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
 
-
 NOTHING = 1e-140
-"""An error that small is none where the discrete solution is 0: data are larger, or 0."""
+"""The error that counts as none where every number of the discrete solution is 0: none is relative to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,8 @@ class Level:
     def certified(self) -> bool:
         wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
         if self.target == 0:
-            wanted = NOTHING
+            mesh = self.solved.discrete.mesh
+            wanted = max(NOTHING, 2 * mesh.growth * underflow(mesh))
         return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 

@@ -137,7 +137,8 @@ def _solved(discrete: AnyDiscrete, goal: Goal, stop: Stop, before: Level | None,
     watch.at("solve")
     solved = discrete.iterated(tolerance, stop, start)
     watch.at("bound")
-    solved = solved.improved(SHARE * target(solved, goal) * in_norm, stop)
+    if (wanted := SHARE * target(solved, goal) * in_norm) > 0:
+        solved = solved.improved(wanted, stop)
     solved.bound(goal.sharp)  # its time counts, too
     seconds = watch.end_level()
     return Level(solved, goal, sum(seconds.values()), peak_mb(), seconds[ENCLOSING])

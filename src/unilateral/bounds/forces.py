@@ -24,7 +24,7 @@ from unilateral.bounds.edge_flux import SUMS
 from unilateral.fem.p1 import coupling, h1_norm, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.solvers.descent import Descent, rough_inverse
+from unilateral.solvers.descent import MOST_STEPS, Descent, rough_inverse
 
 ENOUGH = 1e-3
 """Of ||w||_1^2: a step that takes off less is the last."""
@@ -107,7 +107,9 @@ def _extensions(mesh: Mesh) -> Callable[[Array], float]:
         w = np.zeros(mesh.n_nodes)
         w[mesh.boundary] = trace
         run = Descent(A_inside, -(from_inside @ w), w[inside], inverse)
-        while run.step() > ENOUGH * (w @ (A @ w)):
+        for _ in range(MOST_STEPS):
+            if not run.step() > ENOUGH * max(float(w @ (A @ w)), 0.0):
+                break
             w[inside] = run.x
         return (1 + SUMS) * h1_norm(mesh, w)
 

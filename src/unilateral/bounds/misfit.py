@@ -2,7 +2,7 @@
 
 What the exact mesh adds to their norms (`geometry.exact`) is told with the rounding: on a triangle with the
 `distortion` eps that is eps |q| and eps |div q|, and at the boundary what the sides' `stretch` changes of the
-flow through an edge, so that q.n stays.
+flow through an edge, so that q.n on the exact boundary is what it is on this one (Proposition S5).
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ BLOCK = 8192
 """Triangles at a time, whose numbers fit into a processor's cache."""
 ROUNDING = 2.0**-45
 """Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
+UNDERFLOW, DIVIDED = 1e-150, 1e-156
+"""What vanishing squares take from the root of a sum, at most.
 
-UNDERFLOW = 1e-150
-"""Times 1 and the square of the perimeter: what vanishing squares take from the root of a sum, at most.
-
-A billion of them, each off by 2^-1074 and multiplied by no more than 10^14 or its fourth power.
+The first one times 1 and the square of the perimeter; and, where squares are divided by areas, the second one
+over the root of the least area. There are less than 10^9 triangles with less than 20 squares each, and each
+square is off by 2^-1074 at most; they are multiplied by areas, and by squares of lengths.
 """
 
 
 def underflow(mesh: Mesh) -> float:
     """That of a mesh: it is added to a bound."""
-    return UNDERFLOW * (1 + mesh.polygon.perimeter**2)
+    return UNDERFLOW * (1 + mesh.polygon.perimeter**2) + DIVIDED / math.sqrt(float(mesh.areas.min()))
 
 
 def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:

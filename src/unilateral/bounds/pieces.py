@@ -43,8 +43,8 @@ class Pieces(NamedTuple):
         return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
 
 
-def size_of(mesh: Mesh) -> float:
-    """The largest coordinate, and more: ROUNDING of it holds what nodes are off the exact ones, too."""
+def rounded_size(mesh: Mesh) -> float:
+    """ROUNDING times this is at least the rounding of coordinates and the nodes' `shift` together."""
     return float(np.abs(mesh.polygon.vertices).max() + mesh.shift.max() / ROUNDING)
 
 
@@ -59,7 +59,7 @@ def areas(mesh: Mesh, pieces: Pieces) -> Array:
 def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
     """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known, size = [], size_of(mesh)
+    known, size = [], rounded_size(mesh)
     for start in range(0, len(parent), BLOCK):
         vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
         known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
@@ -102,7 +102,7 @@ def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     vertices = corners @ mesh.points[mesh.triangles[parent]]
     order, perimeter = _ordered(vertices)
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
-    size = size_of(mesh)
+    size = rounded_size(mesh)
     steps, wrong = sides(vertices, data.jumps, size)
     f, area = _model(vertices, size, data, steps), areas_of(mesh, corners, parent)
     outer = with_gaps(area, perimeter, size)

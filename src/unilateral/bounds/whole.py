@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.pieces import BLOCK, on_triangles, size_of, with_gaps
+from unilateral.bounds.pieces import BLOCK, on_triangles, rounded_size, with_gaps
 from unilateral.bounds.projection import ORDER, averages, halved, projected, rounding
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.mesh import Mesh
@@ -45,7 +45,7 @@ class Whole(NamedTuple):
 
 def whole(mesh: Mesh, triangle: Index, halvings: int, data: Data) -> Whole:
     """f on the triangles (k,) of the level from which so many halvings made the mesh."""
-    k, corner, every, size = len(triangle), np.arange(3), 4**halvings, size_of(mesh)
+    k, corner, every, size = len(triangle), np.arange(3), 4**halvings, rounded_size(mesh)
     c, of_p = np.empty((len(basis(2, ORDER).degree), k)), np.empty((2, k))
     area, rad, first = *np.empty((2, k)), np.empty(k, dtype=np.intp)
     for start in range(0, k, BLOCK):
@@ -82,5 +82,5 @@ class Values(NamedTuple):
         self.f_h[at] = f_h
         self.moments[at] = area[:, None] / 12 * (f_h + f_h.sum(axis=1, keepdims=True))
         self.oscillation[at] = np.sqrt(area * squares)
-        outer = with_gaps(area, 3 * mesh.longest_edges[at], size_of(mesh))
+        outer = with_gaps(area, 3 * mesh.longest_edges[at], rounded_size(mesh))
         self.rest[at] = np.sqrt(outer) * rad

@@ -100,12 +100,18 @@ def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
 
 
 def h1_norm(mesh: Mesh, v: Array) -> float:
-    """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel."""
-    nodal, (x, y) = v[mesh.triangles.T], mesh.points.T[:, mesh.triangles.T]
+    """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel.
+
+    In units of the largest value, for squares of tiny and of huge ones vanish or overflow.
+    """
+    unit = float(np.abs(v).max(initial=0.0))
+    if not 0 < unit < math.inf:
+        return unit
+    nodal, (x, y) = (v / unit)[mesh.triangles.T], mesh.points.T[:, mesh.triangles.T]
     along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
     of_gradient = 0.25 * float(np.sum((along[0] ** 2 + along[1] ** 2) / mesh.areas))
     of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
-    return math.sqrt(of_gradient + float(mesh.areas @ of_value))
+    return unit * math.sqrt(of_gradient + float(mesh.areas @ of_value))
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

@@ -66,7 +66,7 @@ def dual_norm(levels: Sequence[Level], coarsest: SuperLU, R: Array, doubt: Array
     finest, z = levels[-1], downwards(levels, coarsest, R)
     A_z = rounded.product(finest.A, finest.mass, z)
     norm_of_z, left = rounded.root(z, A_z.values), R - A_z.values
-    doubt = doubt + A_z.doubt + _of_restriction(levels, left)
+    doubt = doubt + 2 * A_z.doubt + _of_restriction(levels, left)  # of R - A z, and of ||z||
     return rounded.SLACK * norm_of_z + without_coarsest(levels, left) + rounded.dual_norm(doubt, finest.mass)
 
 

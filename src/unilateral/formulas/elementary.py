@@ -37,7 +37,7 @@ OF_TANH = 1024 * EPS
 AROUND_TANH = 1.5575
 """The largest |tanh| up to a distance of 1 from the real axis, tan 1 = 1.55740.., rounded up."""
 OF_EXPONENT = 1e-10
-"""More than what the rounding of an exponent up to 100 changes in a power, relatively: |log x| < 745."""
+"""Relatively, more than the rounding of a power with an exponent up to 100, for |log x| < 745."""
 
 
 def _around(a: Model) -> tuple[Array, Interval, int]:

@@ -16,9 +16,9 @@ from unilateral.geometry.polygon import Polygon
 
 EPS = float(np.finfo(float).eps)
 MOST = 1e-3
-"""Of `distortion` and `stretch`: larger ones would need another proof."""
+"""Of `distortion` and `stretch`: up to which Proposition S5 of the supplement holds."""
 GROWTH = 6.0
-"""Times both: by how much norms, constants and lengths change together, relative to them."""
+"""gamma of Proposition S5 is 1 + GROWTH (distortion + stretch)."""
 
 
 def shifts(polygon: Polygon, places: Array, side: Index, s: Array) -> Array:
@@ -48,8 +48,9 @@ def check(polygon: Polygon, places: Array, distorted: Array) -> None:
         x, y = places[worst]
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
-            f"coordinates changes triangle {worst} at ({x:.6g}, {y:.6g}) by {distorted[worst]:.1g} of its "
-            f"height, more than {MOST:g}; move the polygon to the origin, or take larger or less flat ones"
+            f"coordinates may change the shape of triangle {worst} at ({x:.6g}, {y:.6g}) by "
+            f"{distorted[worst]:.1g}, more than {MOST:g}; move the polygon to the origin, or take larger or "
+            "less flat triangles"
         )
     if not polygon.stretch[short] <= MOST:
         raise InputError(

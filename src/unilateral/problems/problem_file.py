@@ -26,11 +26,11 @@ from unilateral.problems.units import Units
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140
-"""Of |f| and |g|, so that squares of errors are normal numbers, and none overflows."""
+"""Of |f| and |g|, so that squares of data are normal numbers; of those of errors see `misfit.underflow`."""
 POWER = 2
 """Of the root of the polygon's area, in units of (k/c)^{1/2}: what data on larger ones are multiplied by."""
 ZERO = 1e-320
-"""What interval arithmetic makes of 0, at most."""
+"""What interval arithmetic makes of 0, at most, in the user's units."""
 ROUND_OFF = 1e-12
 MOST_COEFFICIENT = 1e30
 """Of k and c, and the least is 1 over it."""
@@ -211,19 +211,18 @@ def _check(problem: Problem, name: str) -> None:
     Their sizes are looked at in the units that are computed in.
     """
     units = problem.units
-    of_f = max(map(abs, problem.range_of_f)) / units.load
-    unit = math.sqrt(problem.polygon.area) / units.length
-    _check_size(of_f, unit, f"{name}, field f", "in the polygon")
+    of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area) / units.length
+    _check_size(of_f, units.load, unit, f"{name}, field f", "in the polygon")
     n, obstacle = problem.polygon.n_sides, problem.enclosed_obstacle
     constrained = [side for side in range(n) if side not in problem.free_sides]
     largest = 0.0
     for side in constrained:
         largest = max(largest, *map(abs, obstacle.range(side)))
-        _check_size(largest / units.value, unit, f"{name}, field g", f"on side {side}", least=False)
-    _check_size(largest / units.value, unit, f"{name}, field g", "on all sides")
+        _check_size(largest, units.value, unit, f"{name}, field g", f"on side {side}", least=False)
+    _check_size(largest, units.value, unit, f"{name}, field g", "on all sides")
     for side in problem.flux_sides:
-        size = max(map(abs, problem.enclosed_flux.range(side))) / units.flux
-        _check_size(size, unit, f"{name}, field q", f"on side {side}")
+        of_q = max(map(abs, problem.enclosed_flux.range(side)))
+        _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}")
     for side, before in ((side, (side - 1) % n) for side in constrained):
         end, start, doubt = obstacle.at_vertex(side)
         if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
@@ -233,12 +232,13 @@ def _check(problem: Problem, name: str) -> None:
             )
 
 
-def _check_size(size: float, unit: float, where: str, place: str, least: bool = True) -> None:
-    """|f|, |g| or |q| in the polygon whose area is the square of `unit`."""
+def _check_size(given: float, one: float, unit: float, where: str, place: str, least: bool = True) -> None:
+    """|f|, |g| or |q|, `one` of which is 1 in (1.1)-(1.2), where `unit` is the root of the polygon's area."""
+    size = given / one
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
     smallest, largest = SMALLEST / min(unit, 1.0), LARGEST / max(unit, 1.0) ** POWER
-    if size > largest or (size > ZERO and size < smallest and least):
+    if size > largest or (given > ZERO and size < smallest and least):
         of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
             f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "

@@ -89,8 +89,8 @@ def scaled_polygon(of: Problem | Sampled) -> Polygon:
     of theirs, and 3 EPS of the perimeter along the boundary.
     """
     vertices = of.polygon.vertices / of.units.length
-    found = Polygon(vertices, of.polygon.name)
-    return replace(found, doubt=4 * EPS * float(np.abs(vertices).max() + found.perimeter))
+    perimeter = of.polygon.perimeter / of.units.length
+    return Polygon(vertices, of.polygon.name, doubt=4 * EPS * float(np.abs(vertices).max() + perimeter))
 
 
 def units_of(problem: Case | Problem | Sampled) -> Units:

@@ -38,8 +38,8 @@ from unilateral.solvers.uzawa import energy_norm
 def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho: float) -> float:
     """Of ||u - u_h||_1 and ||mu - lambda||_{-1/2,h}, for any u and mu (m,) >= 0.
 
-    `gap` (m,) are the cell means of u - g, and `delta` bounds the residual of (5.1). A rho that is NaN is
-    1 / lambda_max(S).
+    `gap` (m,) are the cell means of u - g, and `delta` bounds the dual norm of load + B^T mu - A u. It counts
+    twice for u and once more for mu. A rho that is NaN is 1 / lambda_max(S).
     """
     if not len(mu):
         return delta
@@ -60,7 +60,7 @@ def _by_energy(operator: DualOperator, mu: Array, gap: Rounded, delta: float) ->
     unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.doubt, weighted, [delta]))
     if not 0 < unit < math.inf:
         return unit
-    c = max(0.0, float(np.max(gap.doubt - gap.values))) / unit
+    c = max(float(np.max(gap.doubt - gap.values)), 0.0) / unit
     product = float(weighted / unit @ ((gap.values + gap.doubt) / unit + c))
     of_c = c * math.sqrt(operator.area) + 2 * delta / unit
     return SLACK * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), of_c) + delta

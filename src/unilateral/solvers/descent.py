@@ -34,7 +34,11 @@ class Descent:
         if not self.rz > 0:
             return 0.0
         A_p, old = self.A @ self.p, self.rz
-        alpha = old / float(self.p @ A_p)
+        curvature = float(self.p @ A_p)
+        if not curvature > 0:  # rounding hides it, as on domains far smaller than 1
+            self.rz = 0.0
+            return 0.0
+        alpha = old / curvature
         self.x, self.r = self.x + alpha * self.p, self.r - alpha * A_p
         z = self.precondition(self.r)
         self.rz = float(self.r @ z)

@@ -31,6 +31,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Mask
+from unilateral.fem import rounded
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.nested_cells import Cells
 from unilateral.fem.residual import downwards, dual_norm
@@ -105,11 +106,12 @@ class Multigrid:
 
     def dual_norm_below(self, lambda_H: Array) -> float:
         """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
-        finest = self.grids[-1]
+        finest, mass = self.grids[-1], self.grids[-1].levels[-1].mass
         R = finest.cells.B.T @ lambda_H
         v = downwards(finest.levels, self.coarsest, R)
-        norm = math.sqrt(float(v @ (finest.A @ v)))
-        return float(R @ v) / norm if norm > 0 else 0.0
+        A_v = rounded.product(finest.A, mass, v)
+        norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, mass)
+        return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
     def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""

@@ -32,8 +32,8 @@ LEAST = float(np.finfo(float).tiny)
 class DualResult:
     """lambda_H (m,) with `bound` on ||lambda_H - exact||_{-1/2,h} = ||u(lambda_H) - u_h||_1.
 
-    `iterations` and `rho` are NaN for an algorithm that has or tells none. `rounding` is the part of the
-    bound that no step takes away.
+    `iterations` and `rho` are NaN for an algorithm that has or tells none. `rounding` is what
+    the bound of the u_h that was computed has more than the iteration's own; 0 where that is such a bound.
     """
 
     lambda_H: Array

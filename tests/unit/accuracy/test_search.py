@@ -11,11 +11,12 @@ import pytest
 import sympy
 from conftest import DATA, load
 
+import unilateral as ul
 from unilateral import choice
 from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy.budget import wanted_H
 from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.level import SHARE, standing, unknowable
+from unilateral.accuracy.level import NOTHING, SHARE, standing, unknowable
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.adapted import Adapted
@@ -250,6 +251,22 @@ def test_nothing_to_do_is_done_at_once(problem_of):
     assert only.certified
     assert only.solved.u_norm == 0 < only.solved.total("h1") < 1e-145
     assert not next(levels(problem_of(f="x*1e-70*1e-69", g=-1), Goal(1e-4, **LIMITS))).certified
+
+
+def test_the_smallest_solutions_are_not_taken_for_0(problem_of):
+    """A peak of the smallest f: u_h is about 1e-164, and its square vanishes; u is as small as that."""
+    f = "1e-140*exp(-1e24*((x - 37/100)**2 + (y - 41/100)**2))"
+    (*_, last) = levels(problem_of(f=f, g=-1), Goal(0.01, max_unknowns=50))
+    assert 0 < last.solved.u_norm < 1e-160 < last.total
+    assert not last.certified
+
+
+def test_nothing_to_do_on_a_large_polygon_is_done_at_once():
+    """What vanishing squares might hide is larger there."""
+    large = ul.Problem(1e6 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), f="0", g="-1e-9")
+    (only,) = levels(large, Goal(0.1, **LIMITS))
+    assert only.certified
+    assert NOTHING < only.total < 1e-130
 
 
 SIGMA_1 = math.tanh(1 / math.sqrt(8)) / math.sqrt(2)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from test_sharp import CASES, pair
 
 import unilateral as ul
@@ -128,3 +129,20 @@ def test_of_a_solution_from_python():
     assert local.whole.value == pytest.approx(sum(side.value for side in local.sides))
     sampled = ul.Problem(square(), f=lambda x, y: -np.ones_like(x), g="-1")
     assert ul.solve(sampled, h=1 / 8, H=1 / 4).forces().whole.upper == math.inf
+
+
+def test_a_norm_that_rounding_hides_ends_no_search(monkeypatch):
+    """In a square that small w . A w may be below 0, and every step is more than a share of that."""
+    monkeypatch.setattr(of_forces, "ENOUGH", 0.0)
+    steps = []
+    monkeypatch.setattr(descent.Descent, "step", lambda _: steps.append(1) or 1.0)
+    mesh = structured(square(), 1 / 4)
+    assert of_forces._extensions(mesh)(np.ones(len(mesh.boundary))) > 0
+    assert len(steps) == descent.MOST_STEPS
+
+
+def test_a_step_whose_curvature_is_hidden_is_none():
+    """Where p . A p is not above 0."""
+    run = descent.Descent(sp.csr_array(-np.eye(2)), np.ones(2), np.zeros(2), np.copy)
+    assert (run.step(), run.rz) == (0.0, 0.0)
+    assert run.x.tolist() == [0, 0]

@@ -105,6 +105,7 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
 
     assert is_bounded(found(), "cosine", size)
     monkeypatch.setattr(misfit, "UNDERFLOW", 0.0)
+    monkeypatch.setattr(misfit, "DIVIDED", 0.0)
     assert not is_bounded(found(), "cosine", size)
 
 

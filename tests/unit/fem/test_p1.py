@@ -98,3 +98,12 @@ def test_load_comparison_notices_a_wrong_barycentric_order():
     u = mesh.points @ [1.5, -2.0] + 1
     wrong = load(mesh, midpoint_moments(mesh, linear_in_midpoints(mesh), np.roll(MIDPOINTS, 1, axis=1)))
     assert abs(wrong - M @ u).max() > 1e-6 * abs(M @ u).max()
+
+
+@pytest.mark.parametrize("scale", [2.0**-540, 2.0**500])
+def test_the_norm_of_numbers_whose_squares_vanish_or_overflow(mesh, scale):
+    u = np.random.default_rng(1).standard_normal(mesh.n_nodes)
+    assert h1_norm(mesh, scale * u) == pytest.approx(scale * h1_norm(mesh, u), rel=1e-12)
+    assert h1_norm(mesh, 0 * u) == 0
+    assert np.isnan(h1_norm(mesh, np.nan * u))
+    assert h1_norm(mesh, np.append(u[1:], np.inf)) == np.inf

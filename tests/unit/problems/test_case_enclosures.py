@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import load
 
-from unilateral.bounds.pieces import on_triangles, size_of
+from unilateral.bounds.pieces import on_triangles, rounded_size
 from unilateral.bounds.projection import ORDER
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.polygon import named
@@ -23,7 +23,7 @@ def outside(case, n=16):
     """Of points in triangles on which f has a bound: by how much f lies outside; and how many there are."""
     mesh = structured(case.polygon, 1 / n)
     corners, m = mesh.points[mesh.triangles], len(mesh.triangles)
-    c, known, first = on_triangles(corners, size_of(mesh), case)
+    c, known, first = on_triangles(corners, rounded_size(mesh), case)
     hats = np.random.default_rng(3).dirichlet(np.ones(3), (m, PER_TRIANGLE))
     f = case.source(np.einsum("tqi,tid->tqd", hats, corners).reshape(-1, 2)).reshape(m, -1)
     order = (first[:, None] + np.arange(1, 3)) % 3

@@ -199,3 +199,11 @@ def test_similar_meshes_keep_their_levels_and_ends():
     assert small.coarse.points == pytest.approx(1e-3 * mesh.coarse.points, abs=1e-17)
     assert np.isin(other.starts, small.s).all()
     assert similar(small, one).s == pytest.approx(mesh.s, rel=1e-14)
+
+
+@pytest.mark.parametrize(("f", "g"), [("-1", "0"), ("0", "-1"), ("-1", "x*0"), ("0*x", "-1")])
+@pytest.mark.parametrize("k", ["2.1e5", "1e6", "1e-6"])
+@pytest.mark.parametrize("c", ["1", "1e-8"])
+def test_0_is_0_in_all_units(f, g, k, c):
+    """It is enclosed by numbers of 1e-323, which are larger in other units; and it is not refused."""
+    assert ul.Problem([(0, 0), (1, 0), (1, 1), (0, 1)], f, g, k=k, c=c).polygon.n_sides == 4

@@ -18,7 +18,9 @@ from unilateral.discrete_solution import Solution
 from unilateral.fem import rounded
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted as adapted_mesh
+from unilateral.geometry.mesh import similar
 from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.nested import nested
 from unilateral.solvers.certified import certified
@@ -200,6 +202,33 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
     monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
     power = 0.5 if way == "singular" else 1.0
     assert bound() > 0.1 * 1e6**power * before
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-2, 2e-3])
+def test_the_norm_of_lambda_is_one_from_below(length: float) -> None:
+    """On small domains A_3 is known to fewer digits."""
+    small = ul.Problem(length * np.array(SQUARE), "-1", g="0")
+    mesh = similar(structured(square(), 1 / 4), small.polygon)
+    discrete = discretise(small, mesh, uniform(small.polygon, length / 2))
+    lambda_H = np.random.default_rng(2).uniform(0, 1, len(discrete.cells))
+    pull = of(discrete).B.T @ lambda_H
+    R = exact(pull.reshape(-1, 1))
+    norm = float((R.transpose() * stiffness(of(discrete)).solve(R))[0, 0].sqrt().mid())
+    assert (1 - 1e-5) * norm < discrete.lambda_norm(lambda_H) < norm
+
+
+@pytest.mark.parametrize(
+    ("f", "g", "reached"),
+    [("1e12 - 1", "1e12", False), ("1e15", "1e15 - 1", False), ("-1e10", "1e12*x", True)],
+)
+def test_converged_says_whether_the_stop_was_reached(f: str, g: str, reached: bool) -> None:
+    """By default a hundredth of the bound, which rounding may hide."""
+    of_data = ul.Problem(SQUARE, f, g=g)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = ul.solve(of_data, h=1 / 16, H=1 / 8)
+    assert found.converged == (found.solved.result.bound <= 0.01 * found.bounds.u)
+    assert found.converged == reached
 
 
 def root(P: float, linear: float) -> float:
