@@ -15,13 +15,11 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 
 SHARE = 0.1
-"""Of the error that is wanted: what the iteration may contribute."""
+"""The part of the wanted error that the iteration may have."""
 WORTH, ENOUGH = 1.5, 200
 """1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
-
-
 NOTHING = 1e-140
-"""An error that small is none where the discrete solution is 0: data are larger, or 0."""
+"""Where the discrete solution is 0, a bound below this certifies it: data that are not 0 are larger."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,8 +51,9 @@ def plan(prospect: Prospect) -> Plan | None:
     unknowns = max([last.unknowns, *sizes])
     seconds = prospect.elapsed + sum(map(prospect.seconds, sizes))
     missed = [name for name, most in most_unknowns(prospect).items() if sizes and most < unknowns]
-    if seconds > last.goal.max_seconds:
-        missed.append(f"max_seconds={last.goal.max_seconds:g}")
+    limit, most = last.goal.seconds
+    if seconds > most:
+        missed.append(limit)
     return Plan(
         prospect.adapted, round(unknowns), seconds, prospect.mb(unknowns), tuple(dict.fromkeys(missed))
     )
