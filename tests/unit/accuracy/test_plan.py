@@ -8,9 +8,9 @@ from conftest import DATA, load
 
 from unilateral.accuracy import budget
 from unilateral.accuracy import plan as of_plan
+from unilateral.accuracy import search as of_search
 from unilateral.accuracy.budget import MARGIN, most_unknowns
 from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy import search as of_search
 from unilateral.accuracy.goal import MAX_SECONDS, Goal
 from unilateral.accuracy.levels import levels
 from unilateral.accuracy.plan import FAR, enough, hopeless, plan
