@@ -43,11 +43,15 @@ def watching(watch: Watch, drawn: bool) -> Iterator[None]:
 def bar_during(watch: Watch, phase: str, drawn: bool) -> Iterator[None]:
     """A bar on standard error, if it is `drawn`, while something takes long before a search begins.
 
-    The limits of the watch's goal, if it has one, are looked at, and Ctrl-C ends it as usual.
+    Ctrl-C ends it as usual. Raises OutOfBudget where a limit of the watch's goal, if it has one, is reached.
     """
     watch.at(phase)
-    with _ticking(watch, drawn):
-        yield
+    try:
+        with _ticking(watch, drawn):
+            yield
+    finally:
+        if watch.raised:  # of which some libraries make another error, or nothing
+            raise watch.raised
     watch.at("")
 
 
