@@ -19,12 +19,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.goal import MAX_SECONDS, NORMS, Goal
+from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import search
+from unilateral.accuracy.search import Search, search
 from unilateral.accuracy.watch import Watch
+from unilateral.certificate import SIZE, relative
 from unilateral.choice import cheapest, check_size, levels_for
-from unilateral.errors import InputError, SolutionWarning, shown
+from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.formulas.formula import compile_numpy, parse, real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -42,7 +43,7 @@ from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify, with_free_sides
 from unilateral.problems.sampled import Function, Sampled, check_vertices
 from unilateral.problems.scaled import scaled, units_of
-from unilateral.solution import Solution, not_unique
+from unilateral.solution import Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 
 Formula = str | float
@@ -172,9 +173,9 @@ def solve(
     norm: str = "h1",
     mesh: Mesh | str = "",
     stop: Stop | None = None,
-    max_unknowns: float = math.inf,
-    max_seconds: float = MAX_SECONDS,
-    max_memory: float = math.inf,
+    max_unknowns: float | None = None,
+    max_seconds: float | None = None,
+    max_memory: float | None = None,
     sharp: bool = False,
     absolute: bool = False,
     dry_run: bool = False,
@@ -191,13 +192,14 @@ def solve(
     An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every
     level. It is relative to that norm of the solution or, if it is `absolute`, the largest error itself, and
     certified by the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was
-    reached within `max_unknowns`, `max_seconds` and `max_memory` MB, by default what is free, is said by
-    `certified`. A `dry_run` ends after the first levels, and the solution's `search.plan` says what the
-    accuracy takes. A `watch` may interrupt and see how far a level is.
+    reached within `max_unknowns`, `max_seconds`, by default 600, and `max_memory` MB, by default what is
+    free, is said by `certified`. A limit that is given is spent; without one the search ends as soon as the
+    accuracy is out of reach. A `dry_run` ends after the first levels, and the solution's `search.plan` says
+    what the accuracy takes. A `watch` may interrupt and see how far a level is.
 
     Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
-    into the memory. Warns by a SolutionWarning where the accuracy was not reached, and where lambda_H may not
-    be unique.
+    into the memory. Warns by a SolutionWarning where the iteration did not converge, where the
+    accuracy was not reached, and where lambda_H may not be unique.
 
     >>> import unilateral as ul
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
@@ -217,15 +219,17 @@ def solve(
         own_mesh, cells = _sizes(problem, h, H, mesh, stop)
         data = scaled(problem)
         on = meshes.similar(own_mesh, data.polygon), partitions.similar(cells, data.polygon)
-        return _told(Solution(cheapest(data, *on, stop).solved(stop), problem.polygon, units_of(problem)))
+        with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `_told` tells it
+            solved = cheapest(data, *on, stop).solved(stop)
+        return _told(Solution(solved, problem.polygon, units_of(problem)), isinstance(mesh, Mesh))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
     if mesh == "structured" and units_of(problem).length != 1:
         raise InputError(
-            f"'{problem.name}': where k and c differ an accuracy takes unstructured meshes; "
-            "leave 'structured' out, or give h and H"
+            f"'{problem.name}': 'structured' is possible, but not with an accuracy if k and c differ; "
+            "leave it out, or give h and H"
         )
     if norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
@@ -234,7 +238,8 @@ def solve(
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
     goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12", absolute)
-    levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
+    with warnings.catch_warnings(action="ignore", category=IterationWarning):
+        levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
     found = Solution(levels.best.solved, problem.polygon, units_of(problem), levels)
     return found if dry_run else _told(found)
 
@@ -262,20 +267,32 @@ def _number(name: str, given: Size | None) -> float | None:
         ) from None
 
 
-def _told(found: Solution) -> Solution:
+def _told(found: Solution, own_mesh: bool = False) -> Solution:
     """The same; what is less than what was wanted is told by a warning."""
     search = found.search
     if search and not search.certified:
-        why = search.ended or "f or g varies too fast, or has terms that cancel"
-        bound = (
-            f"the error is at most {up(search.best.total, '.4e')}" if search.believed else "no bound is left"
-        )
-        bound += f"; {search.reach:g} is within reach" if search.reach else ""
-        wanted = f"the accuracy {search.best.goal.accuracy:g} is not certified, {why}"
-        warnings.warn(f"{wanted}; {bound}", SolutionWarning, stacklevel=3)
+        warnings.warn(_not_certified(search), SolutionWarning, stacklevel=3)
+    elif not found.converged:
+        warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
     if not found.unique:
-        warnings.warn(f"lambda_H {not_unique(found.mesh)}", SolutionWarning, stacklevel=3)
+        warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
     return found
+
+
+def _not_certified(search: Search) -> str:
+    """Why the accuracy is not, and what is reached: in the same terms, and as an error."""
+    best = search.best
+    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
+    if not search.believed:
+        parts.append("no bound is left")
+    elif best.goal.absolute or not best.size > 0:
+        parts.append(f"reached is {up(best.total, '.4e')}")
+    else:
+        share = up(relative(best.total, best.size), ".3g")
+        parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
+    if search.reach:
+        parts.append(f"an accuracy of {search.reach:g} is within reach")
+    return "; ".join(parts)
 
 
 def _sizes(

@@ -25,6 +25,8 @@ NORMS = {
     "l2": "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)",
 }
 """In which errors, bounds and accuracies are measured, by the names that fields have."""
+SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
+"""What an accuracy in such a norm is relative to."""
 
 
 class Bounds(NamedTuple):
@@ -62,6 +64,8 @@ def record(
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
         "norm": norm,
         "certified": search is not None and search.certified,
+        "ended": search.ended or None if search and not search.certified else None,
+        "reach": search.reach if search else None,
         "k": float(units.k),
         "c": float(units.c),
         "norms": NORMS,

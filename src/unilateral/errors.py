@@ -22,7 +22,14 @@ class BudgetError(InputError):
 
 
 class SolutionWarning(UserWarning):
-    """There is a solution, but an accuracy was not reached, or lambda_H may not be the only one."""
+    """There is a solution, but not as it was wanted.
+
+    The iteration did not converge, an accuracy was not reached, or lambda_H may not be the only one.
+    """
+
+
+class IterationWarning(RuntimeWarning):
+    """An iteration stopped above its tolerance."""
 
 
 class StorageError(InputError):

@@ -14,8 +14,7 @@ TERMINATED = 128 + signal.SIGTERM
 
 def leave(*_: object) -> NoReturn:
     """At once, after an interrupt."""
-    with suppress(OSError):
-        os.write(2, b"unilateral: interrupted\n")
+    _tell("interrupted")
     os._exit(INTERRUPTED)
 
 
@@ -41,4 +40,11 @@ def cleaning_up() -> Iterator[None]:
 
 
 def _terminate(*_: object) -> NoReturn:
+    _tell("terminated")
     raise SystemExit(TERMINATED)
+
+
+def _tell(what: str) -> None:
+    """One line on standard error, by a call that a signal handler may make."""
+    with suppress(OSError):
+        os.write(2, f"unilateral: {what}\n".encode())

@@ -22,7 +22,6 @@ from unilateral.contact import Contact
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
 from unilateral.files import check_target, replacing, write_netcdf
-from unilateral.formulas.taylor import EPS
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -40,10 +39,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+ROUNDING = 4 * float(np.finfo(float).eps)
+"""More than what rounds a number twice does, relative to it."""
+
+
 def in_units(force: Force, unit: float) -> Force:
     """The bounds as bounds: the unit is rounded once, and each product with it once more."""
     value, lower, upper = (unit * number for number in force)
-    return Force(value, (1 - 4 * EPS) * lower, (1 + 4 * EPS) * upper)
+    return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
 
 
 class Forces(NamedTuple):
@@ -59,13 +62,20 @@ ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
 """As a picture shows them."""
 
 
-def not_unique(mesh: Mesh) -> str:
-    """What to say of lambda_H where it is not, and how to mend that."""
+def not_unique(mesh: Mesh, own: bool) -> str:
+    """What to say of lambda_H where it is not, and how to mend that; a mesh of the user's `own` has no h."""
     shortest = float(mesh.polygon.lengths.min())
     advice = "take h < H, such as H = 2h"
-    if mesh.h >= shortest:  # whatever h and H were asked for
+    if own:
+        advice = "take larger cells, or refine the mesh at the boundary"
+    elif mesh.h >= shortest:  # whatever h and H were asked for
         advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
-    return f"may not be unique, for beta = 0; {advice}"
+    return f"may not be unique, because beta is 0 to rounding; {advice}"
+
+
+def not_converged(bound: float) -> str:
+    """What to say of an iteration whose algebraic error has that bound."""
+    return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
 
 
 @dataclass(frozen=True, eq=False)

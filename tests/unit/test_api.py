@@ -17,6 +17,7 @@ from conftest import DATA, ROOT
 
 import unilateral as ul
 from unilateral import api, plot
+from unilateral.accuracy import plan as of_plan
 from unilateral.adapted import Adapted
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.mesh_files import write
@@ -151,8 +152,10 @@ def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound(
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve(ul.case("natural"), accuracy="1/1000", max_unknowns=100)
     bound = up(s.bounds.u, ".4e")
-    why = "the accuracy 0.001 is not certified, out of budget (max_unknowns=100)"
-    assert [str(each.message) for each in told] == [f"{why}; the error is at most {bound}"]
+    share = up(s.certificate()["h1_relative_bound"], ".3g")
+    why = "the accuracy 0.001 is not certified: out of budget (max_unknowns=100)"
+    said = f"{why}; reached is {share} of ||u||_1, or {bound}"
+    assert [str(each.message) for each in told] == [said]
     assert told[0].filename == __file__
     assert not s.certified
     with warnings.catch_warnings():
@@ -172,9 +175,48 @@ def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve(ul.case("natural"), **sizes)
     said = [str(each.message) for each in told if each.category is ul.SolutionWarning]
-    assert said == [f"lambda_H may not be unique, for beta = 0; {advice}"]
+    assert said == [f"lambda_H may not be unique, because beta is 0 to rounding; {advice}"]
     assert not s.unique
     assert ul.solve(ul.case("natural"), h=0.5, H=1).unique
+
+
+def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
+    """Nobody can give its h."""
+    write(structured(square(), 1), tmp_path / "own.vtu")
+    mesh = ul.mesh(tmp_path / "own.vtu")
+    with pytest.warns(ul.SolutionWarning, match="take larger cells, or refine the mesh at the boundary$"):
+        ul.solve(ul.Problem(mesh.polygon, f=-1, g=0), H=1 / 2, mesh=mesh)
+
+
+def test_an_iteration_that_did_not_converge_is_warned_of_once():
+    """At the call, with the bound that is left; control: without the limit of its steps it converges."""
+    for wanted, said in (
+        (SIZES, r"the iteration did not converge: the algebraic error is at most \S+$"),
+        ({"accuracy": 1e-3}, r"not certified: the iteration did not converge \(max_steps=, .*; reached is "),
+    ):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            s = ul.solve("natural", **wanted, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
+        assert not s.converged
+        assert [(each.category, each.filename) for each in told] == [(ul.SolutionWarning, __file__)]
+        assert re.search(said, str(told[0].message))
+    with warnings.catch_warnings(action="error"):
+        assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm="uzawa")).converged
+
+
+@pytest.mark.parametrize("absolute", [False, True])
+def test_an_accuracy_within_reach_is_told_in_the_terms_of_the_one_that_was_missed(absolute, monkeypatch):
+    """Relative ones as parts of the norm, absolute ones as errors; the one in reach is above that wanted."""
+    monkeypatch.setattr(of_plan, "PROBE", 0.0)
+    with pytest.warns(ul.SolutionWarning) as told:
+        s = ul.solve("natural", accuracy=1e-9, absolute=absolute)
+    reached = up(s.search.best.total, ".4e")
+    if not absolute:
+        reached = f"{up(s.certificate()['h1_relative_bound'], '.3g')} of ||u||_1, or {reached}"
+    message = str(told[0].message)
+    assert message.startswith("the accuracy 1e-09 is not certified: out of reach (")
+    assert message.endswith(f"; reached is {reached}; an accuracy of {s.search.reach:g} is within reach")
+    assert "max_memory=" not in message
 
 
 def test_names_and_texts_are_taken_for_what_they_mean(tmp_path):
@@ -259,6 +301,7 @@ def test_the_certificate_is_a_file(tmp_path):
     assert found["versions"]["unilateral"] == ul.__version__
     given = alone.certificate()
     assert (given["goal"], given["certified"], given["levels"]) == (None, False, [])
+    assert [each[key] for each in (found, given) for key in ("ended", "reach")] == [None] * 4
 
 
 @pytest.fixture(scope="module")

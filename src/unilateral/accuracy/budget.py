@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.level import Level, standing, unknowable
+from unilateral.accuracy.level import Level, standing, unknowable, without_contact
 from unilateral.geometry.adapted import BULK
 from unilateral.memory import available_mb
 
@@ -29,7 +29,7 @@ CAUTION = 0.7
 def wanted(done: Sequence[Level]) -> bool:
     """Whether another level is, after these."""
     last = done[-1]
-    over = last.certified or not last.solved.result.converged or unknowable(last)
+    over = last.certified or not last.solved.result.converged or unknowable(last) or without_contact(last)
     return not over and len(standing(done)) == len(done)
 
 
@@ -61,11 +61,11 @@ def affordable(prospect: Prospect, unknowns: int) -> bool:
 def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
     """Of every limit, the unknowns that it allows the next level to have; that part where it is predicted."""
     goal = prospect.done[-1].goal
-    memory = min(goal.max_memory, SPARE * available_mb())
+    (of_memory, mb), (of_time, seconds) = goal.memory(SPARE * available_mb()), goal.seconds
     return {
-        f"max_unknowns={goal.max_unknowns:.0f}": goal.max_unknowns,
-        f"max_memory={memory:.0f}": part * prospect.within_mb(memory),
-        f"max_seconds={goal.max_seconds:g}": part * prospect.within_seconds(goal.max_seconds),
+        f"max_unknowns={goal.unknowns:.0f}": goal.unknowns,
+        of_memory: part * prospect.within_mb(mb),
+        of_time: part * prospect.within_seconds(seconds),
     }
 
 

@@ -16,12 +16,13 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 
 SHARE = 0.1
-"""Of the error that is wanted: what the iteration may contribute."""
+"""The part of the wanted error that the iteration may have."""
 WORTH, ENOUGH = 1.5, 200
 """1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
-
+SEEN = 4_000
+"""Unknowns from which on contact that is not seen is taken for none."""
 NOTHING = 1e-140
-"""The error that counts as none where every number of the discrete solution is 0: none is relative to it."""
+"""The least error that is told from none: of a discrete solution that is 0 no part is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +67,15 @@ class Level:
         return target(self.solved, self.goal)
 
     @property
+    def nothing(self) -> float:
+        """The error that counts as none where every number of the discrete solution is 0."""
+        mesh = self.solved.discrete.mesh
+        return max(NOTHING, 2 * mesh.growth * underflow(mesh))
+
+    @property
     def certified(self) -> bool:
         wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
-        if self.target == 0:
-            mesh = self.solved.discrete.mesh
-            wanted = max(NOTHING, 2 * mesh.growth * underflow(mesh))
+        wanted = wanted if self.target else self.nothing
         return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 
@@ -83,6 +88,11 @@ def target(solved: Solution, goal: Goal) -> float:
         return goal.accuracy
     size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
     return goal.accuracy * (solved.size(goal.norm, goal.sharp) or size)
+
+
+def without_contact(last: Level) -> bool:
+    """Whether lambda_H is 0 where an error is wanted that is a part of it, on a mesh that is not coarse."""
+    return last.target == 0 and last.goal.norm == "hm12" and last.unknowns >= SEEN
 
 
 def unknowable(last: Level) -> bool:

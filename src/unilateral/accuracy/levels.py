@@ -65,12 +65,12 @@ def _uniform(
     H: float | None = float(polygon.lengths.max())
     expected = least_unknowns(polygon, polygon.lengths.max() / 2)
     graded = expected > ENOUGH and made == "unstructured" and may_adapt(stop, kind)
-    if not graded and expected > goal.max_unknowns:
+    if not graded and expected > goal.unknowns:
         raise _too_many(polygon, f"at least {expected:.2g}", goal)
     while H is not None:
         watch.begin_level()
         mesh, partition = coarsest(polygon, H) if graded else two_edges_per_cell(polygon, H, made, stop)
-        if mesh.n_nodes > goal.max_unknowns:
+        if mesh.n_nodes > goal.unknowns:
             break
         if done:
             watch.expected = Prospect(done, stop, kind, watch.elapsed).seconds(mesh.n_nodes)
@@ -105,7 +105,7 @@ def _adapted(problem: Data, stop: Stop, done: list[Level], watch: Watch) -> Iter
 def _too_many(polygon: Polygon, needed: str, goal: Goal) -> InputError:
     return InputError(
         f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; "
-        f"max_unknowns={goal.max_unknowns:.0f} has to be at least that"
+        f"max_unknowns={goal.unknowns:.0f} has to be at least that"
     )
 
 

@@ -51,8 +51,9 @@ def plan(prospect: Prospect) -> Plan | None:
     unknowns = max([last.unknowns, *sizes])
     seconds = prospect.elapsed + sum(map(prospect.seconds, sizes))
     missed = [name for name, most in most_unknowns(prospect).items() if sizes and most < unknowns]
-    if seconds > last.goal.max_seconds:
-        missed.append(f"max_seconds={last.goal.max_seconds:g}")
+    limit, most = last.goal.seconds
+    if seconds > most:
+        missed.append(limit)
     return Plan(
         prospect.adapted, round(unknowns), seconds, prospect.mb(unknowns), tuple(dict.fromkeys(missed))
     )
@@ -85,6 +86,8 @@ def reach(prospect: Prospect) -> float | None:
     goal, last = prospect.done[-1].goal, prospect.done[-1]
     share = last.total / last.size if last.size > 0 else 1.0
     reached = min(last.total, VAST) if goal.absolute else min(share, 1.0)
+    if not reached > 0:
+        return None
     exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
     for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
         if goal.accuracy < accuracy < reached:

@@ -14,7 +14,7 @@ from functools import cached_property
 from unilateral.accuracy.budget import limits, wanted
 from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.level import Level, standing
+from unilateral.accuracy.level import Level, standing, unknowable, without_contact
 from unilateral.accuracy.levels import levels
 from unilateral.accuracy.plan import Plan, enough, hopeless, plan, reach
 from unilateral.accuracy.watch import OutOfBudget, Watch
@@ -25,15 +25,17 @@ from unilateral.solvers.stop import Stop
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
-OUT_OF_REACH = "the accuracy is out of reach"
+OUT_OF_REACH = "out of reach"
+WITHOUT_CONTACT = "lambda_H is 0, and no error is a part of that; ask for an absolute accuracy"
 REFUSED = "the next level is refused"
+NOT_ENCLOSED = "f or g varies too fast or has terms that cancel"
 STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
-"""A search, and leave what was found."""
+"""These end a search; finished levels are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The levels done, and what ended the search.
+    """The levels done, and what ended the search; nothing did where the accuracy was reached.
 
     `plan` says what the accuracy takes, where a limit ended the search and something can be said; `reach` is
     a larger accuracy that the limits allow, where the plan shows that they do not allow this one.
@@ -109,12 +111,17 @@ def _ended(prospect: Prospect, stopped: BaseException | None, probe: bool, far: 
         return Search(done, REFUSED, stopped)
     if len(standing(done)) < len(done):
         return Search(done, CONTRADICTED)
+    if without_contact(last) and not last.certified:
+        return Search(done, WITHOUT_CONTACT)
     if not (last.certified or last.solved.result.converged):
         return Search(done, NOT_CONVERGED)
+    if unknowable(last) and not last.certified:
+        return Search(done, NOT_ENCLOSED)
     if probe or far:
         planned = plan(prospect)
         missed = planned.missed if planned else ()
-        ended = "" if probe else f"{OUT_OF_REACH} ({', '.join(missed)})"
+        of_limits = f" ({', '.join(missed)})" if missed else ""
+        ended = "" if probe else f"{OUT_OF_REACH}{of_limits}"
         return Search(done, ended, plan=planned, reach=reach(prospect) if missed else None)
     if stopped or wanted(done):
         reached = _limit(stopped) if stopped else ", ".join(limits(prospect))

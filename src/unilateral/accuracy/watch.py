@@ -71,12 +71,8 @@ class Watch:
         """Raises OutOfBudget or KeyboardInterrupt, once while a search works."""
         if self.goal is None:
             return
-        memory = min(self.goal.max_memory, self.most_mb)
-        limits = {
-            f"max_seconds={self.goal.max_seconds:g}": self.elapsed > self.goal.max_seconds,
-            f"max_memory={memory:g}": peak_mb() > memory,
-        }
-        reached = ", ".join(name for name, over in limits.items() if over)
+        spent = (self.goal.seconds, self.elapsed), (self.goal.memory(self.most_mb), peak_mb())
+        reached = ", ".join(name for (name, most), so_far in spent if so_far > most)
         if self.asked or reached:
             self.goal = None
             self.raised = KeyboardInterrupt() if self.asked else OutOfBudget(reached)

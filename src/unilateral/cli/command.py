@@ -17,6 +17,7 @@ CODES = {
     3: "not converged or out of budget",
     4: "the system or this program failed",
     130: "interrupted",
+    143: "ended by SIGTERM",
 }
 """What the exit codes say."""
 

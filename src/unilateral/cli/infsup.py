@@ -122,7 +122,7 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
     rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
     beta = f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
     if found["beta_upper"] == 0:
-        beta = "0: lambda_H may not be unique; take larger cells or shorter edges"
+        beta = "0 to rounding: lambda_H may not be unique; take larger cells or shorter edges"
     constants = f"delta = {found['delta']:.4g}, alpha_1 = {found['alpha_1']:.4g}"
     broken = f"BROKEN by {len(rule['cells'])} cells and {len(rule['triangles'])} triangles"
     rows = {

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.files import replacing
 from unilateral.formulas.formula import compile_numpy
-from unilateral.outward import down
+from unilateral.outward import down, up
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
@@ -60,22 +61,27 @@ def described(problem: Problem) -> Iterator[str]:
     polygon, units = problem.polygon, problem.units
     yield f"{problem.name}: -k lap u + c u = f with k = {units.k} and c = {units.c}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
-    yield f"  f           {_formula(problem.f, problem.range_of_f)}"
+    yield f"  f           {_formula(problem.f, _bounds(problem))}"
     for side in range(polygon.n_sides):
         start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
         yield f"  {f'side {side}':11} {where}: {_held(problem, side)}"
     if problem.least > -np.inf:
-        yield f"  guaranteed  u >= {down(problem.least, '.6g')}, a lower bound of inf f / c"
+        size = max(map(abs, problem.range_of_f)) / float(units.c)
+        least = outward(problem.least, size, down)
+        yield f"  guaranteed  u >= {least}, a lower bound of inf f / c, rounding counted"
     idle = problem.idle_sides()
     if idle:
         yield f"  no contact  on sides {', '.join(map(str, idle))}, where g is below that"
 
 
 def _held(problem: Problem, side: int) -> str:
+    """What holds on a side, with the values at POINTS points; the rounding of 0 is not shown."""
     given = _given(problem, side)
     values = _along(problem, given, side)
-    formula = _formula(given, (values.min(), values.max()))
+    size = np.abs(values).max()
+    ends = [f"{x if abs(x) > ROUND_OFF * size else 0.0:.4g}" for x in (values.min(), values.max())]
+    formula = _formula(given, f"from {ends[0]} to {ends[1]}")
     if side not in problem.free_sides:
         return f"u >= {formula}"
     return f"free, {'' if problem.units.k == 1 else 'k '}du/dn = {formula}"
@@ -94,16 +100,27 @@ def _along(problem: Problem, formula: sympy.Expr, side: int) -> Array:
     return compile_numpy([formula], (X, Y))(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
 
 
-def _formula(formula: sympy.Expr, between: tuple[float, float]) -> str:
-    """With its least and largest values, where it is more than a number; rounding of 0 is not shown.
+def _bounds(problem: Problem) -> str:
+    """Those of f in the polygon, which are guaranteed."""
+    lower, upper = problem.range_of_f
+    size = max(abs(lower), abs(upper))
+    return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding counted"
 
-    Those of f are guaranteed, those on sides are seen at POINTS points.
+
+def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:
+    """A bound of something of that size, `rounded` down or up to 12 digits, as a bound that can be read.
+
+    The rounding of 0 is shown as a power of ten.
     """
-    if formula.is_number:
-        return shown(formula)
-    size = max(map(abs, between))
-    lower, upper = (x if abs(x) > ROUND_OFF * size else 0.0 for x in between)
-    return f"{shown(formula)}, from {lower:.4g} to {upper:.4g}"
+    if 0 < abs(x) <= ROUND_OFF * size:
+        towards_0 = (x < 0) == (rounded is up)
+        x = 0.0 if towards_0 else math.copysign(10.0 ** math.ceil(math.log10(ROUND_OFF * size)), x)
+    return rounded(x, ".12g")
+
+
+def _formula(formula: sympy.Expr, values: str) -> str:
+    """With what is said of its values, where it is more than a number."""
+    return shown(formula) if formula.is_number else f"{shown(formula)}, {values}"
 
 
 def _point(vertex: Array) -> str:

@@ -5,20 +5,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
 
-from unilateral.accuracy.level import Level, refinement_pays, unknowable
+from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.accuracy.plan import Plan
-from unilateral.accuracy.search import Search
-from unilateral.certificate import Bounds, relative
+from unilateral.accuracy.search import NOT_ENCLOSED, Search
+from unilateral.certificate import SIZE, Bounds, relative
 from unilateral.cli.streams import as_options
 from unilateral.outward import between, down, up
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
-SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
 DIGITS = ".4e"
 """Of errors, bounds and forces."""
 SIDES, INTERVALS = 12, 4
@@ -78,7 +77,7 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
     def number(key: str, written: Callable[[float, str], str] = format) -> str:
         return why if _unknown(found[key]) else written(found[key], DIGITS)
 
-    why = "none, for lambda is not in L2" if unique else "not judged, for beta = 0"
+    why = "none, for lambda is not in L2" if unique else "not judged, for beta is 0 to rounding"
     dual = f">= {number('hm12_error_lower', down)}" if unique else f" = {why}"
     if unique and _unknown(found["hm12_error_lower"]):
         dual = " = left out, for it takes longer than the solve; in Python: s.errors"
@@ -104,7 +103,8 @@ def level_line(level: Level, length: float) -> str:
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
     shown = [f"{length * size:.4g}" for size in sizes]
     shown += [f"{level.unknowns}", f"{len(solved.discrete.cells)}", f"{solved.result.iterations:.4g}"]
-    shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), down(level.target, ".4g")]
+    wanted = down(level.target or level.nothing, ".4g")
+    shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), wanted]
     return "".join(f"{each:>12}" for each in shown)
 
 
@@ -120,35 +120,38 @@ def ending(search: Search) -> str:
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)
-    if bound and unknowable(search.done[-1]) and not search.ended:
+    if bound and search.ended == NOT_ENCLOSED:
         return (
-            f"  NOT guaranteed, for f or g varies too fast or has terms that cancel: {reached}, of which "
+            f"  NOT guaranteed, for {NOT_ENCLOSED}: {reached}, of which "
             f"{up(bound.unknown, DIGITS)} is what is not known of them; "
             f"{best.total - bound.unknown:{DIGITS}}, the rest, "
             "is an estimate"
         )
-    nothing = norm == "hm12" and best.solved.lambda_norm == 0 and not best.goal.absolute
     needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""
-    return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}" + (
-        "; lambda_H is 0, nothing is relative to it; take --absolute" * nothing
-    )
+    return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}"
 
 
 def _reach(search: Search) -> str:
     return f"; --accuracy {search.reach:g} is within reach" if search.reach else ""
 
 
+def rounded(plan: Plan) -> Plan:
+    """With the two digits that a prediction may have."""
+    unknowns, seconds, mb = (float(f"{x:.2g}") for x in (plan.unknowns, plan.seconds, plan.peak_mb))
+    return replace(plan, unknowns=round(unknowns), seconds=seconds, peak_mb=mb)
+
+
 def amounts(plan: Plan) -> str:
-    unknowns, seconds, mb = (f"{float(f'{x:.2g}'):g}" for x in (plan.unknowns, plan.seconds, plan.peak_mb))
-    return f"about {unknowns} unknowns, {seconds} s and {mb} MB"
+    of = rounded(plan)
+    return f"about {of.unknowns:g} unknowns, {of.seconds:g} s and {of.peak_mb:g} MB"
 
 
 def planned(name: str, search: Search, as_json: bool) -> str:
     """What a dry run found; as JSON null for what is unknown."""
     plan, last = search.plan, search.done[-1]
     if as_json:
-        found = asdict(plan) if plan else {field.name: None for field in fields(Plan)}
-        return json.dumps({"problem": name, **found})
+        found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}
+        return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})
     if plan is None:
         why = search.ended or "for nothing is known yet of the size of the solution or of the error"
         return f"  plan: unknown, {as_options(why)}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from unilateral import api
+from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
@@ -29,14 +29,14 @@ from unilateral.cli.report import (
 )
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
-from unilateral.errors import InputError
+from unilateral.errors import BudgetError, InputError
 from unilateral.files import check_target
 from unilateral.memory import available_mb, peak_mb
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import units_of
-from unilateral.solution import ENDINGS, Solution, not_unique
+from unilateral.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
@@ -52,8 +52,7 @@ def run(options: SimpleNamespace) -> int:
     """Solve and report; the exit code."""
     _targets(options)
     drawn = sys.stderr.isatty() and not options.json
-    with bar_during(READING, drawn):
-        problem = _problem(options)
+    problem = _read(options, drawn)
     watch = Watch(begin=options.begin)
     if options.accuracy is None:
         return _reported(_solved(options, problem, watch, drawn), options, watch, drawn)
@@ -64,6 +63,18 @@ def run(options: SimpleNamespace) -> int:
             say(planned(problem.name, found.search, options.json))
             return INTERRUPTED if watch.asked else 0
         return _reported(found, options, watch, drawn)
+
+
+def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
+    """The problem, its formulas enclosed. Raises BudgetError where a limit of an accuracy ends that."""
+    limits = {"max_seconds": options.max_seconds, "max_memory": options.max_memory}
+    goal = None if options.accuracy is None else Goal(options.accuracy, **limits)
+    try:
+        with bar_during(Watch(begin=options.begin, goal=goal), READING, drawn):
+            return _problem(options)
+    except OutOfBudget as limit:
+        why = f"{limit} does not suffice to enclose the formulas of '{options.problem}'"
+        raise BudgetError(why) from None
 
 
 def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
@@ -80,9 +91,9 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
             algorithm=options.algorithm,
             rho=options.rho,
         ),
-        max_unknowns=options.max_unknowns or math.inf,
+        max_unknowns=options.max_unknowns,
         max_seconds=options.max_seconds,
-        max_memory=options.max_memory or math.inf,
+        max_memory=options.max_memory,
         sharp=_sharp(options),
         absolute=options.absolute,
         dry_run=options.dry_run,
@@ -110,9 +121,12 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     clear(drawn)
     printed = found.record(bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
-    doubt = "" if found.unique else not_unique(found.mesh)
+    own_mesh = options.mesh not in (None, *api.KINDS)
+    doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
     if doubt:
         tell(f"lambda_H {doubt}")
+    if not (search or found.converged):
+        tell(not_converged(found.solved.result.bound))
     if not options.json and not search:
         say(head(printed))
     if not (options.json or found.units.trivial):
@@ -189,7 +203,7 @@ def _problem(options: SimpleNamespace) -> Case | Problem:
 
 def _mesh(given: str | None, problem: Case | Problem) -> Any:
     """The kind of mesh, or the mesh in a file of that name."""
-    if given in (None, "structured", "unstructured"):
+    if given is None or given in api.KINDS:
         return given or ""
     if not Path(given).is_file():
         raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")

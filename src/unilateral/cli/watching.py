@@ -31,32 +31,40 @@ def watching(watch: Watch, drawn: bool) -> Iterator[None]:
             leave()
         watch.interrupt()
 
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        with _ticking(watch, drawn):
+            yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def bar_during(watch: Watch, phase: str, drawn: bool) -> Iterator[None]:
+    """A bar on standard error, if it is `drawn`, while something takes long before a search begins.
+
+    Ctrl-C ends it as usual. Raises OutOfBudget where a limit of the watch's goal, if it has one, is reached.
+    """
+    watch.at(phase)
+    try:
+        with _ticking(watch, drawn):
+            yield
+    finally:
+        if watch.raised:  # of which some libraries make another error, or nothing
+            raise watch.raised
+    watch.at("")
+
+
+@contextlib.contextmanager
+def _ticking(watch: Watch, drawn: bool) -> Iterator[None]:
+    """A clock looks at the limits again and again, and draws the bar."""
+
     def tick(*_: object) -> None:
         watch.look()
         if drawn:
             draw(watch)
 
-    before = signal.signal(signal.SIGINT, interrupt), signal.signal(signal.SIGALRM, tick)
-    signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGINT, before[0])
-        signal.signal(signal.SIGALRM, before[1])
-
-
-@contextlib.contextmanager
-def bar_during(phase: str, drawn: bool) -> Iterator[None]:
-    """A bar on standard error, if it is `drawn`, while something takes long before a search begins.
-
-    Ctrl-C ends it as usual.
-    """
-    if not drawn:
-        yield
-        return
-    watch = Watch(phase=phase)
-    before = signal.signal(signal.SIGALRM, lambda *_: draw(watch))
+    before = signal.signal(signal.SIGALRM, tick)
     signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
     try:
         yield

@@ -49,7 +49,6 @@ OPERATORS: dict[type, Callable[[sympy.Expr, sympy.Expr], sympy.Expr]] = {
     ast.Div: lambda a, b: a / b,
     ast.Pow: lambda a, b: a**b,
 }
-NOTHING = "is no formula; write null where there is none, as on a free side"
 COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
 
 
@@ -122,8 +121,6 @@ class Reader(ast.NodeVisitor):
         raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
 
     def visit_Constant(self, node: ast.Constant) -> Part:
-        if node.value is None:
-            raise self.refuse(node, NOTHING)
         try:
             value = Decimal(self.text(node))
         except InvalidOperation:
@@ -133,8 +130,6 @@ class Reader(ast.NodeVisitor):
         return self.checked(node, sympy.Rational(*value.as_integer_ratio()), 0.0, 0)
 
     def visit_Name(self, node: ast.Name) -> Part:
-        if node.id in ("none", "null", "nil"):
-            raise self.refuse(node, NOTHING)
         if node.id not in self.names:
             raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {offered(FUNCTIONS)}")
         return self.names[node.id]

@@ -11,7 +11,7 @@ INSTEAD = {
     "abs": "pos(a, 1) + pos(-a, 1) for abs(a)",
     "max": "b + pos(a - b, 1) for max(a, b)",
     "min": "a - pos(a - b, 1) for min(a, b)",
-    "ln": "log(a) for ln(a), which only numbers may have",
+    "ln": "the number itself, such as 0.6931 for ln(2); there is no logarithm of x or y",
     "tan": "sin(a)/cos(a) for tan(a)",
     "sign": "2*pos(a, 0) - 1 for sign(a)",
     "where": "b + (a - b)*pos(c, 0) for where(c > 0, a, b)",
@@ -20,7 +20,10 @@ INSTEAD = {
 OF_NUMBERS = ("log", "sqrt")
 """Functions that are not offered, for formulas may not have them of x, y or t."""
 NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
-STEP = "; write pos(x - 1/2, 0) for what is 1 where x > 1/2 and 0 elsewhere"
+STEP = (
+    "; there are no conditions in formulas; pos(a, 0) is 1 where a > 0 and 0 elsewhere, "
+    "such as pos(x - 1/2, 0) for x > 1/2"
+)
 CONDITION = re.compile(r"[<>]|\bif\b")
 COMMA = re.compile(r"(?<![\w.])(\d+),(\d+)")
 FACTOR = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()")

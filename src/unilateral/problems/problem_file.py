@@ -32,6 +32,8 @@ POWER = 2
 ZERO = 1e-320
 """What interval arithmetic makes of 0, at most, in the user's units."""
 ROUND_OFF = 1e-12
+NOTHING = ("none", "null", "nil")
+"""As people write that there is no formula, in small or large letters."""
 MOST_COEFFICIENT = 1e30
 """Of k and c, and the least is 1 over it."""
 
@@ -138,7 +140,11 @@ def _obstacles(
     for side, ((x0, y0), (x1, y1)) in enumerate(zip(vertices, vertices[1:] + vertices[:1], strict=True)):
         text, place = (given[side], f"{where}[{side}]") if isinstance(given, list) else (given, where)
         if text is None and side not in free:
-            raise InputError(f"{place}: there is no formula, and side {side} is not free")
+            raise InputError(
+                f"{place}: there is no formula, and side {side} is not free; "
+                "write one, or name the side in free_sides"
+            )
+        _check_given(text, place, "in a list write null for a side that is named in free_sides")
         formula = parse(0 if text is None else text, ("x", "y"), place)
         if side in free:
             found.append(sympy.Integer(0))
@@ -176,7 +182,14 @@ def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[symp
 
 def _flux(text: object, where: str) -> sympy.Expr:
     """A formula in x, y that may jump; 0 where there is none."""
+    _check_given(text, where, "write 0 where there is none, or in a list null")
     return _plain(0 if text is None else text, where)
+
+
+def _check_given(text: object, where: str, instead: str) -> None:
+    """Raises InputError for a word that says that there is no formula."""
+    if isinstance(text, str) and text.strip().lower() in NOTHING:
+        raise InputError(f"{where}: '{text}' is no formula; {instead}")
 
 
 def _plain(text: object, where: str) -> sympy.Expr:
@@ -191,6 +204,7 @@ def _plain(text: object, where: str) -> sympy.Expr:
 
 def _formula(text: object, where: str) -> sympy.Expr:
     """A formula in x, y whose kinks can be found."""
+    _check_given(text, where, "write 0 where there is none")
     f = _plain(text, where)
     for power in sorted(f.atoms(pos), key=str):
         try:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.errors import InputError
+from unilateral.errors import InputError, IterationWarning
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.steps import STEPS, Step
 
@@ -116,13 +116,13 @@ def uzawa(
 
 
 def warn_unless_converged(result: DualResult, tolerance: float) -> None:
-    """A RuntimeWarning in one sentence if the result's bound misses the tolerance."""
+    """An IterationWarning in one sentence if the result's bound misses the tolerance."""
     if not result.converged:
         message = (
             f"{result.algorithm} stopped after {result.iterations} steps with the algebraic bound "
             f"{result.bound:.3g}, above the tolerance {tolerance:.3g}"
         )
-        warnings.warn(message, RuntimeWarning, stacklevel=3)
+        warnings.warn(message, IterationWarning, stacklevel=3)
 
 
 class Columns:

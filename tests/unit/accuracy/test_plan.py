@@ -1,5 +1,6 @@
 """What an accuracy will take: unknowns against those that then come, and costs that agree with themselves."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -7,9 +8,10 @@ from conftest import DATA, load
 
 from unilateral.accuracy import budget
 from unilateral.accuracy import plan as of_plan
+from unilateral.accuracy import search as of_search
 from unilateral.accuracy.budget import MARGIN, most_unknowns
 from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.goal import MAX_SECONDS, Goal
 from unilateral.accuracy.levels import levels
 from unilateral.accuracy.plan import FAR, enough, hopeless, plan
 from unilateral.accuracy.search import search
@@ -77,7 +79,8 @@ def test_limits_that_do_not_allow_a_plan_are_named():
 def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, machine):
     """And the one that is said to be in reach is, by its own plan; the next smaller one is not."""
     found = search(problem(name), Goal(1e-9))
-    assert found.ended.startswith("the accuracy is out of reach (max_memory=")
+    assert found.ended.startswith("out of reach (")
+    assert re.search(r"\d MB of this machine's memory", found.ended)
     assert not found.certified
     assert found.best.unknowns <= 5000
     assert found.plan.unknowns > 1e12
@@ -101,6 +104,23 @@ def test_a_limit_that_somebody_set_is_spent():
         goal = Goal(last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / MARGIN)
         of_goal = [replace(level, goal=goal) for level in done]
         assert hopeless(Prospect(of_goal, Stop(), "", 1.0)) == far
+
+
+@pytest.mark.usefixtures("at_once", "machine")
+@pytest.mark.parametrize("limit", [{"max_seconds": MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}])
+def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit):
+    """The plan ends nothing; control: it does so without the limit."""
+    done = list(levels(load("natural"), Goal(0.02)))
+    for given, far in ((limit, False), ({}, True)):
+        of_goal = [replace(level, goal=Goal(1e-9, **given)) for level in done]
+        assert hopeless(Prospect(of_goal, Stop(), "", 1.0)) == far
+
+
+@pytest.mark.usefixtures("at_once", "machine")
+def test_out_of_reach_without_a_plan_names_no_limit(monkeypatch):
+    monkeypatch.setattr(of_search, "plan", lambda _: None)
+    found = search(load("natural"), Goal(1e-9))
+    assert (found.ended, found.reach) == ("out of reach", None)
 
 
 @pytest.mark.usefixtures("at_once", "machine")

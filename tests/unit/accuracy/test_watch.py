@@ -115,7 +115,7 @@ def test_without_a_limit_no_more_memory_is_taken_than_was_free(monkeypatch):
     watch = Told(15, jump)
     found = search(load("natural"), Goal(0.02), watch=watch)
     assert len(found.done) == 2
-    assert found.ended == f"out of budget (max_memory={watch.most_mb:g})"
+    assert found.ended == f"out of budget ({watch.most_mb:.0f} MB of this machine's memory)"
 
 
 def test_a_limit_in_the_first_level_leaves_nothing():

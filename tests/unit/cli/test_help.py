@@ -42,7 +42,7 @@ def test_help_ends_with_examples_and_exit_codes(run, name):
     assert re.fullmatch(r"(  unilateral .*\n)+", examples)
     listed = dict(line.split(maxsplit=1) for line in codes.splitlines())
     assert listed == {str(code): CODES[code] for code in command_of(name).codes}
-    assert {0, 2, 4, 130} <= set(command_of(name).codes)
+    assert {0, 2, 4, 130, 143} <= set(command_of(name).codes)
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if name != "claims"])

@@ -1,6 +1,7 @@
 """`init` and `check`: what they write and show, and what they refuse."""
 
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -65,14 +66,32 @@ def test_check_shows_what_was_understood(run):
     assert out.splitlines() == [
         "shelter: -k lap u + c u = f with k = 1 and c = 1",
         "  polygon     5 sides, area 2.5, perimeter 6.23607",
-        "  f           3*x - 5, from -5 to 1",
+        "  f           3*x - 5, between -5.00000000001 and 1.00000000001, rounding counted",
         "  side 0      (0, 0) to (2, 0), length 2: u >= sin(pi*x)/4, from -0.25 to 0.25",
         "  side 1      (2, 0) to (2, 1), length 1: u >= y*(1 - y)/2, from 0 to 0.125",
         "  side 2      (2, 1) to (1, 1.5), length 1.11803: free, du/dn = 0",
         "  side 3      (1, 1.5) to (0, 1), length 1.11803: free, du/dn = 0",
         "  side 4      (0, 1) to (0, 0), length 1: free, du/dn = 0",
-        "  guaranteed  u >= -5.00001, a lower bound of inf f / c",
+        "  guaranteed  u >= -5.00000000001, a lower bound of inf f / c, rounding counted",
     ]
+
+
+@pytest.mark.parametrize(
+    ("f", "least", "largest"),
+    [
+        ("x", 0, 1),
+        ("-1/3*x", Fraction(-1, 3), 0),
+        ("2/3 + x*1e-8", Fraction(2, 3), Fraction(2, 3) + Fraction(1, 10**8)),
+    ],
+)
+def test_the_printed_range_of_f_is_outward(run, problem_file_of, f, least, largest):
+    """The values of f at the square's corners lie in it; it is wider by 11 digits at most."""
+    out = run("check", problem_file_of(f=f, g="-9"))[1]
+    ends = [Fraction(x) for x in re.search(r"between (\S+) and (\S+), rounding counted", out).groups()]
+    bound = Fraction(re.search(r"guaranteed  u >= (\S+),", out)[1])
+    assert ends[0] <= least <= largest <= ends[1]
+    assert ends[1] - ends[0] <= largest - least + Fraction(3, 10**11)
+    assert bound == ends[0]
 
 
 def test_check_shows_coefficients_and_sides_without_contact(run, problem_file_of):

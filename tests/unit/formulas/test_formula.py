@@ -51,6 +51,10 @@ def test_functions_are_sympys():
     assert parse(text, ("x", "y"), "here") == expected
 
 
+NO_CONDITION = (  # not the step of another condition than the one that is written
+    "; there are no conditions in formulas; pos(a, 0) is 1 where a > 0 and 0 elsewhere, "
+    "such as pos(x - 1/2, 0) for x > 1/2"
+)
 REFUSED = {
     "x.real": "'x.real' is not allowed",
     "x.__class__": "'x.__class__' is not allowed",
@@ -58,11 +62,13 @@ REFUSED = {
     "[x]": "'[x]' is not allowed",
     "(x, y)": "'(x, y)' is not allowed",
     "lambda: x": "'lambda: x' is not allowed",
-    "x if y else 1": "'x if y else 1' is not allowed in a formula; write pos(x - 1/2, 0) for what is 1 where",
-    "x>0.5": "'x>0.5' is not allowed in a formula; write pos(x - 1/2, 0) for what is 1 where x > 1/2",
-    "2*(x < y)": "'x < y' is not allowed in a formula; write pos(x - 1/2, 0)",
-    "x > 1/2 ? 1 : 0": "is not a formula in x, y; write pos(x - 1/2, 0)",
-    "if(x, 1, 0)": "is not a formula in x, y; write pos(x - 1/2, 0)",
+    "x if y else 1": f"'x if y else 1' is not allowed in a formula{NO_CONDITION}",
+    "x>0.5": f"'x>0.5' is not allowed in a formula{NO_CONDITION}",
+    "x<0.5": f"'x<0.5' is not allowed in a formula{NO_CONDITION}",
+    "x==1": f"'x==1' is not allowed in a formula{NO_CONDITION}",
+    "2*(x < y)": f"'x < y' is not allowed in a formula{NO_CONDITION}",
+    "x > 1/2 ? 1 : 0": f"is not a formula in x, y{NO_CONDITION}",
+    "if(x, 1, 0)": f"is not a formula in x, y{NO_CONDITION}",
     "0,5*x": "'0,5*x' is not allowed in a formula; write 0.5 for 0,5",
     "x + sin(0,5*x)": "'sin(0,5*x)' takes 1 argument; write 0.5 for 0,5",
     "x, y": "'x, y' is not allowed in a formula",
@@ -99,9 +105,8 @@ REFUSED = {
     "'x'": "''x'' is not a decimal number",
     "b'x'": "is not a decimal number",
     "True": "'True' is not a decimal number",
-    "None": "'None' is no formula; write null where there is none, as on a free side",
-    "none": "'none' is no formula; write null where there is none, as on a free side",
-    "null": "'null' is no formula; write null where there is none, as on a free side",
+    "None": "'None' is not a decimal number",
+    "none": "'none' is unknown; known are x, y, pi",
     "...": "'...' is not a decimal number",
     "2j": "'2j' is not a decimal number",
     "0x10": "'0x10' is not a decimal number",
@@ -118,7 +123,7 @@ REFUSED = {
     "abs(x)": "'abs(x)' is not a known function; write pos(a, 1) + pos(-a, 1) for abs(a)",
     "max(x, 0)": "is not a known function; write b + pos(a - b, 1) for max(a, b)",
     "min(x, y)": "is not a known function; write a - pos(a - b, 1) for min(a, b)",
-    "ln(x)": "is not a known function; write log(a) for ln(a), which only numbers may have",
+    "ln(x)": "is not a known function; write the number itself, such as 0.6931 for ln(2); there is",
     "tan(x)": "is not a known function; write sin(a)/cos(a) for tan(a)",
     "sign(x)": "is not a known function; write 2*pos(a, 0) - 1 for sign(a)",
     "heaviside(x)": "is not a known function; write pos(a, 0), which is 1 where a > 0 and else 0",

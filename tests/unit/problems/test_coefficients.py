@@ -155,7 +155,7 @@ def test_structured_meshes_are_for_given_sizes():
     problem = ul.Problem(UNIT, f="x - 1", g=0, k=4)
     found = ul.solve(problem, h=1 / 8, H=1 / 4, mesh="structured")
     assert found.mesh.n_nodes == 9**2
-    with pytest.raises(ul.InputError, match="where k and c differ an accuracy takes unstructured meshes"):
+    with pytest.raises(ul.InputError, match="not with an accuracy if k and c differ; leave it out"):
         ul.solve(problem, accuracy=0.1, mesh="structured")
 
 

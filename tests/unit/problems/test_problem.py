@@ -171,7 +171,21 @@ REFUSED = [
     ({"f": "pos(x*y - 1/4, 1)"}, r"must be linear, or c - \(x - a\)\*\*2 - \(y - b\)\*\*2"),
     ({"f": "pos(sin(x), 1)"}, r", field f: the argument of pos\(sin\(x\), 1\) must be lin"),
     ({"g": "[0, 0]"}, ", field g: 2 formulas for 4 sides; give one for all, or one per"),
-    ({"g": "[0, null, 0, 0]"}, r", field g\[1\]: there is no formula, and side 1 is not"),
+    (
+        {"g": "[0, null, 0, 0]"},
+        r", field g\[1\]: there is no formula, and side 1 is not free; write one, or name the side in",
+    ),
+    ({"f": "none"}, ", field f: 'none' is no formula; write 0 where there is none"),
+    ({"f": "None"}, ", field f: 'None' is no formula; write 0 where there is none"),
+    (
+        {"g": "none"},
+        ", field g: 'none' is no formula; in a list write null for a side that is named in free_",
+    ),
+    (
+        {"g": "[none, 0, 0, 0]"},
+        r", field g\[0\]: 'none' is no formula; in a list write null for a side that is named in free_sides",
+    ),
+    ({"free_sides": "[1]", "q": "nil"}, ", field q: 'nil' is no formula; write 0 where there is none, or in"),
     ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
     ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
     ({"free_sides": "[0, 1, 2, 3]"}, ", field free_sides: all sides are free"),

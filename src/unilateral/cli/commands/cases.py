@@ -18,7 +18,7 @@ FORMATS = ("text", "json", "python", "ufl")
         "unilateral cases natural",
         "unilateral cases thirds --polygon lshape --side 1 --format python",
     ),
-    codes=(0, 2, 4, 130),
+    codes=(0, 2, 4, 130, 143),
 )
 @argument(
     "name",

@@ -13,7 +13,7 @@ from unilateral.cli.streams import load, say
         "unilateral init my_problem.yaml",
         "unilateral check my_problem.yaml --out my_problem.svg",
     ),
-    codes=(0, 2, 4, 130),
+    codes=(0, 2, 4, 130, 143),
 )
 @argument("file", type=FILE, help="a YAML file that declares a problem")
 @option("--out", type=FILE, metavar="PICTURE", help="draw it, too: a .svg, .png or .pdf file")

@@ -12,7 +12,7 @@ CLAIM_FAILS = 1
 
 
 @command(
-    "claims", examples=("unilateral claims", "unilateral claims 4.12"), codes=(0, CLAIM_FAILS, 2, 4, 130)
+    "claims", examples=("unilateral claims", "unilateral claims 4.12"), codes=(0, CLAIM_FAILS, 2, 4, 130, 143)
 )
 @argument("claim", metavar="[ID]", required=False, help="explain this one, such as 4.12")
 @option("--results", type=FOLDER, metavar="FOLDER", default="results", help="default results")

@@ -15,7 +15,7 @@ from unilateral.cli.streams import load
         "unilateral export natural --h 1/16 --H 1/8 --levels 2 --out natural",
         "unilateral export thirds --polygon lshape --side 4 --h 1/8 --H 1/4 --out thirds",
     ),
-    codes=(0, 2, 4, 130),
+    codes=(0, 2, 4, 130, 143),
 )
 @argument("case", type=CASE, help="a case's name, or a YAML file that declares a case")
 @option("--h", type=POSITIVE, metavar="EDGE", help="mesh size on the boundary, on the finest level")

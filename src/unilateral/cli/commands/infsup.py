@@ -19,7 +19,7 @@ from unilateral.cli.streams import load
         "unilateral infsup --mesh natural/level_0/mesh.msh --cells 8",
         "unilateral infsup --mesh natural/level_0/mesh.msh --cells natural/level_0/partition.csv",
     ),
-    codes=(0, 2, 4, 130),
+    codes=(0, 2, 4, 130, 143),
 )
 @option("--mesh", type=FILE, metavar="FILE", help="triangles of your own, in a format of meshio")
 @option("--h", type=POSITIVE, metavar="EDGE", help="in place of --mesh: size of a mesh that is made")

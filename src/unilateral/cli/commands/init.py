@@ -7,7 +7,7 @@ from unilateral.cli.parameters import FILE
 from unilateral.cli.streams import load, say
 
 
-@command("init", examples=("unilateral init my_problem.yaml",), codes=(0, 2, 4, 130))
+@command("init", examples=("unilateral init my_problem.yaml",), codes=(0, 2, 4, 130, 143))
 @argument("file", type=FILE, help="a new file, such as my_problem.yaml")
 def init(file: str) -> int:
     """Write a commented problem file to begin with."""

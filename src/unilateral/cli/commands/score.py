@@ -16,7 +16,7 @@ from unilateral.cli.streams import load
         "unilateral solve natural --h 1/8 --H 1/4 -o solution.vtu",
         "unilateral score natural solution.vtu",
     ),
-    codes=(0, 1, 2, 4, 130),
+    codes=(0, 1, 2, 4, 130, 143),
 )
 @argument("folder", type=FOLDER, metavar="DIR", help="what `unilateral export` wrote")
 @argument(

@@ -40,7 +40,7 @@ sizes, goal, domain, method = (
         "unilateral solve natural --h 1/16 --H 1/8",
         "unilateral solve natural --accuracy 0.1 --json",
     ),
-    codes=(0, 2, 3, 4, 130),
+    codes=(0, 2, 3, 4, 130, 143),
 )
 @argument("problem", type=CASE, help="a case's name, or a YAML file that declares a case or a problem")
 @as_json
@@ -53,7 +53,7 @@ sizes, goal, domain, method = (
     help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png or .pdf; may be repeated",
 )
 @option("--out", type=FOLDER, metavar="FOLDER", help="the same in a folder, with all that is useful")
-@option("--sharp", is_flag=True, help="slower bounds, mostly nearer to the errors, above all of lambda")
+@option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
 @sizes("--h", type=POSITIVE, metavar="EDGE", help="mesh size on the boundary, such as 1/64")
 @sizes("--H", "H", type=POSITIVE, metavar="CELL", help="size of the multiplier's cells, such as 1/32")
 @sizes("--tolerance", type=POSITIVE, metavar="T", help="of the algebraic bound (default 1 % of the errors)")
@@ -66,7 +66,7 @@ sizes, goal, domain, method = (
 @goal(
     "--absolute",
     is_flag=True,
-    help="the accuracy is the largest error itself, not a part of the norm; may be 1 and more",
+    help="absolute instead of relative error",
 )
 @goal("--dry-run", is_flag=True, help="only say what it will take: unknowns, seconds, MB, and what meshes")
 @goal(
@@ -80,7 +80,6 @@ sizes, goal, domain, method = (
     "--max-seconds",
     type=POSITIVE,
     metavar="S",
-    default=MAX_SECONDS,
     help=f"then the best so far is kept, with its bound (default {MAX_SECONDS:g})",
 )
 @goal(
@@ -106,8 +105,8 @@ sizes, goal, domain, method = (
     "--mesh",
     type=Name(lambda: KINDS),
     metavar="KIND|FILE",
-    help="structured, unstructured (default: structured where there is one, and with --accuracy refined "
-    "where it pays), or a file with triangles; with --accuracy and k unlike c not structured",
+    help="structured (not with --accuracy if k and c differ), unstructured, or a file with triangles; "
+    "default: structured where there is one, and with --accuracy refined where it pays",
 )
 @method(
     "--algorithm",
