@@ -246,6 +246,18 @@ def test_no_bug_is_named_by_chance(seen):
         assert [fault.explained for fault in found.faults] == [False]
 
 
+def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
+    """As docs/own-solver.md says of u + 1: Delta u is 16, so that -(1 + 1/16) Delta u + u + 1 = f.
+
+    The printed factor may be off by the discretisation error of u_h, which is of order h^2 inside.
+    """
+    of = seen("natural")
+    found = judged(of.case, Foreign("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h)
+    (fault,) = found.faults
+    assert fault.what == "the stiffness term (grad u, grad v) has the wrong scale"
+    assert float(fault.measured.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
+
+
 def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
     """One inside and one of the multiplier; with one that nobody knows in its place neither is."""
     of = seen("natural")
