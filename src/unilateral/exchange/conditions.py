@@ -109,7 +109,7 @@ def conditions(case: Case, discrete: Discrete, mu: Trace) -> Iterator[Conditions
     nodal = sp.diags_array(weights).tocsr()
     yield Conditions("at the nodes", nodal, weights, g, s, lumped).kept(held)
     moments = np.divide(_moments(case, mesh, edges), weights, where=held, out=np.zeros(len(g)))
-    yield Conditions("in the means by the hats", mass, weights, moments, s, mu.nodal).kept(held)
+    yield Conditions("tested against each hat function", mass, weights, moments, s, mu.nodal).kept(held)
 
 
 def _on_cells(case: Case, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions:
@@ -129,8 +129,8 @@ def mistaken(case: Case, discrete: Discrete, mu: Trace, trace: Array) -> Iterato
     every = list(conditions(case, discrete, mu))
     for each in every:
         fields = vars(each)
-        yield "the conditions hold as equations: u = g everywhere", Equal(**fields)
-        yield "the conditions are turned around: u <= g and lambda <= 0", Reversed(**fields)
+        yield "the conditions hold as equations (u = g everywhere)", Equal(**fields)
+        yield "the conditions are turned around (u <= g and lambda <= 0)", Reversed(**fields)
         yield "g has the wrong sign", replace(each, g=-each.g)
         yield "g is taken for 0", replace(each, g=np.zeros_like(each.g))
     yield from _counted(case, every[-1], mu)

@@ -26,9 +26,9 @@ class Extreme(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """`where` says of what the values are; without a multiplier there is `gap` alone."""
+    """Of the values at the nodes, or of the means over the cells; without a multiplier `gap` alone."""
 
-    where: str
+    at_nodes: bool
     gap: Extreme
     multiplier: Extreme | None
     product: Extreme | None
@@ -36,12 +36,15 @@ class Extremes(NamedTuple):
     def as_numbers(self) -> dict[str, Any]:
         """For programs; null where there is no multiplier."""
         values = {"gap_least": self.gap, "lambda_least": self.multiplier, "product_largest": self.product}
-        return {"of": self.where} | {name: each and each._asdict() for name, each in values.items()}
+        where = "values at the nodes" if self.at_nodes else "means over the cells"
+        return {"of": where} | {name: each and each._asdict() for name, each in values.items()}
 
     def __str__(self) -> str:
-        names = ("min(u - g)", "min lambda", "max |lambda (u - g)|")
+        """A lambda that is constant on the cells is its own mean."""
+        where, gap = ("at the nodes", "(u - g)") if self.at_nodes else ("over the cells", "mean(u - g)")
+        names = (f"min {gap}", "min lambda", f"max |lambda {gap}|")
         known = [f"{name} = {of}" for name, of in zip(names, self[1:], strict=True) if of is not None]
-        return f"{', '.join(known)}, {self.where}"
+        return f"{where}: {', '.join(known)}"
 
 
 def extremes(case: Case, given: Foreign, discrete: Discrete) -> Extremes | None:
@@ -63,6 +66,6 @@ def extremes(case: Case, given: Foreign, discrete: Discrete) -> Extremes | None:
 
     least = at(gap, int(gap.argmin()))
     if mu is None:
-        return Extremes(each.what, least, None, None)
-    product = np.abs(each.mu * gap)
-    return Extremes(each.what, least, at(each.mu, int(each.mu.argmin())), at(product, int(product.argmax())))
+        return Extremes(True, least, None, None)
+    product, at_nodes = np.abs(each.mu * gap), mu.nodal is not None
+    return Extremes(at_nodes, least, at(each.mu, int(each.mu.argmin())), at(product, int(product.argmax())))

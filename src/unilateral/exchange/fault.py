@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-UNEXPLAINED = "no bug that is known explains it"
+UNEXPLAINED = "no known bug explains it"
 
 
 class Fault(NamedTuple):
@@ -28,8 +28,9 @@ def wrong(name: str, factor: float, right: str = "the right one") -> Fault:
 
 
 def unexplained(what: str, perhaps: str, measured: str) -> Fault:
-    """That something is wrong, and nobody knows why."""
-    return Fault(f"{what}, and {UNEXPLAINED}{perhaps}", measured)
+    """That something is wrong, and what may be the reason; "" if there is no guess."""
+    guess = f" (perhaps {perhaps})" if perhaps else ""
+    return Fault(f"{what}, and {UNEXPLAINED}{guess}", measured)
 
 
 def either(faults: list[Fault]) -> Fault:

@@ -19,6 +19,7 @@ from unilateral.exchange.readings import ahead, plain, readings
 from unilateral.exchange.residual import Fit, Residual, flux_load
 from unilateral.exchange.trace import Trace
 from unilateral.norms.dual import Errors
+from unilateral.outward import down, up
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 
@@ -39,7 +40,8 @@ class Judged(NamedTuple):
 def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Array) -> Judged:
     """By this project's `own` errors on the level, and its u_h (n,).
 
-    Of the bugs inside that can be, those are told that leave the fewest other faults.
+    A bug inside is told only if a right solution is left without it and without further known bugs, of the
+    multiplier or the conditions. Of several those are told that need the fewest further ones.
     """
     allowed, mu = COUNTS * own.h1, given.multiplier
     exported = Residual(discrete, given.u, discrete.load)
@@ -53,8 +55,7 @@ def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Arr
         for each in explanations(case, of, allowed)
         if mu is not None or not each.both
     ]
-    if holds:
-        told = [each for each in told if all(fault.explained for fault in each)]
+    told = [each for each in told if all(fault.explained for fault in each)]
     if told:
         fewest = min(map(len, told))
         best = [each for each in told if len(each) == fewest]
@@ -69,8 +70,8 @@ def _inside(of: Residual) -> Fault:
     x, y = of.worst()
     return unexplained(
         "the equation does not hold inside the domain",
-        ": the linear solve stopped too early, the load is another one, or u is not meant as P1",
-        f"by {of.inside:.2g} in H1, least at ({x:g}, {y:g})",
+        "the linear solve stopped too early, the load is another one, or u is not meant as P1",
+        f"the residual is {of.inside:.2g} in H1, and largest at ({x:g}, {y:g})",
     )
 
 
@@ -109,8 +110,12 @@ def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
     """What is wrong with a multiplier that has not the right scale, if it was meant as in a reading."""
     if fault:
         yield Fault(fault, "so read it fits u's equation, but for a factor")
-    if _is_scaled(fit, allowed):
-        right = f"what u's equation has, to {fit.left / fit.size:.1g}"
+    if fit.factor == fit.left == 0:
+        yield Fault(
+            "the multiplier is 0 everywhere, but that of u's equation is not", f"its norm is {fit.size:.2g}"
+        )
+    elif _is_scaled(fit, allowed):
+        right = f"what u's equation has, to {up(fit.left / fit.size, '.1g')}"
         yield wrong("the multiplier", fit.factor, right)
     elif not fault:
         measured = f"(u, v)_1 - <lambda, v> - (f, v) is {fit.misfit:.2g} in H1"
@@ -131,7 +136,7 @@ def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Faul
     fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))
     uncertain = fit.left + own.hm12_upper
     if fit.factor * fit.size < -uncertain:
-        yield wrong("the multiplier", fit.factor, f"the exact one, to {uncertain / fit.size:.1g}")
+        yield wrong("the multiplier", fit.factor, f"the exact one, to {up(uncertain / fit.size, '.1g')}")
 
 
 def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
@@ -144,7 +149,8 @@ def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Itera
             return
     nearest = min(missed, key=lambda what: missed[what])
     most = min(allowed, EXPLAINS * missed[nearest])
-    measured = f"u is {missed[nearest]:.2g} in H1 from the solution with u >= g {nearest}"
+    distance = f"at least {down(missed[nearest], '.2g')} in H1"
+    measured = f"u is {distance} away from the solution with u >= g {nearest}"
     found = set()
     for what, each in mistaken(case, of.discrete, mu, of.u[of.discrete.mesh.boundary]):
         load, bound = each.multiplier_load(of.discrete, of.load, most)
@@ -155,6 +161,6 @@ def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Itera
         return
     yield unexplained(
         "u is not the solution of the discrete problem",
-        ": the iteration stopped too early, or g or the conditions are others",
+        "the iteration stopped too early, or g or the conditions are others",
         measured,
     )

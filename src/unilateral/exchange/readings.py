@@ -67,9 +67,9 @@ def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[Reading]:
 
 
 def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[Reading]:
-    """As one step of Uzawa's iteration ahead of u: max(0, mu_u - rho times the means of u - g).
+    """The multiplier after one more step of Uzawa's iteration than u has.
 
-    mu_u has the `right` load (nb,); rho > 0 is the nearest.
+    That is max(0, mu_u - rho times the means of u - g). mu_u has the `right` load (nb,); rho > 0 is nearest.
     """
     for each in conditions(case, of.discrete, mu):
         gap = each.means(of.u[of.discrete.mesh.boundary])

@@ -28,6 +28,7 @@ For scale: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) of the
 """
 
 ROUNDING = 1e-12
+UNSEEN = "without a multiplier the conditions were not looked at"
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +160,7 @@ def sentences(scored: Sequence[Scored]) -> Iterator[str]:
 def at_boundary(scored: Sequence[Scored]) -> str:
     """Where the finest solution meets the conditions least; empty where all sides are free."""
     finest = min(scored, key=lambda each: each.given.level.mesh.h)
-    return f"{finest.given.level.name}: {finest.extremes}" if finest.extremes else ""
+    return f"{finest.given.level.name}, {finest.extremes}" if finest.extremes else ""
 
 
 def holds(scored: Sequence[Scored], found: dict[str, Rate]) -> bool:
@@ -172,10 +173,12 @@ def _short(rate: Rate) -> bool:
 
 
 def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
-    """In a word: faults come before rates."""
+    """In a word: faults come before rates, and what was not looked at comes last."""
     if any(each.faults for each in scored):
         return "faults were found"
     if any(map(_short, found.values())):
         return "falls short of a proved rate"
     judged = any(rate.verdict == "reaches the proved rate" for rate in found.values())
+    if any(each.given.multiplier is None for each in scored):
+        return f"{'reaches the proved rates' if judged else 'no fault was found inside'}; {UNSEEN}"
     return "reaches the proved rates" if judged else "no fault was found; rates are not judged"

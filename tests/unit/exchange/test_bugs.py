@@ -5,7 +5,7 @@ what is told of it for each case, on h = 1/16 and H = 1/8 (`own`: with free side
 
     named    the bug, and nothing else
     either   the bug, or others that have left the same files behind
-    ?        that no bug that is known explains it
+    ?        that no known bug explains it
     remark   that the solution is right, and that its load is another one
     -        nothing: the solution is right, or differs by less than what counts
     refused  that the files cannot be read
@@ -28,7 +28,7 @@ from unilateral.exchange.fault import UNEXPLAINED
 from unilateral.exchange.faults import judged
 from unilateral.exchange.read import Foreign, Level, exported, foreign
 from unilateral.exchange.score import score
-from unilateral.exchange.trace import constant
+from unilateral.exchange.trace import Trace, constant
 from unilateral.norms.dual import Errors
 from unilateral.problems.case import Case
 
@@ -141,6 +141,7 @@ class Solved(NamedTuple):
     level: Level
     discrete: Discrete
     u_h: Array
+    lambda_H: Trace
     own: Errors
     author: author.Level
 
@@ -173,7 +174,7 @@ def seen(tmp_path_factory):
         solved = solve(of)
         lambda_H = constant(level.cells, solved.lambda_H)
         own = score(case, Foreign("", level, solved.u_h, lambda_H, "")).own
-        return Solved(case, level, of, solved.u_h, own, author.read(folder, level.name))
+        return Solved(case, level, of, solved.u_h, lambda_H, own, author.read(folder, level.name))
 
     return made
 
@@ -229,7 +230,10 @@ def test_every_name_is_in_the_documents():
 
 
 def test_no_bug_is_named_by_chance(seen):
-    """Random residuals of any size are explained by none; noise below what counts is no fault."""
+    """Random residuals of any size are explained by none; noise below what counts is no fault.
+
+    Nor does any explain u + c beside the right multiplier, or u = 0: no matrix or load of the table has them.
+    """
     of, random = seen("natural"), np.random.default_rng(3)
     for size in (1e-12, 1e-6, 1e-3, 1.0):
         u = of.u_h + size * random.standard_normal(len(of.u_h))
@@ -237,6 +241,32 @@ def test_no_bug_is_named_by_chance(seen):
         assert all(not fault.explained for fault in found.faults)
         assert bool(found.faults) == (size >= 1e-3)
         assert found.remarks == []
+    for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
+        found = judged(of.case, Foreign("", of.level, u, of.lambda_H, ""), of.discrete, of.own, of.u_h)
+        assert [fault.explained for fault in found.faults] == [False]
+
+
+def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
+    """As docs/own-solver.md says of u + 1: Delta u is 16, so that -(1 + 1/16) Delta u + u + 1 = f.
+
+    The printed factor may be off by the discretisation error of u_h, which is of order h^2 inside.
+    """
+    of = seen("natural")
+    found = judged(of.case, Foreign("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h)
+    (fault,) = found.faults
+    assert fault.what == "the stiffness term (grad u, grad v) has the wrong scale"
+    assert float(fault.measured.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
+
+
+def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
+    """One inside and one of the multiplier; with one that nobody knows in its place neither is."""
+    of = seen("natural")
+    u, cells = author.solved(of.author, "mass term missing")
+    level = of.level
+    for multiplier, explained in ((-cells.multiplier, [True, True]), (cells.multiplier + 1, [False])):
+        mu = constant(level.cells, multiplier.to_numpy())
+        found = judged(of.case, Foreign("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h)
+        assert [fault.explained for fault in found.faults] == explained
 
 
 def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):
@@ -259,7 +289,8 @@ def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):
     assert "all 2 solutions: the mass term (u, v) is missing: " in out["mass term missing"]
     assert "all 2 solutions: side 0 is ignored: " in out["one side ignored"]
     found = re.findall(
-        r"level_1: min\(u - g\) = (\S+) at \((\S+), (\S+)\) on side (\d)", out["one side ignored"]
+        r"level_1, over the cells: min mean\(u - g\) = (\S+) at \((\S+), (\S+)\) on side (\d)",
+        out["one side ignored"],
     )
     ((least, x, y, side),) = found
     assert float(least) < -0.1

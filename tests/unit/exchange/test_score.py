@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
+import author
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +16,8 @@ from conftest import ROOT, coupled, discrete, load
 from unilateral.cli import main
 from unilateral.discrete import solve
 from unilateral.errors import InputError
+from unilateral.exchange.extremes import Extreme, Extremes
+from unilateral.exchange.fault import Fault
 from unilateral.exchange.faults import Judged
 from unilateral.exchange.read import Foreign, exported, foreign
 from unilateral.exchange.score import Rate, Scored, rates, score, verdict
@@ -225,6 +228,40 @@ def test_nothing_is_wrong_on_a_mesh_that_is_too_coarse(name, tmp_path):
     assert score(case, foreign(levels, str(tmp_path / "own.nc"))).faults == []
 
 
+@pytest.mark.parametrize("bug", ["", "g negative", "conditions turned around", "Dirichlet everywhere"])
+def test_u_alone_is_not_said_to_meet_the_conditions(folder, tmp_path, capsys, bug):
+    """Its equation holds inside, whatever its conditions are. With its multiplier each bug is a fault."""
+    u, cells = author.solved(author.read(folder, "level_2"), bug)
+    files = [str(tmp_path / name) for name in ("u.csv", "cells.csv")]
+    u.to_csv(files[0], index=False)
+    cells.to_csv(files[1], index=False)
+    unseen = "no fault was found inside; without a multiplier the conditions were not looked at"
+    assert main(["score", str(folder), files[0]]) == 0
+    assert capsys.readouterr().out.endswith(f"natural: {unseen}\n")
+    assert main(["score", str(folder), files[0], "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    conditions = told["solutions"][0]["conditions"]
+    assert (told["verdict"], conditions["of"]) == (unseen, "values at the nodes")
+    assert (conditions["lambda_least"], conditions["product_largest"]) == (None, None)
+    assert main(["score", str(folder), files[0], "--multiplier", files[1]]) == bool(bug)
+    assert "not looked at" not in capsys.readouterr().out
+
+
+def test_one_solution_without_a_multiplier_is_enough_to_be_told():
+    """Beside rates that are reached, too; a fault that was found is told alone."""
+    one, two = (
+        Scored(Foreign("", None, np.zeros(0), mu, ""), None, None, Judged([], []), None)
+        for mu in (None, object())
+    )
+    reached = {"h1": Rate(1.0, 1, 1.0, 1.0)}
+    unseen = "; without a multiplier the conditions were not looked at"
+    assert verdict([two], reached) == "reaches the proved rates"
+    assert verdict([one, two], reached) == "reaches the proved rates" + unseen
+    assert verdict([one, two], {}) == "no fault was found inside" + unseen
+    wrong = replace(one, told=Judged([Fault("wrong", "")], []))
+    assert verdict([wrong, two], reached) == "faults were found"
+
+
 def test_u_alone_is_scored(scored):
     one = scored(own(*FINEST).u)
     assert (one.given.kind, one.faults) == ("none", [])
@@ -376,6 +413,38 @@ def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys
     (one,) = told["solutions"]
     assert one["errors"]["h1"] == pytest.approx(own(*FINEST).errors.h1, rel=1e-12)
     assert (one["level"], one["faults"], told["rates"]["h1"]["verdict"]) == ("level_2", [], "not judged")
+    found, mu = one["conditions"], own(*FINEST).multiplier
+    assert list(found) == ["of", "gap_least", "lambda_least", "product_largest"]
+    assert found.pop("of") == "means over the cells"
+    assert [list(each) for each in found.values()] == 3 * [["value", "place", "side"]]
+    assert found["lambda_least"]["value"] == pytest.approx(mu.min(), abs=1e-12)
+
+
+@pytest.mark.parametrize("page", ["own-solver", "command-line"])
+def test_the_fields_of_the_conditions_are_documented(page):
+    text = (ROOT / f"docs/{page}.md").read_text()
+    extreme = Extreme(0.0, (0.0, 0.0), 0)
+    names = Extremes(True, extreme, extreme, extreme).as_numbers()
+    assert [name for name in (*names, *names["gap_least"]) if f"`{name}`" not in text] == []
+
+
+@pytest.mark.parametrize(
+    ("at_nodes", "text"),
+    [
+        (
+            True,
+            "at the nodes: min (u - g) = -1 at {0}, min lambda = 2 at {0}, max |lambda (u - g)| = 3 at {0}",
+        ),
+        (
+            False,
+            "over the cells: min mean(u - g) = -1 at {0}, min lambda = 2 at {0}, "
+            "max |lambda mean(u - g)| = 3 at {0}",
+        ),
+    ],
+)
+def test_the_line_of_extremes_says_first_what_they_are_of(at_nodes, text):
+    values = [Extreme(value, (0.5, 0.0), 0) for value in (-1.0, 2.0, 3.0)]
+    assert str(Extremes(at_nodes, *values)) == text.format("(0.5, 0) on side 0")
 
 
 def test_a_folder_that_is_no_export_is_named(tmp_path, capsys):
