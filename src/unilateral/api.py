@@ -237,7 +237,9 @@ def solve(
         raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
-    goal = Goal(accuracy, norm, max_unknowns, max_seconds, max_memory, sharp or norm == "hm12", absolute)
+    given = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
+    limits = {name: _limit(name, limit) for name, limit in given.items()}
+    goal = Goal(accuracy, norm, **limits, sharp=sharp or norm == "hm12", absolute=absolute)
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
     found = Solution(levels.best.solved, problem.polygon, units_of(problem), levels)
@@ -265,6 +267,14 @@ def _number(name: str, given: Size | None) -> float | None:
         raise InputError(
             f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"
         ) from None
+
+
+def _limit(name: str, given: Size | None) -> float | None:
+    """A limit, if there is one."""
+    found = _number(name, given)
+    if found is not None and not found > 0:
+        raise InputError(f"{name} is {found:g}; it has to be above 0")
+    return found
 
 
 def _told(found: Solution, own_mesh: bool = False) -> Solution:

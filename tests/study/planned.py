@@ -1,6 +1,7 @@
 """The jobs that targets need where nothing is made yet, as JSON: of each its rule, input, output and params.
 
-`python planned.py TARGET ...`, in a folder with a Snakefile. One process plans for all tests.
+`python planned.py TARGET ...`, in a folder with a Snakefile. One process plans for all tests. Snakemake's
+public interface runs or prints jobs and does not list them, so `_workflow.dag`, a private name, is read.
 """
 
 import json

@@ -507,9 +507,9 @@ EXTREME = {
     "longer than Python prints": (10**5000, "it has more than 18 digits"),
     "negative": (-(10**400), "it has more than 18 digits"),
     "deep": (nested(500), "it is in more than 10 lists or fields"),
-    "wide": ([1] * 10**5, "it is "),
-    "fraction": ("1/" + "9" * 400, "it "),
-    "digits": ("1" * 400, "it "),
+    "wide": ([1] * 10**5, "; it has to be a"),
+    "fraction": ("1/" + "9" * 400, "; it has to be a"),
+    "digits": ("1" * 400, "; it has to be a"),
 }
 
 

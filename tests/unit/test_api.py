@@ -443,6 +443,22 @@ def test_what_is_no_path_and_no_number_is_refused():
         ul.Stop(fraction="x")
 
 
+@pytest.mark.parametrize("name", ["max_unknowns", "max_seconds", "max_memory"])
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("x", "'x' is unknown"),
+        ([3], r"is \[3\]; it has to be a number"),
+        (math.nan, "above 0"),
+        (-1, "above 0"),
+    ],
+)
+def test_limits_that_are_none_are_refused(name, given, message):
+    with pytest.raises(ul.InputError, match=f"{name}.*{message}"):
+        ul.solve(ul.case("natural"), accuracy=0.1, **{name: given})
+    assert ul.solve(ul.case("natural"), accuracy=0.5, **{name: "3000"}).certified
+
+
 def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
     with pytest.raises(ul.BudgetError, match="max_seconds=1e-09 does not suffice"):
         ul.solve(ul.case("natural"), accuracy=0.1, max_seconds=1e-9)
