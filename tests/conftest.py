@@ -1,6 +1,7 @@
 """What several test files share: discrete problems, built once."""
 
 import shutil
+import signal
 from functools import cache
 from pathlib import Path
 
@@ -109,6 +110,15 @@ def interior_point(operator, offset):
     quadratic, cone = sp.identity(nb, format="csc"), [clarabel.NonnegativeConeT(m)]
     solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
     return np.asarray(solver.solve().x)
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """A test that left another handler of a signal would let a later one, which sends it, end the process."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    assert [signal.getsignal(number) for number in numbers] == before
 
 
 @pytest.fixture

@@ -213,8 +213,8 @@ def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) ->
 
     Where the solution is exact that holds in every norm that is judged; `beta`, a lower bound of the constant
     in (3.4), turns the algebraic bound into one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED
-    unknowns, it holds for the bound of ||u - u_h||_1, which is known after a first, cruder, solve. Else it is
-    a share of that of lambda = 0.
+    unknowns, it holds for the bound of ||u - u_h||_1, which is known after a first, cruder, solve, but where
+    rounding hides it. Else it is a share of that of lambda = 0.
     """
     if stop.tolerance is not None:
         return discrete.iterated(stop.tolerance, stop)

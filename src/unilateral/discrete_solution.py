@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
@@ -175,12 +175,11 @@ class Solution:
     def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
         """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.
 
-        Where half of the bound or more is rounding no step helps: the solution has not converged.
+        Not so where half of the bound or more is rounding, which no step takes away.
         """
-        if self.result.bound <= tolerance or not self.result.converged:
+        enough = max(tolerance, 2 * self.result.rounding)
+        if self.result.bound <= enough or not self.result.converged:
             return self
-        if self.result.bound <= 2 * self.result.rounding:
-            return replace(self, tolerance=tolerance, result=replace(self.result, converged=False))
         return self.discrete.continued(self, aim * tolerance, stop)
 
     def within(self, stop: Stop) -> Solution:

@@ -103,7 +103,7 @@ def level_line(level: Level, length: float) -> str:
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
     shown = [f"{length * size:.4g}" for size in sizes]
     shown += [f"{level.unknowns}", f"{len(solved.discrete.cells)}", f"{solved.result.iterations:.4g}"]
-    wanted = down(level.target or level.nothing, ".4g")
+    wanted = down(level.target, ".4g") if level.target else f"{level.nothing:.4g}"
     shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), wanted]
     return "".join(f"{each:>12}" for each in shown)
 

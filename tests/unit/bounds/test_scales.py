@@ -123,13 +123,20 @@ def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
 @pytest.mark.parametrize("name", U)
 @pytest.mark.parametrize("length", [1e-8, 1e-2, 1e4, 1e8])
 def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None:
-    """Those that are too small to be condensed to the boundary are refused there."""
+    """Those that are too small to be condensed to the boundary are refused there.
+
+    A constant has no error but rounding, which hides multigrid's stop.
+    """
     sizes = {"h": length / 8, "H": length / 4, "stop": ul.Stop(algorithm=algorithm)}
     if length < 1e-3 and algorithm == "auto":
         with pytest.raises(InputError, match="too small for double precision"):
             ul.solve(problem(name, "1", length), **sizes)
         return
-    assert is_bounded(ul.solve(problem(name, "1", length), **sizes), name, 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ul.SolutionWarning)
+        found = ul.solve(problem(name, "1", length), **sizes)
+    assert is_bounded(found, name, 1.0)
+    assert found.converged or (name, algorithm) == ("constant", "multigrid")
 
 
 @pytest.mark.parametrize("size", [1e-100, 1e95])
@@ -138,7 +145,7 @@ def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
     """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
     length, stop = 1e20, ul.Stop(algorithm=algorithm)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
+        warnings.simplefilter("ignore", ul.SolutionWarning)
         found = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)
     assert is_bounded(found, "contact", size)
     assert found.converged or algorithm == "active_set"

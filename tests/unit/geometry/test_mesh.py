@@ -212,7 +212,7 @@ def test_files_carry_the_sides(tmp_path):
 def test_a_file_of_gmsh_is_read(tmp_path):
     """Written by gmsh itself, with its points and curves as cells and without sides."""
     path = str(tmp_path / "gmsh.msh")
-    gmsh.initialize(readConfigFiles=False)
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
