@@ -22,7 +22,7 @@ WORTH, ENOUGH = 1.5, 200
 SEEN = 4_000
 """Unknowns from which on contact that is not seen is taken for none."""
 NOTHING = 1e-140
-"""The least error that is told from none: of a discrete solution that is 0 no part is known."""
+"""Where u_h is 0 a bound up to this counts as no error, for nothing is a part of 0."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ UNDERFLOW, DIVIDED = 1e-150, 1e-156
 """What vanishing squares take from the root of a sum, at most.
 
 The first one times 1 and the square of the perimeter; and, where squares are divided by areas, the second one
-over the root of the least area. There are less than 10^9 triangles with less than 20 squares each, and each
-square is off by 2^-1074 at most; they are multiplied by areas, and by squares of lengths.
+over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each, and each
+square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided by areas.
 """
 
 

@@ -14,7 +14,7 @@ NEAR = 1e-6
 """Of the least height of the triangles at a boundary node: how far beside its side the node may lie.
 
 Moved onto the side it changes gradients there by about that part; the bounds are those of the moved mesh.
-Files whose digits reach 1e-7 of the shortest edge keep to it.
+Files keep to it if their coordinates are written to 1e-7 of that height.
 """
 BESIDE = 0.5
 """Of that height: up to which a node is taken for a node of the side, and the side is named."""

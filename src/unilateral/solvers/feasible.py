@@ -35,6 +35,6 @@ def feasible(
     v[inside] -= w
     moved = (lambda_H > 0) | (gap.values < gap.doubt)
     doubt = np.where(moved, gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
-    own, size = abs(A[inside][:, inside]), np.abs(w)
+    own, size = abs(A[inside][:, inside]), np.abs(w)  # nothing cancels: a norm from above
     norm = root(size, own @ size) + 2 * root(doubt, own @ doubt)
     return residual(A, mass, v, loaded(load, B, lambda_H)), SLACK * norm
