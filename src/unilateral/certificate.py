@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
-from unilateral.adapted import Adapted
 from unilateral.contact import Contact
 from unilateral.discrete_solution import Solution
 from unilateral.files import replacing
@@ -72,7 +71,7 @@ def record(
         "h": length * mesh.h,
         "diameter": length * mesh.diameter,
         "H": length * cells.H,
-        "adapted": isinstance(discrete, Adapted),
+        "adapted": discrete.mesh.adapted,
         "triangles": len(mesh.triangles),
         "unknowns": mesh.n_nodes,
         "multipliers": len(discrete.cells),

@@ -36,9 +36,9 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for in vain.
     """
     if wants_multigrid(stop, mesh.n_nodes):
-        from unilateral.nested import nested  # and with it PyAMG
+        from unilateral.multilevel import multilevel  # and with it PyAMG
 
-        found = nested(problem, mesh, partition)
+        found = multilevel(problem, mesh, partition)
         if found:
             return found
         if stop.algorithm == "multigrid":

@@ -108,9 +108,12 @@ class Discrete:
         """See `solve`."""
         return solve(self, stop)
 
-    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution:
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> Solution:
         """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
 
+        The residual of u_h is rounding, and small against any `total`.
         Without a tolerance a crude one: a share of the residual at 0. What rounding adds to the bound is
         known at the end only; if then the bound misses the tolerance the iteration goes on once.
         """

@@ -29,7 +29,7 @@ AIM = 0.5
 
 
 class AnyDiscrete(Protocol):
-    """What a solution asks of the problem that it solves: see `Discrete`, and `Nested`."""
+    """What a solution asks of the problem that it solves: see `Discrete`, and `Multilevel`."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -66,7 +66,9 @@ class AnyDiscrete(Protocol):
 
     def solved(self, stop: Stop) -> Solution: ...
 
-    def iterated(self, tolerance: float | None, stop: Stop, start: Array | None = None) -> Solution: ...
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> Solution: ...
 
     def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution: ...
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from unilateral import discrete_solution, tabulated
 from unilateral.accuracy.search import Search
-from unilateral.adapted import Adapted
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
 from unilateral.certificate import Bounds, record, steps, unique, write_text
@@ -259,7 +258,7 @@ class Solution:
         from unilateral.plot import figure, settled
 
         gap = settled(self.gap, self.multiplier) if self.converged else self.gap
-        adapted = isinstance(self.solved.discrete, Adapted)
+        adapted = self.solved.discrete.mesh.adapted
         return figure(self.mesh, self.u, self.contact, gap, adapted, self._title())
 
     def _title(self) -> str:

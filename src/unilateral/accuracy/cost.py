@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 from unilateral.accuracy.level import Level, refinement_pays
-from unilateral.adapted import Adapted
 from unilateral.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.solvers.stop import Stop
 
@@ -54,7 +53,7 @@ class Prospect:
     def adapted(self) -> bool:
         """Whether the next mesh is."""
         last = self.done[-1]
-        of_adapted = isinstance(last.solved.discrete, Adapted)
+        of_adapted = last.solved.discrete.mesh.adapted
         return may_adapt(self.stop, self.kind) and (of_adapted or refinement_pays(last))
 
     @property
@@ -67,7 +66,7 @@ class Prospect:
     @cached_property
     def speed(self) -> float:
         """Times the seconds of `cost`, f's enclosures aside; not of the first level, which imports."""
-        alike = [each for each in self.done[1:] if isinstance(each.solved.discrete, Adapted) == self.adapted]
+        alike = [each for each in self.done[1:] if each.solved.discrete.mesh.adapted == self.adapted]
         expected = sum(self.cost.start + self.cost.each * level.unknowns for level in alike)
         return sum(level.seconds - level.enclosing for level in alike) / expected if alike else 1.0
 

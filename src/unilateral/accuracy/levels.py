@@ -17,7 +17,6 @@ from unilateral.accuracy.cost import Prospect, may_adapt
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
 from unilateral.accuracy.watch import ENCLOSING, Watch
-from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds.source import enclosed
 from unilateral.choice import cheapest, levels_for
 from unilateral.discrete_solution import AIM, AnyDiscrete
@@ -30,6 +29,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.memory import available_mb, forget_peak, peak_mb
+from unilateral.multilevel import after
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop
 
@@ -92,12 +92,12 @@ def _adapted(problem: Data, stop: Stop, done: list[Level], watch: Watch) -> Iter
     while wanted(done):
         last, prospect = done[-1], Prospect(done, stop, "", watch.elapsed)
         watch.begin_level()
-        of, u = refined(of, marked(of.mesh, last.solved.shares, bulk(last)), last.solved.u_h)
+        of = refined(of, marked(of.mesh, last.solved.shares, bulk(last)))
         if not affordable(prospect, of.mesh.n_nodes):
             return
         watch.expected = prospect.seconds(of.mesh.n_nodes)
         watch.at(ENCLOSING, of.mesh.n_nodes)
-        discrete = on_adapted(problem, of, u, last.solved.discrete.source)
+        discrete = after(last.solved, problem, of)
         done.append(_solved(discrete, last.goal, stop, last, watch))
         yield done[-1]
 
@@ -135,7 +135,8 @@ def _solved(discrete: AnyDiscrete, goal: Goal, stop: Stop, before: Level | None,
         if math.isfinite(before.total):
             tolerance = AIM * SHARE * before.target * in_norm or None
     watch.at("solve")
-    solved = discrete.iterated(tolerance, stop, start)
+    total = before.total if before else math.inf
+    solved = discrete.iterated(tolerance, stop, start, total)
     watch.at("bound")
     if (wanted := SHARE * target(solved, goal) * in_norm) > 0:
         solved = solved.improved(wanted, stop)

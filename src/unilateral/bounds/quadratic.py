@@ -136,11 +136,10 @@ class Quadratic:
 def quadratic(mesh: Mesh) -> Quadratic:
     """P2 on a mesh."""
     n, edges, of = mesh.n_nodes, mesh.opposite_edges[:, [2, 0, 1]], mesh.triangulation
-    along = n + of.inside + np.arange(len(mesh.boundary))
     return Quadratic(
         mesh,
         unknowns=np.concatenate([mesh.triangles, n + edges], axis=1).astype(np.int32),
         slopes=gradients(mesh),
-        of_boundary=np.concatenate([mesh.boundary, along]),
+        of_boundary=np.concatenate([mesh.boundary, n + of.boundary]),
         size=n + len(of.ends),
     )

@@ -1,10 +1,10 @@
 """f on a mesh, enclosed: its linear part on every triangle, and a bound of what the rest can do.
 
 On a piece f is a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces are
-the triangles of a coarser level; where rad is not small they give way to the next level (`whole`). Triangles
-of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded (`jumps`).
-Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between points. With f_h
-the L2 projection of p onto linear functions on each triangle T, and E_T a bound of ||f - p||_T,
+the triangles of the first mesh; where rad is not small they give way to those that came from them (`whole`).
+Triangles of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded
+(`jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between points.
+With f_h the L2 projection of p onto linear functions on each triangle T, and E_T a bound of ||f - p||_T,
 
     (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
 
@@ -16,24 +16,36 @@ Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. D
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array
-from unilateral.bounds.pieces import Pieces, areas, known_at_points, polynomials
+from unilateral.arrays import Array, Index, Int32, Mask
+from unilateral.bounds.pieces import (
+    Pieces,
+    areas,
+    known_at_points,
+    polynomials,
+    rounded_size,
+    with_gaps,
+)
 from unilateral.bounds.projection import averages, hat_means
-from unilateral.bounds.whole import MOST_HALVINGS, Values, whole
+from unilateral.bounds.quadratic import linear_squares
+from unilateral.bounds.whole import FEW, MOST_HALVINGS, Polynomials, none, values, whole
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import signed_areas
+from unilateral.geometry.refinement import Step
 from unilateral.problems.data import Data
 
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 ENOUGH = 0.003
 """Of h ||p - mean p||, like discretisation errors: what the rest of f may be; h of triangles all alike."""
-ABOVE = 1e-3
-"""Of that: on coarser levels, where it costs next to nothing."""
+ABOVE = 0.1
+"""Of that: on coarser triangles, where it costs next to nothing."""
 IN_VAIN = 16.0
 """Times what rounding leaves: a piece with that E^2 is not quartered."""
 RESOLVED = 4.0
@@ -51,7 +63,7 @@ class Source:
     f - f_h is a function with mean 0 and a norm of at most `oscillation` (m,), which is ||p - f_h||_T but for
     jumps, and one with a norm of at most `rest` (m,), which is E_T, `resolved` if it is as small as wanted.
 
-    `moments` (m, 3) are those of p with the triangle's hats.
+    `moments` (m, 3) are those of p with the triangle's hats. `seen` is where p was found.
     """
 
     mesh: Mesh
@@ -60,6 +72,7 @@ class Source:
     oscillation: Array
     rest: Array
     resolved: bool = True
+    seen: Seen | None = None
 
     @property
     def distance(self) -> float:
@@ -87,28 +100,140 @@ def poincare(mesh: Mesh) -> Array:
     return mesh.longest_edges / J
 
 
-def enclosed(mesh: Mesh, data: Data) -> Source:
-    """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice."""
+class Seen(NamedTuple):
+    """The polynomials that are known; the triangles have those `of` (m,), found so many `halvings` (m,) above."""
+
+    known: Polynomials
+    of: Int32
+    halvings: Int32
+
+
+class Values(NamedTuple):
+    """What is known of f on every triangle of a mesh; see `Source`."""
+
+    f_h: Array
+    moments: Array
+    oscillation: Array
+    rest: Array
+
+    def put(self, mesh: Mesh, at: Index, seen: Seen) -> None:
+        """Of the polynomials, on the triangles `at` (k,)."""
+        size = rounded_size(mesh)
+        for start in range(0, len(at), FEW):
+            some = at[start : start + FEW]
+            area, of = mesh.areas[some], seen.of[some]
+            f_h, squares = values(mesh.points[mesh.triangles[some]], seen.known, of)
+            outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
+            self.f_h[some], self.moments[some] = f_h.T, (area / 12 * (f_h + f_h.sum(axis=0))).T
+            self.oscillation[some], self.rest[some] = (
+                np.sqrt(area * squares),
+                np.sqrt(outer) * seen.known.rad[of],
+            )
+
+    def sums(self, mesh: Mesh, of: Mask) -> Sums:
+        """Over some of the triangles."""
+        area, means = mesh.areas[of], self.f_h[of].mean(axis=1)
+        squares = linear_squares(area, self.f_h[of]) + self.oscillation[of] ** 2
+        unknown = float(np.sum(self.rest[of] ** 2))
+        return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
+
+
+def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
+    """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice.
+
+    What is known on a mesh `before`, from which this one was refined, is kept where that is enough.
+    """
     n = len(mesh.triangles)
-    values, sums = Values(np.zeros((n, 3)), np.zeros((n, 3)), *np.zeros((2, n))), Sums()
-    halvings = min(mesh.halvings, MOST_HALVINGS)
-    left = np.arange(n >> 2 * halvings)
-    for k in range(halvings, -1, -1):
-        if not left.size:
-            break
-        found = whole(mesh, left, k, data)
-        squares = found.area * found.rad**2
-        wanted = (sums + _sums(found.averages, found.area, squares)).wanted(_size(mesh), ABOVE if k else 1.0)
-        fine = squares <= 0.5 * wanted * 4**k / n
-        values.put(found, fine, mesh)
-        sums += _sums(found.averages[:, fine], found.area[fine], squares[fine], 4**k)
-        left = found.children(~fine) if k else left[~fine]
+    values = Values(np.empty((n, 3)), np.empty((n, 3)), *np.empty((2, n)))
+    if before:
+        for array, old in zip(values, _values(before), strict=True):
+            array[: len(old)] = old
+    search = _Search(mesh, data, before)
+    wide = search.wide()
+    values.put(mesh, np.flatnonzero(search.new & ~wide), search.seen)
+    sums = values.sums(mesh, ~(search.new & wide))
+    left = np.flatnonzero(search.new & wide)
     if left.size:
-        part = replace(mesh, triangles=mesh.triangles[left], coarse=None, halvings=0)
-        of_part, sums = _in_pieces(part, data, sums, max(MOST_PIECES, 4 * n))
+        of_part, sums = _in_pieces(mesh.part(left), data, sums, max(MOST_PIECES, 4 * n))
         for array, there in zip(values, of_part, strict=True):
             array[left] = there
-    return Source(mesh, *values, resolved=sums.unknown <= RESOLVED * sums.wanted(_size(mesh)))
+    resolved = sums.unknown <= RESOLVED * sums.wanted(_size(mesh))
+    return Source(mesh, *values, resolved=resolved, seen=search.seen)
+
+
+def _values(of: Source) -> Values:
+    return Values(of.f_h, of.moments, of.oscillation, of.rest)
+
+
+class _Search:
+    """From the triangles of the first mesh, or of the one `before`, to those that came from them.
+
+    On the mesh in hand the triangles have the polynomials `of` (m,), found so many `halvings` (m,) above. Of
+    those that are `left` (m,) they are not near enough; `new` (m,) are those whose polynomials are new.
+    """
+
+    def __init__(self, mesh: Mesh, data: Data, before: Source | None) -> None:
+        self.mesh, self.data, self.size = mesh, data, _size(mesh)
+        self.known, self.sums = none(), Sums()
+        first = before.mesh if before else mesh.coarse or mesh
+        steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
+        self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
+        self.left, self.new = np.ones((2, n), dtype=bool)
+        if before and before.seen:
+            self.known, self.of, self.halvings = before.seen
+            self.of, self.halvings = self.of.copy(), self.halvings.copy()
+            self.sums, self.new = _values(before).sums(first, self.left), ~self.left
+            self.left = self._wide_above(self.known.rad[self.of])
+            asked = self.left & (self.halvings > 0) & _cut(steps, n)
+        else:
+            asked = self.left
+        self._ask(first.triangles[asked], np.flatnonzero(asked))
+        for step in steps:
+            again = self.left[step.parent] | (self.halvings[step.parent] == MOST_HALVINGS)
+            self.of, self.halvings = step.inherited(self.of), step.inherited(self.halvings)
+            self.left, self.new = step.inherited(self.left), step.inherited(self.new)
+            self.halvings[step.triangles] += 1
+            self.new[step.triangles] = True
+            self._ask(step.nodes[again], step.triangles[again])
+
+    @property
+    def seen(self) -> Seen:
+        return Seen(self.known, self.of, self.halvings)
+
+    def _ask(self, nodes: Index, at: Index) -> None:
+        """For f on triangles with those nodes (k, 3) and numbers (k,)."""
+        if not at.size:
+            return
+        found = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.data)
+        self.of[at] = len(self.known.rad) + np.arange(len(at))
+        self.known, self.halvings[at], self.new[at] = self.known.and_more(found), 0, True
+        area = signed_areas(self.mesh.points, nodes)
+        sums = self.sums + _sums(found.averages(), area, area * found.rad**2)
+        fine = ~self._wide_above(found.rad, sums)
+        self.left[at] = ~fine
+        self.sums += _sums(found.averages()[:, fine], area[fine], area[fine] * found.rad[fine] ** 2)
+
+    def _wide_above(self, rad: Array, sums: Sums | None = None) -> Mask:
+        """(k,) where rad (k,) is more than the triangles of the mesh in all should have: alike everywhere."""
+        wanted = (sums or self.sums).wanted(self.size, ABOVE)
+        return np.asarray(rad**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
+
+    def wide(self) -> Mask:
+        """(m,) where rad is too large on the mesh: half of what is wanted is shared by areas and by numbers."""
+        area, n = self.mesh.areas, len(self.mesh.triangles)
+        rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
+        of = _sums(averages(self.known.c[:, self.of[left]]), area[left], area[left] * rad[left] ** 2)
+        wanted = (self.sums + of).wanted(self.size)
+        share = 0.5 * (area / float(area.sum()) + 1 / n)
+        return self.left & (area * rad**2 > 0.5 * wanted * share)
+
+
+def _cut(steps: Sequence[Step], n: int) -> Mask:
+    """(n,) which of the first n triangles are cut."""
+    found = np.zeros(n, dtype=bool)
+    for step in steps:
+        found[step.parent[step.parent < n]] = True
+    return found
 
 
 def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, Sums]:

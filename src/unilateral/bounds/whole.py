@@ -1,86 +1,121 @@
-"""f on whole triangles: those of a mesh, and those that they came from by uniform refinement.
+"""f on whole triangles: those of a mesh, and those that they came from by refinement.
 
-On a triangle of a coarser level f is a polynomial p, |f - p| <= rad. So it is on all triangles of the mesh
-that lie in it. Their nodes are midpoints, which are rounded: in the variables of p, x and y are affine up to
-half an EPS of their size for every halving. rad holds up to ROUNDING of it.
+On a triangle f is a polynomial p, |f - p| <= rad. So it is on all triangles of a mesh that lie in it. In the
+variables of p, -1 and 1 at the ends of the longest edge and -1 both at the other corner, the corners of these
+are multiples of FINEST, for each halving of an edge halves the differences. In memory nodes are midpoints that
+are rounded: by half an EPS of their size for every halving. rad holds up to ROUNDING of it (`pieces`), so
+p is used on triangles up to MOST_HALVINGS finer.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.pieces import BLOCK, on_triangles, rounded_size, with_gaps
-from unilateral.bounds.projection import ORDER, averages, halved, projected, rounding
-from unilateral.formulas.taylor import basis
-from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.plane import signed_areas
+from unilateral.arrays import Array, Index, Int32
+from unilateral.bounds.pieces import BLOCK, on_triangles
+from unilateral.bounds.projection import ORDER, averages
+from unilateral.fem.quadrature import symmetric
+from unilateral.formulas.taylor import EPS, basis
 from unilateral.problems.data import Data
 
 MOST_HALVINGS = 6
-"""Between a mesh and the coarsest level on which f is looked at; 8 of them would be ROUNDING."""
+"""Between a triangle and one of the mesh in it; 8 of them would be ROUNDING."""
+FINEST = 2.0**-MOST_HALVINGS
+COMPUTED = 192
+"""Times EPS sum |c|: what `values` may be off by, in f_h and in the mean square of p - f_h together.
+
+Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations: p
+is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
+and as many terms as there are points, 16: f_h is off by 60. What is left of p is off by both, by its
+own two operations and by a mean of 16 terms: by 85, which, with f_h, makes 145.
+"""
+FEW = 1 << 11
+"""Triangles at a time: the numbers in their points fit into a processor's cache."""
 
 
-class Whole(NamedTuple):
-    """p's c (m, k) and a bound rad (k,) of |f - p| on triangles (k,), `halvings` levels above the mesh.
+class Polynomials(NamedTuple):
+    """p's c (m, k) on triangles with the corners (k, 3, 2), that of sigma = (-1, -1) first; rad (k,)."""
 
-    `rad` has what rounding does to p on the mesh's triangles. `first` (k,) is the corner of sigma = (-1, -1).
-    `averages` (2, k) are the means of p and p^2.
-    """
-
-    triangle: Index
-    halvings: int
-    area: Array
     c: Array
-    averages: Array
     rad: Array
-    first: Index
+    corners: Array
 
-    def children(self, of: Mask) -> Index:
-        """Of some of the triangles."""
-        return (4 * self.triangle[of][:, None] + np.arange(4)).ravel()
+    def and_more(self, others: Polynomials) -> Polynomials:
+        return Polynomials(
+            np.concatenate([self.c, others.c], axis=1),
+            np.concatenate([self.rad, others.rad]),
+            np.concatenate([self.corners, others.corners]),
+        )
 
-
-def whole(mesh: Mesh, triangle: Index, halvings: int, data: Data) -> Whole:
-    """f on the triangles (k,) of the level from which so many halvings made the mesh."""
-    k, corner, every, size = len(triangle), np.arange(3), 4**halvings, rounded_size(mesh)
-    c, of_p = np.empty((len(basis(2, ORDER).degree), k)), np.empty((2, k))
-    area, rad, first = *np.empty((2, k)), np.empty(k, dtype=np.intp)
-    for start in range(0, k, BLOCK):
-        of = slice(start, start + BLOCK)
-        nodes = mesh.triangles[every * triangle[of, None] + (every - 1) // 3 * corner, corner]
-        c[:, of], rad[of], first[of] = on_triangles(mesh.points[nodes], size, data)
-        area[of], of_p[:, of] = signed_areas(mesh.points, nodes), averages(c[:, of])
-        rad[of] += rounding(c[:, of], halvings)
-    return Whole(triangle, halvings, area, c, of_p, rad, first)
+    def averages(self) -> Array:
+        """(2, k) the means of p and p^2."""
+        return averages(self.c)
 
 
-class Values(NamedTuple):
-    """What is known of f on every triangle of the mesh; see `Source`."""
+def none() -> Polynomials:
+    return Polynomials(np.empty((len(basis(2, ORDER).degree), 0)), np.empty(0), np.empty((0, 3, 2)))
 
-    f_h: Array
-    moments: Array
-    oscillation: Array
-    rest: Array
 
-    def put(self, of: Whole, chosen: Mask, mesh: Mesh) -> None:
-        """p on all triangles of the mesh that lie in the chosen ones."""
-        parts = 4**of.halvings
-        for first in range(3):
-            here = np.flatnonzero(chosen & (of.first == first))
-            step = max(1, BLOCK // parts)
-            for start in range(0, len(here), step):
-                some = here[start : start + step]
-                at = (parts * of.triangle[some][:, None] + np.arange(parts)).ravel()
-                c = halved(np.ascontiguousarray(of.c[:, some].T), of.halvings, first)
-                self._put(mesh, at, *projected(c, first), np.repeat(of.rad[some], parts))
+def whole(corners: Array, size: float, data: Data) -> Polynomials:
+    """f on triangles with those corners (k, 3, 2), of a mesh of that `rounded_size`."""
+    found = none()
+    c, rad, ordered = [found.c], [found.rad], [found.corners]
+    for start in range(0, len(corners), BLOCK):
+        block = corners[start : start + BLOCK]
+        of_block, rad_of_block, first = on_triangles(block, size, data)
+        order = (first[:, None] + np.arange(3)) % 3
+        c.append(of_block)
+        rad.append(rad_of_block + COMPUTED * EPS * np.abs(of_block).sum(axis=0))
+        ordered.append(np.take_along_axis(block, order[..., None], axis=1))
+    return Polynomials(np.concatenate(c, axis=1), np.concatenate(rad), np.concatenate(ordered))
 
-    def _put(self, mesh: Mesh, at: Index, f_h: Array, squares: Array, rad: Array) -> None:
-        area = mesh.areas[at]
-        self.f_h[at] = f_h
-        self.moments[at] = area[:, None] / 12 * (f_h + f_h.sum(axis=1, keepdims=True))
-        self.oscillation[at] = np.sqrt(area * squares)
-        outer = with_gaps(area, 3 * mesh.longest_edges[at], rounded_size(mesh))
-        self.rest[at] = np.sqrt(outer) * rad
+
+def values(corners: Array, known: Polynomials, of: Int32) -> tuple[Array, Array]:
+    """(3, k) the L2 projection f_h of p at the corners (k, 3, 2), (k,) the mean of (p - f_h)^2.
+
+    `of` (k,) says which p is known on each triangle.
+    """
+    (hats, weights), to_corners = symmetric(2 * ORDER), _to_corners()
+    x, y = (hats @ each for each in inside(corners, known.corners[of]))
+    p = _horner(known.c[:, of], x, y)
+    f_h = to_corners @ p
+    p -= hats @ f_h
+    return f_h, weights @ p**2
+
+
+def inside(corners: Array, frame: Array) -> Array:
+    """(2, 3, k) the variables of p, with the corners `frame` (k, 3, 2), at those corners (k, 3, 2): exact."""
+    a, u, v = frame.transpose(1, 2, 0)
+    e, f, middle = 0.5 * (u - a), 0.5 * (v - a), 0.5 * (u + v)
+    x, y = corners.transpose(2, 1, 0) - middle[:, None]
+    scale = 1 / (FINEST * (e[0] * f[1] - e[1] * f[0]))
+    return FINEST * np.rint(np.stack([(x * f[1] - y * f[0]) * scale, (e[0] * y - e[1] * x) * scale]))
+
+
+def _horner(c: Array, x: Array, y: Array) -> Array:
+    """(q, k) the polynomials c (m, k) at x, y (q, k)."""
+    number = _numbers()
+    found = np.zeros_like(x)
+    for j in range(ORDER, -1, -1):
+        inner = np.zeros_like(x)
+        for i in range(ORDER - j, -1, -1):
+            inner *= x
+            inner += c[number[i, j]]
+        found *= y
+        found += inner
+    return found
+
+
+@cache
+def _numbers() -> dict[tuple[int, int], int]:
+    return {(i, j): k for k, (i, j) in enumerate(basis(2, ORDER).exponents.tolist())}
+
+
+@cache
+def _to_corners() -> Array:
+    """(3, q) from values at the points of the rule to f_h at the corners."""
+    hats, weights = symmetric(2 * ORDER)
+    return np.asarray((weights[:, None] * (12 * hats - 3)).T)

@@ -1,66 +1,197 @@
-"""Nested spaces V_0, ..., V_L on a mesh that was made by uniform refinement."""
+"""Nested spaces V_0, ..., V_L on a mesh that was made by refinement, uniform or not.
+
+Nodes keep their numbers, so one vector (n,) holds the values on all levels: V_l has the first of them. A level
+knows the nodes whose hats changed, which are new, or ends of edges that were halved, and the rows of the
+matrix of (., .)_1 that belong to them. Where refinement was uniform these are all nodes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, splu
 
-from unilateral.arrays import Array, Int32
-from unilateral.fem.inherited import Elements, elements, lumped, matrix, prolongation
-from unilateral.fem.p1 import lumped_mass, stiffness_and_mass
+from unilateral.arrays import Array, Index, Int32
+from unilateral.fem.edge_matrix import Elements, elements, lumped, matrix, some_rows
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.refinement import Step
+
+Halvings = NDArray[np.int16]
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """V_l, with n nodes, nb of them on the boundary.
+    """V_l with n nodes, after V_{l-1} with the first of them.
 
-    `A` (n, n) is the matrix of (., .)_1, its rows not sorted, `mass` (n,) their sums; `P` (n, N) the
-    prolongation from the level before, the identity on level 0. `roundness` (n - N,) belongs to the new
-    nodes: the sums over the triangles at their edges. `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`.
+    `ends` (o,) are the ends of the halved edges, `P` (k, o) makes of values there those at the k new nodes.
+    `smoothed` (s,) are the nodes whose hats changed, `ends` first, `columns` (c,) those that their rows reach,
+    `smoothed` first, and `rows` (s, c) are of the matrix. If refinement was uniform the first two are None, and
+    the rows are the whole matrix. The last level of a hierarchy has no rows, for its matrix is there.
+    `step` made it; the areas of its new triangles (c,) were `halved` so often. `met` numbers are added to one
+    when a functional goes to the level before, at most.
     """
 
+    n: int
+    ends: Int32
+    P: sp.csr_array
+    smoothed: Int32 | None
+    columns: Int32 | None
+    rows: sp.csr_array | None
+    step: Step
+    halved: Halvings
+    met: int
+
+    @property
+    def before(self) -> int:
+        """The nodes of the level before."""
+        return self.step.n
+
+    def restrict(self, R: Array) -> None:
+        """R (n,) on the hats of this level becomes that on those of the level before, in place."""
+        R[self.ends] += self.P.T @ R[self.before : self.n]
+
+    def prolong(self, v: Array) -> None:
+        """v, with values at the nodes of the level before, gets those at the new nodes, in place."""
+        v[self.before : self.n] = self.P @ v[self.ends]
+
+    def with_rows(self, rows: sp.csr_array) -> Level:
+        """The same with the rows (s, n) of its nodes, or all."""
+        if self.smoothed is None:
+            return replace(self, rows=rows)
+        touched = np.zeros(self.n, dtype=bool)
+        touched[rows.indices] = True
+        touched[self.smoothed] = False
+        columns = np.concatenate([self.smoothed, np.flatnonzero(touched).astype(np.int32)])
+        place = np.empty(self.n, dtype=np.int32)
+        place[columns] = np.arange(len(columns), dtype=np.int32)
+        shape = (len(self.smoothed), len(columns))
+        rows = sp.csr_array((rows.data, place[rows.indices], rows.indptr), shape=shape)
+        return replace(self, columns=columns, rows=rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Hierarchy:
+    """The levels 1, ..., L, and A (n, n) on the last one, each row beginning with the diagonal.
+
+    `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `mass` (n,) are the sums of
+    A's rows; `boundary` (nb,) and `s` (nb + 1,) as in `Mesh`. The last level has the triangles `nodes` (T, 3).
+    They lie in those of level 0 with the numbers `root` (T,), whose areas were `halved` (T,) times.
+    """
+
+    coarse: Mesh
+    A_0: sp.csr_array
+    coarsest: SuperLU
+    levels: Sequence[Level]
     A: sp.csr_array
     mass: Array
-    P: sp.csr_array
-    roundness: Array
-    boundary: Int32
+    boundary: Index
     s: Array
+    nodes: Int32
+    of: Elements
+    root: Int32
+    halved: Halvings
 
     @property
     def n(self) -> int:
         return int(self.A.shape[0])
 
+    @cached_property
+    def roundness(self) -> Array:
+        """The ratio of the singular values of the map from a right and isosceles triangle, on level 0.
 
-def hierarchy(mesh: Mesh) -> list[Level]:
-    """The levels from the coarse mesh that it was refined from, to the mesh itself."""
-    coarse = mesh.coarse or mesh
-    A, P = sum(stiffness_and_mass(coarse)), sp.eye_array(coarse.n_nodes, format="csr")
-    A = sp.csr_array((A.data, A.indices.astype(np.int32), A.indptr.astype(np.int32)), shape=A.shape)
-    levels = [Level(A, lumped_mass(coarse), P, np.zeros(0), coarse.boundary.astype(np.int32), coarse.s)]
-    of = elements(coarse) if mesh.halvings else None
-    while of:
-        every = 2 ** (mesh.halvings - len(levels))
-        boundary = mesh.boundary[::every].astype(np.int32)
-        levels.append(_finer(of, boundary, mesh.s[::every]))
-        of = of.children() if every > 1 else None
-    return levels
+        r + 1/r = |J|^2 / det J for the map J; its columns are the edges at the first node.
+        """
+        a, b, c = self.coarse.points[self.coarse.triangulation.nodes.T]
+        both = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse.areas)
+        return np.asarray(2 / (both + np.sqrt(np.maximum(both**2 - 4, 0))))
+
+    @cached_property
+    def smoothed(self) -> Int32:
+        """The nodes inside whose hats the last level has changed; on level 0 none."""
+        if not self.levels:
+            return np.zeros(0, dtype=np.int32)
+        of = self.levels[-1].smoothed
+        inside = np.zeros(self.n, dtype=bool)
+        inside[slice(None) if of is None else of] = True
+        inside[self.boundary] = False
+        return np.flatnonzero(inside).astype(np.int32)
+
+    @cached_property
+    def coarser(self) -> Hierarchy | None:
+        """That of the level before if the last step was uniform and its matrix is known; no triangles."""
+        if not self.levels or self.levels[-1].smoothed is not None:
+            return None
+        *levels, last = self.levels
+        n, A = last.before, levels[-1].rows if levels else self.A_0
+        if A is None or A.shape != (n, n):
+            return None
+        kept, mass = np.flatnonzero(self.boundary < n), self.mass.copy()
+        last.restrict(mass)
+        s = np.append(self.s[kept], self.s[-1])
+        return replace(self, levels=levels, A=A, mass=mass[:n], boundary=self.boundary[kept], s=s)
 
 
-def roundness(stiffness: Array) -> Array:
-    """(T,) the ratio r <= 1 of the singular values of the map J from an equilateral triangle.
+def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
+    """The levels from the coarse mesh that it was refined from, to the mesh itself.
 
-    r + 1/r = |J|^2 / det J is the sum of the squared sides over 2 3^{1/2} |T|; and that sum over 4 |T| is
-    the trace of the element's stiffness matrix, whose rows add up to 0.
+    Those that are known of a mesh from which this one was refined are taken over.
     """
-    both = -4 / np.sqrt(3) * stiffness.sum(axis=1)
-    return np.asarray(2 / (both + np.sqrt(np.maximum(both**2 - 4, 0))))
+    found = known or _on_level_0(mesh.coarse or mesh)
+    steps = mesh.steps[len(found.levels) :]
+    if not steps:
+        return found
+    levels, of, halved = [*found.levels], found.of, found.halved
+    nodes, root = found.nodes, found.root
+    if levels:
+        smoothed = levels[-1].smoothed
+        levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
+    for step in steps:
+        new = elements(mesh.points, step.nodes)
+        more = np.rint(np.log2(of.area[step.parent] / new.area)).astype(np.int16) + halved[step.parent]
+        nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
+        of = Elements(step.put(of.stiffness, new.stiffness), step.put(of.area, new.area))
+        level = _level(step, more)
+        if step is not steps[-1]:
+            level = level.with_rows(_rows(level, nodes, of))
+        levels.append(level)
+    A, mass = matrix(mesh.triangulation, of), lumped(nodes, of.area, mesh.n_nodes)
+    level_0 = found.coarse, found.A_0, found.coarsest
+    return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, nodes, of, root, halved)
 
 
-def _finer(coarser: Elements, boundary: Int32, s: Array) -> Level:
-    """The level whose triangles are the children of these."""
-    P = prolongation(coarser.of)
-    of_edges = coarser.of.sums(roundness(coarser.stiffness)[:, None])
-    return Level(matrix(coarser, P), lumped(coarser), P, of_edges, boundary, s)
+def _rows(level: Level, nodes: Int32, of: Elements) -> sp.csr_array:
+    """Of the triangles with those nodes (T, 3)."""
+    if level.step.after:
+        return matrix(level.step.after, of)
+    assert level.smoothed is not None
+    return some_rows(nodes, of, level.smoothed, level.n)
+
+
+def _on_level_0(mesh: Mesh) -> Hierarchy:
+    tri = mesh.triangulation
+    of = elements(mesh.points, tri.nodes)
+    A, mass = matrix(tri, of), lumped(tri.nodes, of.area, tri.n)
+    root, halved = np.arange(len(tri.nodes), dtype=np.int32), np.zeros(len(tri.nodes), dtype=np.int16)
+    return Hierarchy(
+        mesh, A, splu(A.tocsc()), [], A, mass, mesh.boundary, mesh.s, tri.nodes, of, root, halved
+    )
+
+
+def _level(step: Step, halved: Halvings) -> Level:
+    """Without its rows."""
+    n, k = step.n, len(step.ends)
+    changed = np.zeros(n, dtype=bool)
+    changed[step.ends] = True
+    ends = np.flatnonzero(changed).astype(np.int32)
+    place = np.empty(n, dtype=np.int32)
+    place[ends] = np.arange(len(ends), dtype=np.int32)
+    start = np.arange(0, 2 * k + 1, 2, dtype=np.int32)
+    P = sp.csr_array((np.full(2 * k, 0.5), place[step.ends.ravel()], start), shape=(k, len(ends)))
+    smoothed = None if step.after else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
+    met = 1 + int(np.bincount(P.indices).max())
+    return Level(n + k, ends, P, smoothed, None, None, step, halved, met)

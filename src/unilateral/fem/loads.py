@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,8 +23,7 @@ BLOCK = 1 << 16
 def parts(mesh: Mesh) -> Iterator[Mesh]:
     """The mesh in blocks, each with all nodes and some of the triangles."""
     for start in range(0, len(mesh.triangles), BLOCK):
-        block = mesh.triangles[start : start + BLOCK]
-        yield replace(mesh, triangles=block, coarse=None, halvings=0)
+        yield mesh.part(np.arange(start, min(start + BLOCK, len(mesh.triangles))))
 
 
 def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.fem.hierarchy import Level
+from unilateral.fem.hierarchy import Hierarchy
 from unilateral.geometry.partition import VERTEX_TOLERANCE, Partition
 
 LEAST = 2
@@ -39,29 +39,27 @@ class Cells:
         return np.unique(self.B[chosen].indices)
 
 
-def nested_cells(
-    levels: Sequence[Level], partition: Partition, free: Sequence[int] = ()
-) -> list[Cells] | None:
+def nested_cells(of: Hierarchy, partition: Partition, free: Sequence[int] = ()) -> list[Cells] | None:
     """The cells, without those on `free` sides, of the last levels, as many as have cells.
 
-    A level's cells are the smallest unions of finer ones with at least two of its edges. None where a
-    point of the partition is no node of the finest level, or a cell has one edge only.
+    A level's cells are the smallest unions of finer ones with at least two of its edges; where refinement was
+    not uniform only the last level has cells. None where a point of the partition is no node, or a cell has
+    one edge only.
     """
-    s, chosen = levels[-1].s, ~np.isin(partition.side, free)
+    s, chosen = of.s, ~np.isin(partition.side, free)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
     ends, side = np.column_stack([place[:-1], place[1:]])[chosen], partition.side[chosen]
     apart = float(np.max(np.abs(s[place] - partition.points)))
     if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < LEAST):
         return None
     found: list[Cells] = []
-    for depth, level in enumerate(reversed(levels), start=1):
-        first = _first_of_unions(ends, side) if depth < len(levels) else None
-        found.insert(0, _cells(level, ends, first))
-        if first is None:
-            break
+    while True:
+        first = _first_of_unions(ends, side) if of.coarser else None
+        found.insert(0, _cells(of, ends, first))
+        if first is None or of.coarser is None:
+            return found
         last = np.append(first, len(ends))[1:] - 1
-        ends, side = np.column_stack([ends[first, 0], ends[last, 1]]) // 2, side[first]
-    return found
+        ends, side, of = np.column_stack([ends[first, 0], ends[last, 1]]) // 2, side[first], of.coarser
 
 
 def _first_of_unions(ends: Index, side: Index) -> Index | None:
@@ -81,19 +79,27 @@ def _first_of_unions(ends: Index, side: Index) -> Index | None:
     return np.array(found, dtype=np.intp)
 
 
-def _cells(level: Level, ends: Index, first: Index | None) -> Cells:
+def _cells(of: Hierarchy, ends: Index, first: Index | None) -> Cells:
     """Those from boundary node ends[:, 0] to ends[:, 1]; unions begin with the cells `first`."""
     parent = None if first is None else np.searchsorted(first, np.arange(len(ends)), side="right") - 1
-    inside = level.boundary[ends[:, 0] + 1].astype(np.intp)
-    return Cells(_integrals(level, ends), inside, parent)
+    return Cells(_integrals(of, ends), _inside(of, ends), parent)
 
 
-def _integrals(level: Level, ends: Index) -> sp.csr_array:
+def _inside(of: Hierarchy, ends: Index) -> Index:
+    """(m,) of each cell the node with the longest edges, the first of several."""
+    length = np.diff(of.s)
+    cell = np.repeat(np.arange(len(ends)), ends[:, 1] - ends[:, 0] - 1)
+    node = np.concatenate([np.arange(begin + 1, end) for begin, end in ends] or [cell])
+    order = np.lexsort([node, -(length[node] + length[node - 1]), cell])
+    return of.boundary[node[order[np.searchsorted(cell, np.arange(len(ends)))]]].astype(np.intp)
+
+
+def _integrals(of: Hierarchy, ends: Index) -> sp.csr_array:
     """B (m, n): half of each edge's length, for both of its ends."""
     count = ends[:, 1] - ends[:, 0]
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]
-    half = 0.5 * np.diff(level.s)[edge]
-    nodes = np.concatenate([level.boundary[edge], np.roll(level.boundary, -1)[edge]])
+    half = 0.5 * np.diff(of.s)[edge]
+    nodes = np.concatenate([of.boundary[edge], np.roll(of.boundary, -1)[edge]])
     entries = (np.tile(half, 2), (np.tile(cell, 2), nodes))
-    return sp.coo_array(entries, shape=(len(ends), level.n)).tocsr()
+    return sp.coo_array(entries, shape=(len(ends), of.n)).tocsr()

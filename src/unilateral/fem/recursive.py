@@ -22,7 +22,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from unilateral.arrays import Array, Index
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.refinement import Triangulation
+from unilateral.geometry.refinement import Triangulation, refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,16 +169,28 @@ def element_matrices(corners: Array) -> Array:
 def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:
     """The nodes (T, 3m) around the triangles of each level, m = 1, 2, ..., anticlockwise from a corner.
 
-    They are numbered as by `refine`; triangle t of a level has the children 4t ... 4t + 3 on the finer one.
+    They are numbered as by `refined`, but triangles 4t ... 4t + 3 of a level are the children of triangle t of
+    the coarser one.
     """
     levels = [coarse]
     for _ in range(halvings):
-        levels.append(levels[-1].children())
-    along = levels[-1].ends
+        levels.append(refined(levels[-1])[0])
+    along, orders = levels[-1].ends, _orders(len(coarse.nodes), halvings)
     while levels:
-        of = levels.pop()
-        if len(along) > len(of.ends):
-            along = np.concatenate([along[of.halves], along[of.halves + 1, 1:]], axis=1)
-        line = along[np.roll(of.edges, 1, axis=1)]
-        line = np.where((line[..., 0] == of.nodes)[..., None], line, line[..., ::-1])[..., :-1]
+        of, order = levels.pop(), orders.pop()
+        if len(along) > len(of.ends):  # the halves of edge e are e and E + e
+            along = np.concatenate(
+                [along[: len(of.ends)], along[len(of.ends) : 2 * len(of.ends), 1:]], axis=1
+            )
+        line = along[np.roll(of.edges[order], 1, axis=1)]
+        line = np.where((line[..., 0] == of.nodes[order])[..., None], line, line[..., ::-1])[..., :-1]
         yield line.reshape(len(line), -1).astype(np.intp)
+
+
+def _orders(n: int, halvings: int) -> list[Index]:
+    """The triangles of each level from n on, each followed by its sisters."""
+    found = [np.arange(n)]
+    for _ in range(halvings):
+        t, T = found[-1][:, None], len(found[-1])
+        found.append(np.concatenate([t, T + 3 * t + np.arange(3)], axis=1).ravel())
+    return found

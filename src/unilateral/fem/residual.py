@@ -3,28 +3,28 @@
 With I_l the interpolation at the nodes of level l, a function v of V_L is I_0 v and, for each level
 l = 1, ..., L, its hats at the new nodes times
 
-    w_e = (I_l v)(midpoint of e) - mean of v at the ends of e,      e an edge of level l - 1.
+    w_e = (I_l v)(midpoint of e) - mean of v at the ends of e,      e a halved edge of level l - 1.
 
-On an equilateral triangle t of level l - 1 with the edges 1, 2, 3
+Let t be a triangle of level l - 1. In variables in which t is right and isosceles, its reference edge being
+the hypotenuse, its descendants are so, too, see `geometry.refinement`. Those that came by at most 2 k + 1
+halvings of areas are unions of triangles of the criss-cross lattice of 2^k squares on each leg of t, half of
+them in t. There
 
-    w_1^2 + w_2^2 + w_3^2 <= 3^{1/2} |I_l v|_{1,t}^2,                                               (1)
+    |I_0 v|_1^2 <= M_k |v|_1^2      for v of the lattice, I_0 at the corners of t,                  (1)
+    sum of w_e^2 over the halved edges of t <= C |I_l v|_{1,t}^2                                    (2)
 
-attained for w_1 = w_2 = w_3 on a v with v = 0 at the nodes of t. On one that is refined k times
+with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_k as in
+`growth`, computed like those: the largest eigenvalue on two values, the others eliminated. Used twice, (1)
+gives M_{j+k} <= M_j M_k. These are Proposition S6 of the supplement. The map from these variables, with the
+ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of level 0, changes
+|v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the triangles t of a level,
 
-    |I_0 v|_1^2 <= M_k |v|_1^2,      M_k <= 1 + 0.6 k for k <= 9,                                   (2)
+    sum over e of w_e^2 rho_e <= |v|_1^2,      rho_e = sum of r_T / (C M) over the triangles t at e,
 
-for by symmetry the least |v|_1^2 for values at its nodes is |I_0 v|_1^2 over a number M_k; that is how
-much the resistance between two of the nodes grows, in the network whose conductances are the entries
-of the matrix. It is computed. Used twice, (2) gives M_{j+k} <= M_j M_k. The map from an equilateral
-triangle onto T, with the ratio r_T <= 1 of its singular values, changes |v|_1^2 by a factor between
-r_T and 1 / r_T, and w_e not at all. So for each T of level 0, with all triangles t and edges e in it,
+M for what was refined below the children of t, which is 1 if nothing was. Let R_e be R of the level's new hats. If R vanishes on V_0, Cauchy's
+inequality on each level gives
 
-    r_T sum_t (w_1^2 + w_2^2 + w_3^2) <= 3^{1/2} M_{L-l} |v|_{1,T}^2.
-
-Let R_e be R of the level's new hats, and r_e the sum of r_T over the one or two triangles at e. If R
-vanishes on V_0, Cauchy's inequality on each level gives
-
-    ||R|| <= sum_l (3^{1/2} M_{L-l} sum_e R_e^2 / r_e)^{1/2}.                                       (3)
+    ||R|| <= sum_l (sum_e R_e^2 / rho_e)^{1/2}.                                                     (3)
 
 Any R is (z, .)_1 + R' with z from a V-cycle that smooths on its way down only, and solves on V_0
 exactly. So R' vanishes there, and ||R|| <= ||z||_1 + (3) for R'.
@@ -36,68 +36,104 @@ by, is a functional of its own, small enough for that one: it adds nothing to R_
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
-from pyamg.amg_core import gauss_seidel
+from pyamg.amg_core import gauss_seidel_indexed
 from scipy.linalg.blas import dnrm2
-from scipy.sparse.linalg import SuperLU
 
 from unilateral.arrays import Array
 from unilateral.fem import rounded
-from unilateral.fem.hierarchy import Level
+from unilateral.fem.hierarchy import Hierarchy
+from unilateral.fem.smoothing import downward
 from unilateral.formulas.taylor import EPS
 
-COMPUTED, SLOPE = 9, 0.6
-"""(2) is used with k up to COMPUTED."""
+CONSTANT = np.array([1, 1, 1.0001, 1.4473, 2.0001])
+"""Above C, by the number of children."""
+GROWTH = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
+"""Above M_0, M_1, ..., M_7."""
 
 
-def growth(k: int) -> float:
-    """A bound of M_k."""
-    return (1 + SLOPE * COMPUTED) ** (k // COMPUTED) * (1 + SLOPE * (k % COMPUTED))
+def growth(halvings: int) -> float:
+    """A bound of M for triangles whose areas were halved so often."""
+    if halvings == 0:
+        return 1.0
+    times, rest = divmod(halvings // 2, len(GROWTH) - 1)
+    return float(GROWTH[-1] ** times * (GROWTH[rest] if rest or not times else 1.0))
 
 
-def dual_norm(levels: Sequence[Level], coarsest: SuperLU, R: Array, doubt: Array | float = 0.0) -> float:
-    """A bound of ||R||, R (n,) on the hats of the last level, where it is known up to the `doubt` (n,).
-
-    `coarsest` factorises level 0.
-    """
-    finest, z = levels[-1], downwards(levels, coarsest, R)
-    A_z = rounded.product(finest.A, finest.mass, z)
+def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
+    """A bound of ||R||, R (n,) on the hats of the last level, where it is known up to the `doubt` (n,)."""
+    z = downwards(of, R)
+    A_z = rounded.product(of.A, of.mass, z)
     norm_of_z, left = rounded.root(z, A_z.values), R - A_z.values
-    doubt = doubt + 2 * A_z.doubt + _of_restriction(levels, left)  # of R - A z, and of ||z||
-    return rounded.SLACK * norm_of_z + without_coarsest(levels, left) + rounded.dual_norm(doubt, finest.mass)
+    doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
+    return rounded.SLACK * norm_of_z + without_coarsest(of, left) + rounded.dual_norm(doubt, of.mass)
 
 
-def _of_restriction(levels: Sequence[Level], R: Array) -> Array:
+def _of_restriction(of: Hierarchy, R: Array) -> Array:
     """(n,) what R has on V_0, and the rounding of its numbers on all levels, at the nodes of these."""
-    sizes = np.abs(R)
+    R, sizes = R.copy(), np.abs(R)
     found = EPS * sizes
-    for level in reversed(levels[1:]):
-        R, sizes = level.P.T @ R, level.P.T @ sizes
-        found[: len(R)] += EPS * rounded.terms(level.A) * sizes
-    found[: len(R)] += np.abs(R)
-    return np.asarray(found)
+    for level in reversed(of.levels):
+        level.restrict(R)
+        level.restrict(sizes)
+        found[level.ends] += EPS * level.met * sizes[level.ends]
+    n = of.A_0.shape[0]
+    found[:n] += np.abs(R[:n])
+    return found
 
 
-def downwards(levels: Sequence[Level], coarsest: SuperLU, R: Array) -> Array:
+def downwards(of: Hierarchy, R: Array) -> Array:
     """z (n,) of the V-cycle, with one sweep of Gauss and Seidel on each level."""
-    if len(levels) == 1:
-        return np.asarray(coarsest.solve(R))
-    level, z = levels[-1], np.zeros_like(R)
-    gauss_seidel(level.A.indptr, level.A.indices, level.A.data, z, R, 0, len(R), 1)
-    d = level.A @ z
-    np.subtract(R, d, out=d)
-    z += level.P @ downwards(levels[:-1], coarsest, level.P.T @ d)
-    return z
+    g, z, n = R.copy(), np.zeros_like(R), of.A_0.shape[0]
+    swept: list[Array] = []
+    if of.levels:
+        _sweep(of, z, R)
+        g -= of.A @ z
+        of.levels[-1].restrict(g)
+    for level in reversed(of.levels[:-1]):
+        assert level.rows is not None
+        swept.append(downward(level, level.rows, g)[0])
+        level.restrict(g)
+    e = np.zeros_like(R)
+    e[:n] = of.coarsest.solve(g[:n])
+    for level in of.levels[:-1]:
+        level.prolong(e)
+        e[slice(level.n) if level.smoothed is None else level.smoothed] += swept.pop()
+    if of.levels:
+        of.levels[-1].prolong(e)
+    return z + e
 
 
-def without_coarsest(levels: Sequence[Level], R: Array) -> float:
-    """(3), for an R that vanishes on V_0."""
-    found = 0.0
-    for k, level in enumerate(reversed(levels[1:])):
-        new = R[level.P.shape[1] :] / np.sqrt(level.roundness)
-        found += math.sqrt(math.sqrt(3) * growth(k)) * float(dnrm2(new))
-        R = level.P.T @ R
+def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
+    """One over the nodes whose hats the last level changed."""
+    A, smoothed = of.A, of.levels[-1].smoothed
+    if smoothed is None:
+        smoothed = np.arange(of.n, dtype=np.int32)
+    gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, smoothed, 0, len(smoothed), 1)
+
+
+def without_coarsest(of: Hierarchy, R: Array) -> float:
+    """(3), for an R (n,) that vanishes on V_0."""
+    R, found = R.copy(), 0.0
+    for level, rho in zip(reversed(of.levels), reversed(weights(of)), strict=True):
+        found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))
+        level.restrict(R)
     return rounded.SLACK * found
+
+
+def weights(of: Hierarchy) -> list[Array]:
+    """(k,) rho_e of the edges that each level has halved."""
+    deepest, found = of.halved.copy(), list[Array]()
+    of_halvings = np.array([growth(k) for k in range(int(deepest.max()) + 1)])
+    for level in reversed(of.levels):
+        step, at = level.step, level.step.at
+        deep = deepest[step.triangles]
+        most, deepest = np.zeros(step.before), deepest[: step.before]
+        np.maximum.at(most, step.parent, of_halvings[deep - level.halved])
+        deepest[step.parent] = 0
+        np.maximum.at(deepest, step.parent, deep)
+        children = np.bincount(step.parent, minlength=step.before)
+        within = CONSTANT[children[at]] * most[at]
+        each = np.divide(of.roundness[of.root[at]], within, out=np.zeros(at.shape), where=at >= 0)
+        found.insert(0, each.sum(axis=1))
+    return found

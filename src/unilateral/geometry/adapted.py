@@ -1,12 +1,10 @@
-"""Meshes that are refined where it is needed, and the cells of T_H that follow.
+"""The cells of T_H on meshes that are refined where it is needed.
 
-Marked triangles are cut in four, others that this reaches in two or three, by scikit-fem. Nodes keep their
-numbers, and boundary edges are halved. Places on the boundary are whole numbers: every edge of the first mesh
-is UNIT long, and edges 0 and 1, 2 and 3, .. of it lie in one cell. So an edge of any later mesh is a dyadic
-interval. It asks for its parent, twice as long; of nested parents the largest is a cell of T_H. Every edge
-that meets a cell is then at most half of it, which keeps the pair of spaces stable. Where an edge is shorter
-than a quarter of its cell, the cell's longest ones are halved, too: edges in geometric progression would be
-one cell else.
+Places on the boundary are whole numbers: every edge of the first mesh is UNIT long, and edges 0 and 1, 2 and
+3, .. of it lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its parent, twice as
+long; of nested parents the largest is a cell of T_H. Every edge that meets a cell is then at most half of it,
+which keeps the pair of spaces stable. Where an edge is shorter than a quarter of its cell, the cell's longest
+ones are halved, too: edges in geometric progression would be one cell else.
 """
 
 from __future__ import annotations
@@ -15,16 +13,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import skfem
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import ROUNDED, Mesh
+from unilateral.geometry.mesh import ROUNDED, Mesh, refine_some
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.plane import signed_areas
 
-UNIT = 2**39
-"""Halvings of an edge end, by rounding, before it is 1 long."""
+UNIT = 2**44
+"""Halvings of an edge end, by rounding, before it is 1 long; so long may 2^19 edges be together."""
 SHORTEST = 4
 """Times as long as its shortest edge a cell may be."""
 BULK = 0.5
@@ -98,38 +94,16 @@ def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
     return found
 
 
-def refined(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh, Array]:
-    """With the chosen triangles halved, and what else that needs; and the nodal values (n,) interpolated."""
+def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
+    """With the chosen triangles cut in four, and what else that needs. Raises InputError as `refine_some`."""
     while chosen.size:
-        of, values = _halved(of, chosen, values)
+        of = _refined(of, chosen)
         chosen = of.unbalanced
-    return of, values
+    return of
 
 
-def _halved(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh, Array]:
-    mesh, n, edges = of.mesh, of.mesh.n_nodes, of.mesh.triangulation
-    found = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()).refined(np.unique(chosen))
-    points, triangles = found.p.T.copy(), found.t.T.astype(np.intp)
-    clockwise = signed_areas(points, triangles) < 0
-    triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
-    edge = _at(mesh.points[edges.ends].mean(axis=1), points[n:])
-    node = n + np.flatnonzero(edge >= edges.inside)
-    k = edge[node - n] - edges.inside
-    middle = AdaptedMesh(
-        Mesh(
-            mesh.polygon,
-            points,
-            triangles,
-            np.insert(mesh.boundary, k + 1, node),
-            np.insert(mesh.s, k + 1, 0.5 * (mesh.s[k] + mesh.s[k + 1])),
-        ),
-        np.insert(of.at, k + 1, (of.at[k] + of.at[k + 1]) // 2),
-    )
-    return middle, np.append(values, values[edges.ends[edge]].mean(axis=1))
-
-
-def _at(places: Array, points: Array) -> Index:
-    """(k,) which of the places (e, 2) the points (k, 2) are: the same numbers, for both are midpoints."""
-    of_places, of_points = (np.ascontiguousarray(x).view(complex).ravel() for x in (places, points))
-    order = np.argsort(of_places)
-    return np.asarray(order[np.searchsorted(of_places, of_points, sorter=order)])
+def _refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
+    mesh = refine_some(of.mesh, chosen)
+    k = np.flatnonzero(mesh.boundary >= of.mesh.n_nodes)
+    before = k - np.arange(1, len(k) + 1)
+    return AdaptedMesh(mesh, np.insert(of.at, before + 1, (of.at[before] + of.at[before + 1]) // 2))

@@ -16,20 +16,23 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.refinement import Triangulation
+from unilateral.geometry.refinement import Step, Triangulation
 
 ROUNDED = 1e-6
 """How much of the longest boundary edge the rounding of coordinates may be; larger, it shows in A_3."""
+
+SHORTEST = exact.MOST
+"""How much of an edge that may be, for no finer mesh is near enough to the exact one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangulation of a polygon, as `conforming` makes it.
 
-    `points` (n, 2); `triangles` (m, 3), anticlockwise; `boundary` (nb,) the nodes along the boundary,
+    `points` (n, 2); `triangles` (m, 3), anticlockwise, in the order of `refinement`; `boundary` (nb,) the nodes along the boundary,
     anticlockwise from the polygon's vertex 0; `s` (nb + 1,) their arc lengths, exact at the polygon's
     vertices, the perimeter last. Boundary edge k joins boundary[k] and boundary[(k + 1) % nb].
-    A mesh that `refine` made, `halvings` times one after the other, knows the `coarse` one.
+    A mesh that `refine` made knows the `coarse` one, the `steps` from there, and its `known` edges.
     """
 
     polygon: Polygon
@@ -38,7 +41,8 @@ class Mesh:
     boundary: Index
     s: Array
     coarse: Mesh | None = None
-    halvings: int = 0
+    steps: tuple[Step, ...] = ()
+    known: Triangulation | None = None
 
     def __post_init__(self) -> None:
         for array in (self.points, self.triangles, self.boundary, self.s):
@@ -68,33 +72,35 @@ class Mesh:
         """(m,) the longest edge of each triangle."""
         return longest_edges(self.points, self.triangles)
 
+    @property
+    def halvings(self) -> int:
+        """How often the coarse mesh was refined, if always uniformly; else 0."""
+        return 0 if self.adapted else len(self.steps)
+
+    @property
+    def adapted(self) -> bool:
+        """Whether it was refined, and not always uniformly."""
+        return not all(step.after for step in self.steps)
+
     @cached_property
     def triangulation(self) -> Triangulation:
-        """With its edges; their midpoints are numbered as `refine` does."""
-        if self.coarse is None:
-            return refinement.triangulation(self.points, self.triangles, self.boundary)
-        found = self.coarse.triangulation
-        for _ in range(self.halvings):
-            found = found.children()
-        return found
+        """With its edges, whose midpoints are the new nodes of a finer mesh."""
+        return self.known or refinement.triangulation(self.points, self.triangles, self.boundary)
 
     @cached_property
     def opposite_edges(self) -> Int32:
         """(m, 3) the numbers of the edges opposite to the triangles' nodes in the `triangulation`."""
-        of = self.triangulation
-        if self.coarse is None:  # whose nodes it may turn
-            order = np.argmax(of.nodes[:, None] == self.triangles[..., None], axis=2)
-            return np.take_along_axis(of.edges, order, axis=1)
-        return of.edges
+        return self.triangulation.edges
 
     @cached_property
     def boundary_triangles(self) -> Index:
         """(nb,) the triangle at each boundary edge."""
         of = self.triangulation
-        off = np.flatnonzero(of.edges.ravel() >= of.inside)
-        found = np.empty(len(self.boundary), dtype=np.intp)
-        found[of.edges.ravel()[off] - of.inside] = off // 3
-        return found
+        return of.sides[of.boundary].max(axis=1).astype(np.intp)
+
+    def part(self, triangles: Index) -> Mesh:
+        """Some of the triangles (k,), whose numbers of nodes stay; no mesh of the polygon."""
+        return replace(self, triangles=self.triangles[triangles], coarse=None, steps=(), known=None)
 
     @cached_property
     def circles(self) -> tuple[Array, Array]:
@@ -184,7 +190,7 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
     points = checks.snapped(polygon, points, edges[:, 0], side, reach, where)
     s = _arc_lengths(polygon, side, s)
     _check_rounding(polygon, float(np.diff(s).max()), where)
-    return Mesh(polygon, points, triangles, edges[:, 0].copy(), s)
+    return Mesh(polygon, points, refinement.in_order(points, triangles), edges[:, 0].copy(), s)
 
 
 def _arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
@@ -201,6 +207,16 @@ def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
             f"{where}: coordinates as large as {largest:.3g} are rounded by {np.spacing(largest):.3g}, "
             f"more than {ROUNDED:g} of the longest boundary edge {h:.3g}; move polygon '{polygon.name}' to "
             "the origin"
+        )
+
+
+def _check_shortest(polygon: Polygon, edge: float) -> None:
+    rounding = float(np.spacing(np.abs(polygon.vertices).max()))
+    if rounding > SHORTEST * edge:
+        raise InputError(
+            f"the mesh of '{polygon.name}' gets an edge of {edge:.2g}, as short as rounding allows where "
+            f"coordinates are rounded by {rounding:.2g}; take a larger accuracy, or move the polygon to the "
+            "origin"
         )
 
 
@@ -231,18 +247,31 @@ def following(
 
 
 def refine(mesh: Mesh, times: int = 1) -> Mesh:
-    """Uniform refinement; the new mesh knows the one that it came from, over all refinements.
-
-    The nodes of `mesh` keep their numbers. Raises InputError where edges become as short as rounding.
-    """
+    """Uniform refinement. Raises InputError as `refine_some`."""
     for _ in range(times):
-        of = mesh.triangulation
-        points = np.concatenate([mesh.points, 0.5 * mesh.points[of.ends].sum(axis=1)])
-        middle = np.arange(len(points) - len(mesh.boundary), len(points))
-        boundary = np.column_stack([mesh.boundary, middle]).ravel()
-        s = np.column_stack([mesh.s[:-1], 0.5 * (mesh.s[:-1] + mesh.s[1:])]).ravel()
-        s = _arc_lengths(mesh.polygon, mesh.side.repeat(2), s)
-        _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
-        triangles, coarse = of.corners_of_children().astype(np.intp), mesh.coarse or mesh
-        mesh = Mesh(mesh.polygon, points, triangles, boundary, s, coarse, mesh.halvings + 1)
+        mesh = _refined(mesh, None)
     return mesh
+
+
+def refine_some(mesh: Mesh, chosen: Index) -> Mesh:
+    """With the chosen triangles cut in four, and others as that needs; nodes keep their numbers.
+
+    The new mesh knows the one that it came from, over all refinements. Raises InputError where edges become
+    as short as rounding.
+    """
+    return _refined(mesh, chosen)
+
+
+def _refined(mesh: Mesh, chosen: Index | None) -> Mesh:
+    of, step = refinement.refined(mesh.triangulation, chosen)
+    start, end = (mesh.points[nodes] for nodes in step.ends.T)
+    _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))
+    points = np.concatenate([mesh.points, 0.5 * (start + end)])
+    boundary = np.where(of.sides[of.boundary, 0] >= 0, *of.ends[of.boundary].T).astype(np.intp)
+    k = np.flatnonzero(boundary >= step.n)
+    before = k - np.arange(1, len(k) + 1)
+    s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))
+    side = np.insert(mesh.side, before + 1, mesh.side[before])
+    s = _arc_lengths(mesh.polygon, side, s[:-1])
+    _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
+    return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)

@@ -1,120 +1,238 @@
-"""Triangulations that know their edges, and their uniform refinement without sorting anything.
+"""Triangulations that know their edges, and their refinement without sorting anything.
 
-Red refinement cuts every triangle into four similar ones. Nodes of the finer level: those of the coarser,
-with their numbers, then the midpoint of every edge. Edges on the boundary have the last numbers, in their
-order along it. Triangle t becomes 4 t, ..., 4 t + 3. Child i < 3 lies at node i; node i of the last child,
-the middle one, is the midpoint of the edge opposite to node i. So every child is its parent halved, the
-middle one also turned by 180 degrees.
+A triangle (a, b, c) has the reference edge bc, opposite to its first node, a longest one in the beginning. If
+any of its edges is halved, bc is. With m_i the midpoint opposite to node i it is then cut into
+
+    bc             (m_0, a, b), (m_0, c, a)
+    bc, ab         (m_2, m_0, a), (m_2, b, m_0), (m_0, c, a);    bc, ca likewise
+    all            (a, m_2, m_1), (m_2, b, m_0), (m_1, m_0, c), (m_0, m_1, m_2)
+
+called green, blue and red (I. G. Rosenberg and F. Stenger, Math. Comp. 29, 1975; R. Verfuerth, A Posteriori
+Error Estimation Techniques for Finite Element Methods, 2013, section 2.1.2). In variables in which a triangle
+of the first mesh is right and isosceles, with its reference edge as the hypotenuse, all its descendants are
+so, too. So there are finitely many shapes. If all triangles are red, refinement is uniform.
+
+Triangles, edges and nodes that stay keep their numbers. The first child takes its parent's number, the first
+half of an edge that of the edge; others get the next ones, and so do new nodes.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32
+from unilateral.arrays import Array, Index, Int32, Mask
 
-CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-"""A node of a triangle and the two after it."""
+Kind = TypeVar("Kind", Array, Int32, Index)
+
 CONGRUENT = 1e-13
 """Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
-
-
+LONGEST = 1e-12
+"""Of the longest edge: how much shorter, by rounding, the reference edge may be."""
 FEW = 1000
 """Triangles that are looked at first: where they are not alike, all are not."""
 
 
-class Triangulation(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Triangulation:
     """Of n nodes: the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
 
-    The first `inside` edges are not on the boundary. If all triangles are `alike`, see `turned`.
+    `sides` (E, 2) are the triangles at each edge, first the one in which it runs from its first end to its
+    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary. If all triangles are
+    `alike`, see `turned`.
     """
 
     n: int
     nodes: Int32
     edges: Int32
     ends: Int32
-    inside: int
-    alike: bool
+    sides: Int32
+    boundary: Int32
+    alike: bool = False
 
-    @property
-    def halves(self) -> Int32:
-        """(E,) the child edge at the first end of each edge; that at the second end is the next one.
 
-        Children are numbered: halves of edges inside, three edges within each triangle, halves of the others.
-        """
-        found = 2 * np.arange(len(self.ends), dtype=np.int32)
-        found[self.inside :] += 3 * len(self.nodes)
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A refinement: `ends` (k, 2) are those of the halved edges, whose midpoints are the nodes n, n + 1, ...
+
+    `at` (k, 2) are the triangles at these edges, -1 for none. The triangles (c,) are new, with the `nodes`
+    (c, 3), and `parent` (c,) are the triangles that they come from. There were `before` triangles. After a
+    uniform step the triangulation is known, too.
+    """
+
+    n: int
+    ends: Int32
+    at: Int32
+    triangles: Int32
+    nodes: Int32
+    parent: Int32
+    before: int
+    after: Triangulation | None = None
+
+    def put(self, old: Kind, new: Kind) -> Kind:
+        """(T, ...) the values (before, ...) of triangles, those of the new ones (c, ...) put in."""
+        more = int(self.triangles.max()) + 1 - self.before
+        found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
+        found[self.triangles] = new
         return found
 
-    def children(self) -> Triangulation:
-        """The triangulation refined once."""
-        a, b = self.ends.T
-        middle = self.n + np.arange(len(a), dtype=np.int32)
-        halves = np.stack([a, middle, middle, b], axis=1).reshape(-1, 2)
-        within = self.n + self.edges[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2)
-        half, two = self.halves, 2 * self.inside
-        edges = np.empty((len(self.nodes), 4, 3), dtype=np.int32)
-        for i, *others in CORNERS:
-            edges[:, i, i] = edges[:, 3, i] = two + np.arange(i, self.nodes.size, 3)
-            for j in others:
-                edges[:, i, j] = half[self.edges[:, j]] + (b[self.edges[:, j]] == self.nodes[:, i])
-        return Triangulation(
-            self.n + len(a),
-            self.corners_of_children(),
-            edges.reshape(-1, 3),
-            np.concatenate([halves[:two], within, halves[two:]]),
-            two + self.nodes.size,
-            self.alike,
-        )
+    def inherited(self, values: Kind) -> Kind:
+        """The same, new triangles having the values of their parents."""
+        return self.put(values, values[self.parent])
 
-    def corners_of_children(self) -> Int32:
-        """(4 T, 3) the nodes of the children."""
-        found = np.empty((len(self.nodes), 4, 3), dtype=np.int32)
-        for i, j, k in CORNERS:
-            found[:, i, i], found[:, 3, i] = self.nodes[:, i], self.n + self.edges[:, i]
-            found[:, i, j], found[:, i, k] = self.n + self.edges[:, k], self.n + self.edges[:, j]
-        return found.reshape(-1, 3)
 
-    def sums(self, values: Array) -> Array:
-        """(E,) sums over the triangles at each edge of values (T, 3), or (T, 1) for all three edges."""
-        of_each = np.broadcast_to(values, self.edges.shape)
-        return np.bincount(self.edges.ravel(), of_each.ravel(), len(self.ends)).astype(float, copy=False)
+def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulation, Step]:
+    """With the chosen triangles cut in four, and others as that needs; by default all."""
+    cut = np.arange(len(of.ends), dtype=np.int32) if chosen is None else _closure(of, chosen)
+    n, E, k, ends = of.n, len(of.ends), len(cut), of.ends[cut]
+    middle = np.full(E, -1, dtype=np.int32)
+    middle[cut] = n + np.arange(k, dtype=np.int32)
+    second = np.full(E, -1, dtype=np.int32)
+    second[cut] = E + np.arange(k, dtype=np.int32)
+    new = _Children(of, middle, second, E + k)
+    step = Step(n, ends, of.sides[cut], new.triangles, new.nodes, new.parent, len(of.nodes))
+    found = Triangulation(
+        n + k,
+        step.put(of.nodes, new.nodes),
+        step.put(of.edges, new.edges),
+        np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
+        np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
+        _along(of, middle, second),
+        of.alike and chosen is None,
+    )
+    found.ends[cut, 1] = middle[cut]
+    found.sides[cut] = -1
+    reverse = found.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
+    found.sides[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    return found, step if k < E else replace(step, after=found)
+
+
+def _closure(of: Triangulation, chosen: Index) -> Int32:
+    """(k,) the edges to halve, increasing: those of the chosen triangles, and reference edges as needed."""
+    flag = np.zeros(len(of.ends), dtype=bool)
+    flag[of.edges[chosen]] = True
+    front = np.flatnonzero(flag)
+    while front.size:
+        beside = of.sides[front].ravel()
+        reference = of.edges[beside[beside >= 0], 0]
+        front = np.unique(reference[~flag[reference]])
+        flag[front] = True
+    return np.flatnonzero(flag).astype(np.int32)
+
+
+def _along(of: Triangulation, middle: Int32, second: Int32) -> Int32:
+    """The edges along the boundary. They run with it, as triangles do."""
+    halved = np.flatnonzero(middle[of.boundary] >= 0)
+    edge = of.boundary[halved]
+    ahead = of.sides[edge, 0] >= 0
+    found = of.boundary.copy()
+    found[halved] = np.where(ahead, edge, second[edge])
+    return np.insert(found, halved + 1, np.where(ahead, second[edge], edge))
+
+
+WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
+"""Of green, blue with ab, blue with ca, and red: the edges inside by their ends, of a, b, c, m_0, m_1, m_2."""
+CHILDREN = (
+    (((3, 0, 1), (2, 3, 9)), ((3, 2, 0), (1, 9, 4))),
+    (((5, 3, 0), (9, 7, 10)), ((5, 1, 3), (3, 10, 8)), ((3, 2, 0), (1, 9, 4))),
+    (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
+    (((0, 5, 4), (9, 6, 7)), ((5, 1, 3), (3, 10, 8)), ((4, 3, 2), (4, 5, 11)), ((3, 4, 5), (9, 10, 11))),
+)
+"""The children's nodes, and their opposite edges: 0, 1, 2 are whole, 3 to 8 the halves of edge 0 at b and c,
+of edge 1 at c and a, of edge 2 at a and b, and the others lie inside."""
+GREEN, BLUE, RED = 2, 3, 4
+"""Children of a triangle."""
+
+
+class _Children:
+    """All new triangles (c,) with their nodes and edges (c, 3) and parents (c,), and the edges within."""
+
+    def __init__(self, of: Triangulation, middle: Int32, second: Int32, edges: int) -> None:
+        """`middle` (E,) and `second` (E,) are the node in, and the second half of, each edge; -1 for none."""
+        hit = np.zeros(len(of.nodes), dtype=bool)
+        at = of.sides[middle >= 0]
+        hit[at[at >= 0]] = True
+        parents = np.flatnonzero(hit).astype(np.int32)
+        halved = middle[of.edges[parents]] >= 0
+        kind = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
+        count = np.array([len(each) for each in WITHIN], dtype=np.int32)[kind]
+        after = np.cumsum(count, dtype=np.int32) - count
+        self.within = np.empty((int(count.sum()), 2), dtype=np.int32)
+        self.triangles, self.parent = (np.empty(len(parents) + len(self.within), np.int32) for _ in range(2))
+        self.nodes, self.edges = (np.empty((len(self.triangles), 3), np.int32) for _ in range(2))
+        begin = 0
+        for which, (within, children) in enumerate(zip(WITHIN, CHILDREN, strict=True)):
+            here = np.flatnonzero(kind == which)
+            some, first = parents[here], after[here]
+            nodes, halves = _local(of, some, middle, second)
+            inside = first[:, None] + np.arange(len(within), dtype=np.int32)
+            self.within[inside] = nodes[:, np.array(within)]
+            known = np.concatenate([halves, edges + inside], axis=1)
+            for number, (of_nodes, of_edges) in enumerate(children):
+                rows = slice(begin, begin + len(some))
+                self.triangles[rows] = len(of.nodes) + first + (number - 1) if number else some
+                self.nodes[rows], self.edges[rows] = nodes[:, of_nodes], known[:, of_edges]
+                self.parent[rows], begin = some, begin + len(some)
+
+
+def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tuple[Int32, Int32]:
+    """(p, 6) a, b, c and the midpoints of some triangles, (p, 9) their edges and halves as in CHILDREN."""
+    nodes, edges = of.nodes[some], of.edges[some]
+    ahead = of.ends[edges, 0] == nodes[:, [1, 2, 0]]
+    other = second[edges]
+    at_next, at_last = np.where(ahead, edges, other), np.where(ahead, other, edges)
+    halves = np.stack([at_next, at_last], axis=2).reshape(-1, 6)
+    return np.concatenate([nodes, middle[edges]], axis=1), np.concatenate([edges, halves], axis=1)
 
 
 def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
-    """Of triangles (T, 3) and the nodes (nb,) along the boundary; here the edges are sorted."""
+    """Of triangles (T, 3) `in_order`, and the nodes (nb,) along the boundary; here the edges are sorted."""
     nodes, alike = turned(points, triangles)
-    n, place = len(points), np.array([len(points), 1])
-    opposite = np.sort(nodes[:, [[1, 2], [2, 0], [0, 1]]], axis=2) @ place
-    along = np.column_stack([boundary, np.roll(boundary, -1)])
-    order = np.argsort(opposite, axis=None)
-    in_order = opposite.ravel()[order]
-    first = np.append(True, in_order[1:] != in_order[:-1])
-    numbers = in_order[first]
-    of_boundary = np.searchsorted(numbers, np.sort(along, axis=1) @ place)
-    inside = np.delete(np.arange(len(numbers)), of_boundary)
-    new = np.empty(len(numbers), dtype=np.int32)
-    new[np.concatenate([inside, of_boundary])] = np.arange(len(numbers))
-    edges = np.empty(nodes.shape, dtype=np.int32)
-    edges.ravel()[order] = new[np.cumsum(first) - 1]
-    ends = np.concatenate([np.column_stack(np.divmod(numbers[inside], n)), along]).astype(np.int32)
-    return Triangulation(n, nodes.astype(np.int32), edges, ends, len(inside), alike)
+    start, end = (nodes[:, turn].ravel().astype(np.int64) for turn in ([1, 2, 0], [2, 0, 1]))
+    key = np.minimum(start, end) * len(points) + np.maximum(start, end)
+    keys, where, edge = np.unique(key, return_index=True, return_inverse=True)
+    ends = np.column_stack([start[where], end[where]]).astype(np.int32)
+    sides = np.full((len(ends), 2), -1, dtype=np.int32)
+    reverse = (ends[edge, 0] != start).view(np.int8)
+    sides[edge, reverse] = np.arange(len(edge)) // 3
+    after = np.roll(boundary, -1).astype(np.int64)
+    along = np.searchsorted(keys, np.minimum(boundary, after) * len(points) + np.maximum(boundary, after))
+    edges = edge.reshape(-1, 3).astype(np.int32)
+    return Triangulation(
+        len(points), nodes.astype(np.int32), edges, ends, sides, along.astype(np.int32), alike
+    )
+
+
+def in_order(points: Array, triangles: Index) -> Index:
+    """(T, 3) the same triangles, a longest edge opposite to the first corner; all alike if they can be."""
+    found, alike = turned(points, triangles)
+    return found if alike else longest_first(points, triangles)
+
+
+def longest_first(points: Array, triangles: Index) -> Index:
+    """(T, 3) the same corners, turned until a longest edge is opposite to the first one."""
+    x, y = points.T[:, triangles.T]
+    opposite = np.hypot(x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]])
+    first = np.argmax(opposite > (1 - LONGEST) * opposite.max(axis=0), axis=0)
+    return np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 
 def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
-    """Triangles (T, 3), their corners in such an order that all are alike; as they are where none is so.
+    """Triangles (T, 3) with a longest edge opposite to the first corner, all alike; or they as they are.
 
     Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
     """
     if len(triangles) > FEW and not turned(points, triangles[:FEW])[1]:
         return triangles, False
+    pattern = longest_first(points, triangles[:1])[0]
+    model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
     for turn in range(3):
         moved = np.roll(sides, -turn, axis=1)
-        apart = [np.abs(moved - sign * sides[0]).max(axis=(1, 2)) for sign in (1, -1)]
-        new = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
+        apart = [np.abs(moved - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
+        new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
         found[new], alike = np.roll(triangles, -turn, axis=1)[new], alike | new
     return (found, True) if alike.all() else (triangles, False)

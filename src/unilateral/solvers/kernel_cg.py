@@ -6,7 +6,7 @@ counts up to B_a^T only, and what it has of that moves into lambda. The precondi
 product of corrections in that kernel, each of them orthogonal in the energy:
 
     the ring, the nodes on the boundary: exactly, by the saddle-point matrix of A and B_a on them;
-    the nodes inside one after another, forward first and backward last (Gauss and Seidel);
+    the nodes inside whose hats changed, one after another, forward first and backward last (Gauss and Seidel);
     the coarser levels, truncated at the nodes of active cells.
 
 So its eigenvalues lie in (0, 1], and (r . z)^{1/2} <= ||u - u_a||_1 for the preconditioned residual z.
@@ -15,17 +15,17 @@ On level 0 the ring are all nodes, and the first u is u_a.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 from pyamg.amg_core import gauss_seidel_indexed
-from scipy.linalg.blas import daxpy
+from scipy.linalg.blas import daxpy, dnrm2
 from scipy.sparse.linalg import splu
 
-from unilateral.arrays import Array, Index, Int32, Mask
-from unilateral.fem.hierarchy import Level
+from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.hierarchy import Hierarchy
 from unilateral.fem.nested_cells import Cells
 from unilateral.solvers.truncated import Truncated
 
@@ -36,36 +36,32 @@ MOST_ITERATIONS = 200
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The problem on the last of the levels: load (n,), and d (m,), the integrals of g over its cells.
+    """The problem on the last level of a hierarchy: load (n,), and d (m,), the integrals of g over its cells."""
 
-    `ring` (k,) and `inside` (n - k,) are nodes; `of_ring` (k, n) are rows of A.
-    """
-
-    levels: Sequence[Level]
+    of: Hierarchy
     cells: Cells
     load: Array
     d: Array
-    ring: Index
-    inside: Int32
-    of_ring: sp.csr_array
-
-    @property
-    def A(self) -> sp.csr_array:
-        return self.levels[-1].A
 
     @property
     def exact(self) -> bool:
         """Whether the ring are all nodes."""
-        return len(self.levels) == 1
+        return not self.of.levels
 
+    @cached_property
+    def ring(self) -> Index:
+        """(k,) nodes, increasing."""
+        return np.arange(self.of.n) if self.exact else np.sort(self.of.boundary)
 
-def grid(levels: Sequence[Level], cells: Cells, load: Array, d: Array) -> Grid:
-    """The problem, with the nodes sorted into ring and inside."""
-    n, boundary = levels[-1].n, levels[-1].boundary
-    in_ring = np.full(n, len(levels) == 1)
-    in_ring[boundary] = True
-    ring, inside = np.flatnonzero(in_ring), np.flatnonzero(~in_ring).astype(np.int32)
-    return Grid(levels, cells, load, d, ring, inside, levels[-1].A[ring])
+    @cached_property
+    def of_ring(self) -> sp.csr_array:
+        """(k, n) rows of A."""
+        return self.of.A[self.ring]
+
+    def next_set(self, u: Array, active: Mask, lambda_H: Array) -> Mask:
+        """(m,) the active cells that are pressed, and the others on which u lies below g."""
+        below = self.cells.B @ u - self.d < -ROUNDING * np.max(np.abs(u)) * self.cells.lengths
+        return np.where(active, lambda_H > 0, below)
 
 
 class Run:
@@ -79,9 +75,9 @@ class Run:
         B = grid.cells.B[active]
         self.B_T = B[:, grid.ring].T.tocsr()
         self.saddle = splu(_saddle(grid.of_ring[:, grid.ring], self.B_T))
-        self.coarser = None if grid.exact else Truncated(grid.levels, grid.cells.nodes(active))
+        self.coarser = None if grid.exact else Truncated(grid.of, grid.cells.nodes(active))
         self.multiplier = np.zeros(B.shape[0])
-        self.r = grid.load - grid.A @ u
+        self.r = grid.load - grid.of.A @ u
         change = self._equilibrate(grid.d[active] - B @ u)
         u[grid.ring] += change
         self.r -= grid.of_ring.T @ change
@@ -101,16 +97,19 @@ class Run:
         """Whether no further step is made."""
         return len(self.steps) >= MOST_ITERATIONS or not self.rz > 0
 
+    @property
+    def in_L2(self) -> float:
+        """(sum of r_i^2 / m_i)^{1/2}, m_i the sums of A's rows."""
+        return float(dnrm2(self.r / np.sqrt(self.grid.of.mass)))
+
     def descend(self, rz: float) -> None:
         """Steps until r . z is at most that."""
         while self.rz > rz and not self.exhausted:
             self._advance()
 
     def next_set(self) -> Mask:
-        """(m,) the active cells that are pressed, and the others on which u lies below g."""
-        gap = self.grid.cells.B @ self.u - self.grid.d
-        below = gap < -ROUNDING * np.max(np.abs(self.u)) * self.grid.cells.lengths
-        return np.where(self.active, self.lambda_H > 0, below)
+        """(m,) see `Grid`."""
+        return self.grid.next_set(self.u, self.active, self.lambda_H)
 
     def ritz(self) -> Array:
         """Lanczos' approximations, from the steps, of eigenvalues of the preconditioned matrix."""
@@ -120,7 +119,7 @@ class Run:
         return np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, -1))
 
     def _advance(self) -> None:
-        A_p = self.grid.A @ self.p
+        A_p = self.grid.of.A @ self.p
         alpha = self.rz / float(self.p @ A_p)
         daxpy(self.p, self.u, a=alpha)
         daxpy(A_p, self.r, a=-alpha)
@@ -144,16 +143,17 @@ class Run:
         ring, zero = grid.ring, np.zeros_like(self.multiplier)
         z[ring] = self._equilibrate(zero)
         if self.coarser:
-            self._sweep(z, 0, len(grid.inside), 1)
-            self.coarser.correct(z, self.r)
-            self._sweep(z, len(grid.inside) - 1, -1, -1)
+            last = len(grid.of.smoothed)
+            self._sweep(z, 0, last, 1)
+            self.coarser.correct(grid.of.A, z, self.r)
+            self._sweep(z, last - 1, -1, -1)
             left = self.r[ring] - grid.of_ring @ z
             z[ring] += self.saddle.solve(np.concatenate([left, zero]))[: len(ring)]
         return z
 
     def _sweep(self, z: Array, start: int, stop: int, step: int) -> None:
-        A, inside = self.grid.A, self.grid.inside
-        gauss_seidel_indexed(A.indptr, A.indices, A.data, z, self.r, inside, start, stop, step)
+        A, nodes = self.grid.of.A, self.grid.of.smoothed
+        gauss_seidel_indexed(A.indptr, A.indices, A.data, z, self.r, nodes, start, stop, step)
 
 
 def _saddle(A: sp.csr_array, B_T: sp.csr_array) -> sp.csc_array:

@@ -1,12 +1,12 @@
-"""The discrete problem on a uniformly refined mesh, in a time that is proportional to its size.
+"""The discrete problem on a refined mesh, in a time that is proportional to its size.
 
 Find u in V_h and lambda_H >= 0, one number per cell, with A u = load + B^T lambda, B u >= d and
 lambda . (B u - d) = 0; A is the matrix of (., .)_1, B u and d are integrals of u and g over the cells.
 
-Nested iteration: on every level that has cells some steps of the primal-dual active-set method, from
-the u and the active cells of the level before. A step is a run of conjugate gradients for the active
-cells (`kernel_cg`). The set is looked at after each decade of the error; a changed one ends the run.
-That the sets settle is not proved, and always seen.
+A step of the primal-dual active-set method is a run of conjugate gradients for the active cells (`kernel_cg`).
+The set is looked at after each decade of the error; a changed one ends the run. That the sets settle is not
+proved, and always seen. The first step begins with the u and the active cells that are given, or with those of
+the level before, if refinement was uniform, found by some steps there: nested iteration.
 
 The last run ends by a guaranteed bound, for any u and lambda >= 0, whatever the set. Let w be the sum
 of hats at nodes inside the cells with which v = u - w fulfils B v >= d and lambda . (B v - d) = 0. Two
@@ -18,6 +18,10 @@ pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R 
 
 so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
 `fem.residual`, for w `feasible`; the rounding of both is in the bound.
+
+The cheap bound of the total error sees R as a part of u_h - f - div q, of the size of (sum R_i^2 / m_i)^{1/2}
+with the sums m_i of A's rows, which may be larger than ||R|| by 1/h, h the shortest edge. So that has to be
+small, too.
 """
 
 from __future__ import annotations
@@ -26,22 +30,24 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Mask
 from unilateral.fem import rounded
-from unilateral.fem.hierarchy import Level
+from unilateral.fem.hierarchy import Hierarchy
 from unilateral.fem.nested_cells import Cells
 from unilateral.fem.residual import downwards, dual_norm
 from unilateral.solvers.feasible import feasible
-from unilateral.solvers.kernel_cg import Grid, Run, grid
+from unilateral.solvers.kernel_cg import Grid, Run
 
 DECADE = 1e-2
 """Of r . z, after which the active set is looked at; enough on coarser levels."""
 AT_FIRST = 1e-6
 """Of r . z, on the first level, which starts from 0."""
+IN_L2 = 0.1
+"""Of what is estimated or predicted of the total error: what R may be in the sum over nodes."""
 INDEX = 6
 """The bound over (r . z)^{1/2}, about: before it can be small enough it is not computed."""
 AIM = 0.7
@@ -53,19 +59,25 @@ LEAST = 1e-26
 MOST_STEPS = 40
 
 
+class Bound(NamedTuple):
+    """A guaranteed one, and the part of it that is rounding."""
+
+    value: float
+    rounding: float
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """u (n,), lambda_H (m,) and which cells are `active` (m,).
 
-    `bound` is guaranteed, for ||u - u_h||_1 and for ||lambda_H - exact||_{-1/2,h}. `counts` has the level
+    The `bound` is for ||u - u_h||_1 and for ||lambda_H - exact||_{-1/2,h}. `counts` has the level
     of every step, and its iterations of conjugate gradients. `ritz` are the last run's Ritz values.
     """
 
     u: Array
     lambda_H: Array
     active: Mask
-    bound: float
-    converged: bool
+    bound: Bound
     counts: list[tuple[int, int]]
     ritz: Array
     rz: float
@@ -79,46 +91,49 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Multigrid:
-    """The problem on all levels that have cells; `coarsest` factorises level 0."""
+    """The problem on all levels that have cells, from coarse to fine."""
 
     grids: list[Grid]
-    coarsest: SuperLU
+
+    @property
+    def finest(self) -> Grid:
+        return self.grids[-1]
 
     def solve(
         self,
-        tolerance: float | None,
+        tolerance: float | None = None,
         start: tuple[Array, Mask] | None = None,
         fraction: float = 0.01,
+        in_L2: float = math.inf,
     ) -> Found:
         """(u_h, lambda_H) with a bound of at most the tolerance, from 0, or from u (n,) and a set (m,).
 
-        Without a tolerance it is that fraction of an estimate of the discretisation error. If rounding,
-        MOST_STEPS or MOST_ITERATIONS end it before, converged is False.
+        And a residual of at most `in_L2`. Without a tolerance both are fractions of an estimate of the
+        discretisation error. Rounding, MOST_STEPS or MOST_ITERATIONS may end it before.
         """
         counts: list[tuple[int, int]] = []
         u, active = (start[0].copy(), start[1]) if start else self._nested_iteration(counts)
-        ends = Bounded(self, tolerance, fraction)
-        run = settled(self.grids[-1], u, active, ends, counts)
+        ends = Bounded(self, tolerance, fraction, in_L2)
+        run = settled(self.finest, u, active, ends, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
-        bound = self.bound(u, lambda_H) if ends.bound is None else ends.bound
-        wanted = ends.tolerance or 0.0
-        return Found(u, lambda_H, run.active, bound, bound <= wanted, counts, run.ritz(), run.rz, wanted)
+        bound = ends.bound or self.bound(u, lambda_H)
+        return Found(u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0)
 
     def dual_norm_below(self, lambda_H: Array) -> float:
         """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
-        finest, mass = self.grids[-1], self.grids[-1].levels[-1].mass
-        R = finest.cells.B.T @ lambda_H
-        v = downwards(finest.levels, self.coarsest, R)
-        A_v = rounded.product(finest.A, mass, v)
-        norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, mass)
+        of = self.finest.of
+        R = self.finest.cells.B.T @ lambda_H
+        v = downwards(of, R)
+        A_v = rounded.product(of.A, of.mass, v)
+        norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
         return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
-    def bound(self, u: Array, lambda_H: Array) -> float:
+    def bound(self, u: Array, lambda_H: Array) -> Bound:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
-        finest, levels = self.grids[-1], self.grids[-1].levels
-        cells, mass = finest.cells, levels[-1].mass
-        R, norm = feasible(finest.A, mass, finest.load, cells.B, finest.d, cells.inside, u, lambda_H)
-        return dual_norm(levels, self.coarsest, *R) + norm
+        grid, of = self.finest, self.finest.of
+        cells = grid.cells
+        R, norm = feasible(of.A, of.mass, grid.load, cells.B, grid.d, cells.inside, u, lambda_H)
+        return Bound(dual_norm(of, *R) + norm, rounded.dual_norm(R.doubt, of.mass))
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
@@ -126,20 +141,22 @@ class Multigrid:
         u, active = np.zeros(len(first.load)), np.ones(len(first.d), dtype=bool)
         for coarse, fine in itertools.pairwise(self.grids):
             active = settled(coarse, u, active, Reduced(share), counts).active
-            u, active, share = fine.levels[-1].P @ u, active[fine.cells.parent], DECADE
+            u, active, share = np.append(u, np.empty(fine.of.n - len(u))), active[fine.cells.parent], DECADE
+            fine.of.levels[-1].prolong(u)
         return u, active
 
 
-def multigrid(levels: Sequence[Level], cells: Sequence[Cells], load: Array, d: Array) -> Multigrid:
-    """The problem with load (n,) and d (m,) on the finest level; `cells` are those of the last levels."""
-    grids: list[Grid] = []
-    for k, of_level in enumerate(reversed(cells)):
-        upto = levels[: len(levels) - k]
-        grids.insert(0, grid(upto, of_level, load, d))
-        if of_level.parent is not None:
-            load = upto[-1].P.T @ load
-            d = np.bincount(of_level.parent, d).astype(float)
-    return Multigrid(grids, splu(levels[0].A.tocsc()))
+def multigrid(of: Hierarchy, cells: Sequence[Cells], load: Array, d: Array) -> Multigrid:
+    """The problem with load (n,) and d (m,) on the last level; `cells` are those of the last levels."""
+    grids = [Grid(of, cells[-1], load, d)]
+    for finer, coarser in zip(cells[:0:-1], cells[-2::-1], strict=True):
+        assert of.coarser is not None and finer.parent is not None
+        load = load.copy()
+        of.levels[-1].restrict(load)
+        load, d = load[: of.coarser.n], np.bincount(finer.parent, d).astype(float)
+        of = of.coarser
+        grids.insert(0, Grid(of, coarser, load, d))
+    return Multigrid(grids)
 
 
 def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: list[tuple[int, int]]) -> Run:
@@ -148,7 +165,7 @@ def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: l
     while True:
         run, steps = Run(on, active, u), steps + 1
         after = _after(run, ends)
-        counts.append((len(on.levels) - 1, len(run.steps)))
+        counts.append((len(on.of.levels), len(run.steps)))
         if np.array_equal(after, active) or steps == MOST_STEPS:
             return run
         active = after
@@ -183,9 +200,9 @@ class Reduced:
 
 @dataclass(eq=False)
 class Bounded:
-    """Ends a run when its `bound` is at most the tolerance, or falls no more.
+    """Ends a run when its `bound` is at most the tolerance and R at most `in_L2`, or nothing falls any more.
 
-    Without a tolerance the first run sets it, to a fraction of an estimate of ||u - u_h||_1. That run begins
+    Without a tolerance the first run sets both, to fractions of an estimate of ||u - u_h||_1. That run begins
     at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1. Where
     errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1.
     """
@@ -193,26 +210,30 @@ class Bounded:
     problem: Multigrid
     tolerance: float | None
     fraction: float
-    bound: float | None = None
+    in_L2: float
+    bound: Bound | None = None
     before: float = math.inf
 
     def first_look(self, run: Run) -> float:
         """The r . z at which to look at the set."""
         if self.tolerance is None:
-            self.tolerance = self.fraction * math.sqrt(run.first_rz / 3)
+            estimate = math.sqrt(run.first_rz / 3)
+            self.tolerance, self.in_L2 = self.fraction * estimate, IN_L2 * estimate
         return max(DECADE * run.rz, self._worth_a_bound(run, self.tolerance))
 
     def __call__(self, run: Run) -> float | None:
         """The r . z at which to look again, None to end."""
-        tolerance = self.tolerance or 0.0
+        tolerance, least = self.tolerance or 0.0, LEAST * run.first_rz
         if run.rz > self._worth_a_bound(run, tolerance) and not run.exhausted:
             return self.first_look(run)
+        if run.rz > least and not run.exhausted and run.in_L2 > self.in_L2:
+            return max(run.rz * max(DECADE, (AIM * self.in_L2 / run.in_L2) ** 2), least)
         bound = self.problem.bound(run.u, np.maximum(run.lambda_H, 0))
-        if bound <= tolerance or bound > STAGNANT * self.before or run.exhausted:
+        if bound.value <= tolerance or bound.value > STAGNANT * self.before or run.exhausted:
             self.bound = bound
             return None
-        self.before = bound
-        return run.rz * max(DECADE, (AIM * tolerance / bound) ** 2)
+        self.before = bound.value
+        return run.rz * max(DECADE, (AIM * tolerance / bound.value) ** 2)
 
     @staticmethod
     def _worth_a_bound(run: Run, tolerance: float) -> float:

@@ -8,82 +8,125 @@ the matrix of the level below,
 
     S = P^T T A T P = P^T A P - P^T D P
 
-differs from that matrix only in the rows of hats that reach the truncated nodes.
+differs from that matrix only in the rows of hats that reach the truncated nodes. D is kept on these nodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from pyamg.amg_core import gauss_seidel
 from scipy.sparse.linalg import splu
 
 from unilateral.arrays import Array, Index
-from unilateral.fem.hierarchy import Level
+from unilateral.fem.hierarchy import Hierarchy, Level
+from unilateral.fem.smoothing import downward, upward
 
 CUT_AWAY = 1e-10
 """Of a hat's energy: where less is left, all is rounding, and the hat is 0."""
 
 
+class Part(NamedTuple):
+    """A symmetric matrix that is 0 but for the rows and columns of the `nodes` (k,), increasing."""
+
+    nodes: Index
+    values: sp.csr_array
+
+
 class Truncated:
-    """The levels below the last one, of at least two, with T zero at its nodes `fixed`."""
+    """The levels of a hierarchy below its last one, of at least two, with T zero at its nodes `fixed`."""
 
-    def __init__(self, levels: Sequence[Level], fixed: Index) -> None:
-        self.levels, self.fixed = levels, fixed
+    def __init__(self, of: Hierarchy, fixed: Index) -> None:
+        self.last, self.below, self.fixed = of.levels[-1], of.levels[:-1], fixed
+        self.fixed_before, self.fixed_new = fixed[fixed < self.last.before], fixed[fixed >= self.last.before]
+        D = _coarser(self.last, _at_the_nodes(of.A, fixed))
         self.matrices: list[sp.csr_array] = []
-        D = _rows_and_columns(levels[-1].A, fixed)
-        for finer, level in zip(levels[:0:-1], levels[-2::-1], strict=True):
-            D = ((D @ finer.P).T.tocsr() @ finer.P).tocsr()
-            self.matrices.insert(0, _minus(level.A, D))
-        self.coarsest = splu(self.matrices[0].tocsc())
+        for level in reversed(self.below):
+            self.matrices.insert(0, _minus(level, D))
+            D = _coarser(level, D)
+        self.coarsest = splu(_less(of.A_0, D.nodes, D).tocsc())
 
-    def correct(self, z: Array, r: Array) -> None:
-        """z (n,) += T P C P^T T (r - A z), C one V-cycle."""
-        finest = self.levels[-1]
-        d = finest.A @ z
+    def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
+        """z (n,) += T P C P^T T (r - A z), C one V-cycle, A that of the last level."""
+        d = A @ z
         np.subtract(r, d, out=d)
         d[self.fixed] = 0
-        d = finest.P @ self._cycle(len(self.matrices) - 1, finest.P.T @ d)
-        d[self.fixed] = 0
-        z += d
+        self.last.restrict(d)
+        e = self._cycle(d[: self.last.before])
+        new = self.last.P @ e[self.last.ends]
+        e[self.fixed_before], new[self.fixed_new - self.last.before] = 0, 0
+        z[: self.last.before] += e
+        z[self.last.before :] += new
 
-    def _cycle(self, k: int, r: Array) -> Array:
-        """From 0 one sweep of Gauss and Seidel forward, the levels below k, one sweep backward."""
-        if k == 0:
-            return np.asarray(self.coarsest.solve(r))
-        S, P, x = self.matrices[k], self.levels[k].P, np.zeros_like(r)
-        gauss_seidel(S.indptr, S.indices, S.data, x, r, 0, len(r), 1)
-        d = S @ x
-        np.subtract(r, d, out=d)
-        x += P @ self._cycle(k - 1, P.T @ d)
-        gauss_seidel(S.indptr, S.indices, S.data, x, r, len(r) - 1, -1, -1)
-        return x
+    def _cycle(self, r: Array) -> Array:
+        """e (n,) of r (n,), which is lost: one sweep a level forward on the way down, one backward upwards."""
+        swept = []
+        for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
+            swept.append(downward(level, S, r))
+            level.restrict(r)
+        e, n = np.zeros_like(r), self.coarsest.shape[0]
+        e[:n] = self.coarsest.solve(r[:n])
+        for level, S in zip(self.below, self.matrices, strict=True):
+            level.prolong(e)
+            upward(level, S, e, *swept.pop())
+        return e
 
 
-def _rows_and_columns(A: sp.csr_array, nodes: Index) -> sp.csr_array:
+def _at_the_nodes(A: sp.csr_array, nodes: Index) -> Part:
     """The symmetric A's entries whose row or column is one of the nodes."""
     rows = A[nodes].tocoo()
     i, j = nodes[rows.row], rows.col
     chosen = np.zeros(A.shape[0], dtype=bool)
     chosen[nodes] = True
     other = ~chosen[j]
+    of, place = np.unique(np.concatenate([i, j]), return_inverse=True)
+    i, j = place[: len(i)], place[len(i) :]
     entries = np.concatenate([rows.data, rows.data[other]])
-    places = (np.concatenate([i, j[other]]), np.concatenate([j, i[other]]))
-    return sp.csr_array((entries, places), shape=A.shape)
+    places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
+    return Part(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
 
 
-def _minus(A: sp.csr_array, D: sp.csr_array) -> sp.csr_array:
-    """A - D in A's pattern, which contains D's; hats that are cut away keep their diagonal entry."""
-    rows = np.flatnonzero(np.diff(D.indptr))
-    if not len(rows):
+def _coarser(level: Level, D: Part) -> Part:
+    """P^T D P on the level before."""
+    new = D.nodes >= level.before
+    rows = level.P[D.nodes[new] - level.before]
+    reached = np.concatenate([D.nodes[~new], level.ends[rows.indices]])
+    nodes, place = np.unique(reached, return_inverse=True)
+    k = np.count_nonzero(~new)
+    at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
+    entries = np.repeat([1.0, 0.5], [k, len(reached) - k])
+    P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
+    return Part(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
+
+
+def _minus(level: Level, D: Part) -> sp.csr_array:
+    """The level's rows less D, in their pattern, which contains D's."""
+    assert level.rows is not None
+    if level.smoothed is None:
+        return _less(level.rows, D.nodes, D)
+    place = np.full(level.n, -1, dtype=np.int32)
+    place[level.smoothed] = np.arange(len(level.smoothed), dtype=np.int32)
+    return _less(level.rows, place[D.nodes], D, level.columns)
+
+
+def _less(A: sp.csr_array, rows: Index, D: Part, columns: Index | None = None) -> sp.csr_array:
+    """A - D, D's nodes being those `rows` of A, -1 if none; hats that are cut away keep their diagonal entry.
+
+    `columns` are the nodes of A's columns, by default all. The diagonal entry is in the column of the row.
+    """
+    some = np.flatnonzero(rows >= 0)
+    if not len(some):
         return A
-    count = A.indptr[rows + 1] - A.indptr[rows]
-    row = np.repeat(rows, count)
-    place = np.arange(len(row)) + np.repeat(A.indptr[rows + 1] - np.cumsum(count), count)
-    data = A.data.copy()
-    data[place] -= np.asarray(sp.csr_matrix(D)[row, A.indices[place]]).ravel()
-    cut_away = (row == A.indices[place]) & (data[place] < CUT_AWAY * A.data[place])
+    row = rows[some]
+    count = A.indptr[row + 1] - A.indptr[row]
+    place = np.arange(count.sum()) + np.repeat(A.indptr[row + 1] - np.cumsum(count), count)
+    column = A.indices[place] if columns is None else columns[A.indices[place]]
+    at = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
+    met = D.nodes[at] == column
+    data, of_D = A.data.copy(), np.zeros(len(place))
+    of_D[met] = np.asarray(sp.csr_matrix(D.values)[np.repeat(some, count)[met], at[met]]).ravel()
+    data[place] -= of_D
+    cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < CUT_AWAY * A.data[place])
     data[place[cut_away]] = A.data[place[cut_away]]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from unilateral.adapted import refinements
+from unilateral.multilevel import refinements
 from unilateral.arrays import Index
 from unilateral.discrete_solution import Solution
 from unilateral.fem.condense import condense

@@ -1,0 +1,194 @@
+"""The discrete problem (P_h*) on a mesh that was made by refinement, solved by multigrid.
+
+It offers what `discrete` offers for the problem that is condensed to the boundary, without dense matrices:
+time and memory are proportional to the number of unknowns, on uniform and on adapted meshes alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.bounds.source import Source, enclosed
+from unilateral.discrete import flux_load, obstacle_means
+from unilateral.discrete_solution import AIM, Solution
+from unilateral.fem.hierarchy import Hierarchy, hierarchy
+from unilateral.fem.loads import by_parts, case_moments, sampled_moments
+from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import load as p1_load
+from unilateral.geometry.adapted import AdaptedMesh, refined
+from unilateral.geometry.adapted import adapted as adapted_mesh
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.case import Case
+from unilateral.problems.data import Data
+from unilateral.problems.sampled import Sampled
+from unilateral.solvers.iterate import joined
+from unilateral.solvers.multigrid import IN_L2, Found, Multigrid, multigrid
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import DualResult
+
+MOST_COARSE = 50_000
+"""Unknowns of the coarsest mesh, whose matrix is factorised."""
+AT_ZERO = 1e-3
+"""Of the bound of u = 0: how far to iterate where nothing else is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Multilevel:
+    """(P_h*) on nested spaces: `load` (n,) is that of f and q, `g_means` (cells,) are those of g.
+
+    Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; as no
+    lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. f and g are
+    enclosed where the `data` are formulas; `source` is f enclosed, where it has been, as the load may be made
+    of that. The iteration begins at the `guess` (n,), by default with coarser levels.
+    """
+
+    mesh: Mesh
+    partition: Partition
+    cells: Index
+    load: Array
+    g_means: Array
+    grids: Multigrid
+    data: Data | None
+    source: Source | None
+    guess: Array | None = None
+    unique: bool = True
+    beta: float = 1.0
+
+    def solved(self, stop: Stop) -> Solution:
+        """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.
+
+        Else it is at most `stop.fraction` of an estimate of ||u - u_h||_1, or half of it is rounding; the bound
+        itself is guaranteed.
+        """
+        return self.iterated(stop.tolerance, stop)
+
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> Solution:
+        """The same for a tolerance, if one is given; cells with start (m,) > 0 are active first.
+
+        Where the bound of the total error will be about `total`, the residual is small against that, too.
+        """
+        if self.guess is None or start is None:
+            found = self.grids.solve(tolerance, None, stop.fraction, IN_L2 * total)
+        else:
+            found = self.grids.solve(tolerance, (self.guess, start > 0), stop.fraction, IN_L2 * total)
+        return self._solution(found, tolerance)
+
+    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
+        """The solution, iterated on to a smaller tolerance."""
+        start = (solution.u_h, solution.result.lambda_H > 0)
+        more = self._solution(self.grids.solve(tolerance, start), tolerance)
+        return replace(more, result=joined(solution.result, more.result))
+
+    def errors(self, lambda_H: Array) -> None:
+        """Not seen from these spaces: `norms.dual.errors` integrates them."""
+
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
+        return self.grids.dual_norm_below(lambda_H)
+
+    def _solution(self, found: Found, tolerance: float | None) -> Solution:
+        lambda_H = np.zeros(self.partition.n_cells)
+        lambda_H[self.cells] = found.lambda_H
+        finest, (bound, rounding) = found.counts[-1][0], found.bound
+        steps = sum(count for level, count in found.counts if level == finest)
+        enough = max(found.tolerance, 2 * rounding) if tolerance is None else tolerance
+        result = DualResult(
+            found.lambda_H, steps, steps, bound, bound <= enough, math.nan, "multigrid", rounding
+        )
+        return Solution(self, result, found.tolerance, lambda_H, found.u)
+
+
+def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Multilevel | None:
+    """The problem on the levels of a mesh, without multipliers on its free sides.
+
+    None where the mesh has no coarse level, or its levels cannot follow the partition: a point of that is no
+    node of the mesh, or a cell has one edge only.
+    """
+    coarse = mesh.coarse or mesh
+    if not mesh.steps or coarse.n_nodes > MOST_COARSE:
+        return None
+    return _on_levels(problem, mesh, partition, hierarchy(mesh), *_load(problem, mesh))
+
+
+def _on_levels(
+    problem: Data | Sampled,
+    mesh: Mesh,
+    partition: Partition,
+    levels: Hierarchy,
+    load: Array,
+    source: Source | None,
+) -> Multilevel | None:
+    """With a load of f (n,)."""
+    of_levels = nested_cells(levels, partition, problem.free_sides)
+    if of_levels is None:
+        return None
+    cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
+    means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
+    grids = multigrid(levels, of_levels, load, (partition.lengths * means)[cells])
+    data = None if isinstance(problem, Sampled) else problem
+    return Multilevel(mesh, partition, cells, load, means, grids, data, source)
+
+
+def after(last: Solution | None, problem: Data, of: AdaptedMesh) -> Multilevel:
+    """The problem on a mesh and its cells, from the solution on a mesh from which this one was refined.
+
+    Of f only new triangles are looked at, and the iteration begins at that solution.
+    """
+    mesh, before = of.mesh, last.discrete if last else None
+    known = before.grids.finest.of if isinstance(before, Multilevel) else None
+    source = enclosed(mesh, problem, before.source if before else None)
+    levels = hierarchy(mesh, known)
+    found = _on_levels(problem, mesh, of.partition, levels, p1_load(mesh, source.moments), source)
+    assert found is not None
+    guess = np.zeros(mesh.n_nodes)
+    if last is None:
+        return replace(found, guess=guess)
+    guess[: len(last.u_h)] = last.u_h
+    for level in levels.levels:
+        if level.n > len(last.u_h):
+            level.prolong(guess)
+    return replace(found, guess=guess)
+
+
+def refinements(
+    problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[Solution], Index], most: float
+) -> Iterator[Solution]:
+    """The solutions on a mesh, two of whose boundary edges make a cell, and on finer ones of `most` unknowns.
+
+    Of each mesh the triangles (k,) are refined that are `chosen` by its solution, from which the next one
+    starts. Algebraic bounds are at most `stop.fraction` of those of ||u - u_h||_1. Raises InputError as
+    `chosen` does.
+    """
+    of, last = adapted_mesh(mesh), None
+    while of.mesh.n_nodes <= most:
+        last = _solved(last, after(last, problem, of), stop)
+        yield last
+        of = refined(of, chosen(last))
+
+
+def _solved(last: Solution | None, discrete: Multilevel, stop: Stop) -> Solution:
+    """The solution of a problem, from that on the mesh before, if there is one."""
+    if last is None:
+        return discrete.iterated(None, stop).within(stop)
+    start = last.discrete.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
+    total = last.total("h1")
+    return discrete.iterated(AIM * stop.fraction * total, stop, start, total).within(stop)
+
+
+def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
+    """(n,) values of (f, phi_i), and f enclosed where they are made of that."""
+    if isinstance(problem, Case):
+        return by_parts(mesh, partial(case_moments, problem)), None
+    if isinstance(problem, Sampled):
+        return by_parts(mesh, partial(sampled_moments, problem)), None
+    source = enclosed(mesh, problem)
+    return p1_load(mesh, source.moments), source
