@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,8 @@ from benchmarks.peers.driver import matched
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.hierarchy import Level, hierarchy
+from unilateral.fem.edge_matrix import h1_matrix
+from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.files import replacing
@@ -88,7 +89,7 @@ def partition(mesh: Mesh, edges: int) -> Partition:
 def _judged(case: Case, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
     levels = hierarchy(mesh)
     w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
-    residual = load - levels[-1].A @ w
+    residual = load - levels.A @ w
     residual[mesh.boundary] += flux_load(case, mesh)
     u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
     found = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32), "boundary": mesh.boundary}
@@ -96,7 +97,7 @@ def _judged(case: Case, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]
     return {**found, "s": mesh.s, "obstacle": u - gap, **errors}
 
 
-def grid(mesh: Mesh, levels: Sequence[Level], load: Array, means: Array, edges: int) -> Multigrid:
+def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -> Multigrid:
     """The problem on cells of that many edges, with the cell means (m,) of g."""
     cells_of_H = partition(mesh, edges)
     cells = nested_cells(levels, cells_of_H)
@@ -107,7 +108,7 @@ def grid(mesh: Mesh, levels: Sequence[Level], load: Array, means: Array, edges: 
 
 def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w."""
-    known, given, A = np.load(data), np.load(found), hierarchy(mesh_of(order))[-1].A
+    known, given, A = np.load(data), np.load(found), h1_matrix(mesh_of(order))
     numbers, squares = matched(known["points"], given["points"]), []
     for k in range(len(given.files) - 1):
         apart = known["w"] - given[f"u_{k}"][numbers]

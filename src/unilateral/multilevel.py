@@ -64,10 +64,13 @@ class Multilevel:
     def solved(self, stop: Stop) -> Solution:
         """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.
 
-        Else it is at most `stop.fraction` of an estimate of ||u - u_h||_1, or half of it is rounding; the bound
-        itself is guaranteed.
+        Else it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are no coarser
+        levels to begin with, of its bound. The bound itself is guaranteed.
         """
-        return self.iterated(stop.tolerance, stop)
+        found = self.iterated(stop.tolerance, stop)
+        if stop.tolerance is not None or len(self.grids.grids) > 1:
+            return found
+        return found.within(stop)
 
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
@@ -76,16 +79,14 @@ class Multilevel:
 
         Where the bound of the total error will be about `total`, the residual is small against that, too.
         """
-        if self.guess is None or start is None:
-            found = self.grids.solve(tolerance, None, stop.fraction, IN_L2 * total)
-        else:
-            found = self.grids.solve(tolerance, (self.guess, start > 0), stop.fraction, IN_L2 * total)
-        return self._solution(found, tolerance)
+        begin = None if self.guess is None or start is None else (self.guess, start > 0)
+        found = self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total)
+        return self._solution(found)
 
     def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
         """The solution, iterated on to a smaller tolerance."""
-        start = (solution.u_h, solution.result.lambda_H > 0)
-        more = self._solution(self.grids.solve(tolerance, start), tolerance)
+        start, in_L2 = (solution.u_h, solution.result.lambda_H > 0), IN_L2 * tolerance / stop.fraction
+        more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
         return replace(more, result=joined(solution.result, more.result))
 
     def errors(self, lambda_H: Array) -> None:
@@ -95,15 +96,12 @@ class Multilevel:
         """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
         return self.grids.dual_norm_below(lambda_H)
 
-    def _solution(self, found: Found, tolerance: float | None) -> Solution:
+    def _solution(self, found: Found) -> Solution:
         lambda_H = np.zeros(self.partition.n_cells)
         lambda_H[self.cells] = found.lambda_H
-        finest, (bound, rounding) = found.counts[-1][0], found.bound
+        finest, of = found.counts[-1][0], (math.nan, "multigrid")
         steps = sum(count for level, count in found.counts if level == finest)
-        enough = max(found.tolerance, 2 * rounding) if tolerance is None else tolerance
-        result = DualResult(
-            found.lambda_H, steps, steps, bound, bound <= enough, math.nan, "multigrid", rounding
-        )
+        result = DualResult(found.lambda_H, steps, steps, found.bound, found.converged, *of)
         return Solution(self, result, found.tolerance, lambda_H, found.u)
 
 

@@ -3,8 +3,8 @@
 On a piece f is a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces are
 the triangles of the first mesh; where rad is not small they give way to those that came from them (`whole`).
 Triangles of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded
-(`jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between points.
-With f_h the L2 projection of p onto linear functions on each triangle T, and E_T a bound of ||f - p||_T,
+(`jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between
+points. With f_h the L2 projection of p to linear functions on each triangle T, and E_T >= ||f - p||_T,
 
     (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
 
@@ -101,7 +101,7 @@ def poincare(mesh: Mesh) -> Array:
 
 
 class Seen(NamedTuple):
-    """The polynomials that are known; the triangles have those `of` (m,), found so many `halvings` (m,) above."""
+    """Polynomials; the triangles have those `of` (m,), found so many `halvings` (m,) above."""
 
     known: Polynomials
     of: Int32
@@ -219,13 +219,13 @@ class _Search:
         return np.asarray(rad**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
 
     def wide(self) -> Mask:
-        """(m,) where rad is too large on the mesh: half of what is wanted is shared by areas and by numbers."""
+        """(m,) where rad is too large on the mesh: half of what is wanted goes by areas, half by numbers."""
         area, n = self.mesh.areas, len(self.mesh.triangles)
         rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
         of = _sums(averages(self.known.c[:, self.of[left]]), area[left], area[left] * rad[left] ** 2)
         wanted = (self.sums + of).wanted(self.size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
-        return self.left & (area * rad**2 > 0.5 * wanted * share)
+        return np.asarray(self.left & (area * rad**2 > 0.5 * wanted * share))
 
 
 def _cut(steps: Sequence[Step], n: int) -> Mask:
@@ -303,12 +303,12 @@ def _projected(mesh: Mesh, done: list[Pieces]) -> Values:
     for pieces in done:
         own = areas(mesh, pieces)[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
-        for sums, values in (
+        for sums, each in (
             (rest, pieces.squares),
             (jumping, pieces.jumping**2),
             (integral, pieces.integral),
         ):
-            sums += np.bincount(pieces.parent, values, n)
+            sums += np.bincount(pieces.parent, each, n)
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
     for pieces in done:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])

@@ -2,9 +2,9 @@
 
 On a triangle f is a polynomial p, |f - p| <= rad. So it is on all triangles of a mesh that lie in it. In the
 variables of p, -1 and 1 at the ends of the longest edge and -1 both at the other corner, the corners of these
-are multiples of FINEST, for each halving of an edge halves the differences. In memory nodes are midpoints that
-are rounded: by half an EPS of their size for every halving. rad holds up to ROUNDING of it (`pieces`), so
-p is used on triangles up to MOST_HALVINGS finer.
+are multiples of FINEST, for each halving of an edge halves the differences. In memory nodes are midpoints
+that are rounded: by half an EPS of their size for every halving. rad holds up to ROUNDING of it (`pieces`),
+so p is used on triangles up to MOST_HALVINGS finer.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32
+from unilateral.arrays import Array, Int32
 from unilateral.bounds.pieces import BLOCK, on_triangles
 from unilateral.bounds.projection import ORDER, averages
 from unilateral.fem.quadrature import symmetric
@@ -27,10 +27,10 @@ FINEST = 2.0**-MOST_HALVINGS
 COMPUTED = 192
 """Times EPS sum |c|: what `values` may be off by, in f_h and in the mean square of p - f_h together.
 
-Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations: p
-is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
-and as many terms as there are points, 16: f_h is off by 60. What is left of p is off by both, by its
-own two operations and by a mean of 16 terms: by 85, which, with f_h, makes 145.
+Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations:
+p is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
+and as many terms as there are points, 16: f_h is off by 60. What is left of p is off by both, by its own two
+operations and by a mean of 16 terms: by 85, which, with f_h, makes 145.
 """
 FEW = 1 << 11
 """Triangles at a time: the numbers in their points fit into a processor's cache."""

@@ -52,7 +52,7 @@ class Condensed:
 
     @cached_property
     def for_products(self) -> sp.csr_array:
-        """A (n, n) up to rounding, rows not sorted; on a refined mesh, whose edges are known, in less time."""
+        """A (n, n) up to rounding, its rows not sorted: on a refined mesh, whose edges are known, faster."""
         return h1_matrix(self.mesh) if self.mesh.known else self.A
 
     def solve(self, rhs: Array) -> Array:

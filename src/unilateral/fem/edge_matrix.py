@@ -1,7 +1,7 @@
 """The matrix of (., .)_1 from the edges of a triangulation, without sorting entries.
 
-An off-diagonal entry belongs to an edge: the sum over the triangles T at it of |T| / 12, from the mass, and of
-the product of the gradients of its ends' hats, from the stiffness, which is
+An off-diagonal entry belongs to an edge: the sum over the triangles T at it of |T| / 12, from the mass, and
+of the product of the gradients of its ends' hats, from the stiffness, which is
 
     (e_j . e_k) / (4 |T|)      for the edge opposite to node i, e_j and e_k the other two edges.
 

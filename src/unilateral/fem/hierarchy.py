@@ -1,8 +1,8 @@
 """Nested spaces V_0, ..., V_L on a mesh that was made by refinement, uniform or not.
 
-Nodes keep their numbers, so one vector (n,) holds the values on all levels: V_l has the first of them. A level
-knows the nodes whose hats changed, which are new, or ends of edges that were halved, and the rows of the
-matrix of (., .)_1 that belong to them. Where refinement was uniform these are all nodes.
+Nodes keep their numbers, so one vector (n,) holds the values on all levels: V_l has the first of them. A
+level knows the nodes whose hats changed, which are new, or ends of edges that were halved, and the rows of
+the matrix of (., .)_1 that belong to them. Where refinement was uniform these are all nodes.
 """
 
 from __future__ import annotations
@@ -13,15 +13,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
-from unilateral.arrays import Array, Index, Int32
+from unilateral.arrays import Array, Index, Int16, Int32
 from unilateral.fem.edge_matrix import Elements, elements, lumped, matrix, some_rows
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Step
-
-Halvings = NDArray[np.int16]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +26,11 @@ class Level:
     """V_l with n nodes, after V_{l-1} with the first of them.
 
     `ends` (o,) are the ends of the halved edges, `P` (k, o) makes of values there those at the k new nodes.
-    `smoothed` (s,) are the nodes whose hats changed, `ends` first, `columns` (c,) those that their rows reach,
-    `smoothed` first, and `rows` (s, c) are of the matrix. If refinement was uniform the first two are None, and
-    the rows are the whole matrix. The last level of a hierarchy has no rows, for its matrix is there.
-    `step` made it; the areas of its new triangles (c,) were `halved` so often. `met` numbers are added to one
-    when a functional goes to the level before, at most.
+    `smoothed` (s,) are the nodes whose hats changed, `ends` first, `columns` (c,) those that their rows
+    reach, `smoothed` first, and `rows` (s, c) are of the matrix. If refinement was uniform the first two are
+    None, and the rows are the whole matrix. The last level of a hierarchy has no rows, for its matrix is
+    there. `step` made it; the areas of its new triangles (c,) were `halved` so often. `met` numbers are added
+    to one when a functional goes to the level before, at most.
     """
 
     n: int
@@ -43,7 +40,7 @@ class Level:
     columns: Int32 | None
     rows: sp.csr_array | None
     step: Step
-    halved: Halvings
+    halved: Int16
     met: int
 
     @property
@@ -78,9 +75,9 @@ class Level:
 class Hierarchy:
     """The levels 1, ..., L, and A (n, n) on the last one, each row beginning with the diagonal.
 
-    `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `mass` (n,) are the sums of
-    A's rows; `boundary` (nb,) and `s` (nb + 1,) as in `Mesh`. The last level has the triangles `nodes` (T, 3).
-    They lie in those of level 0 with the numbers `root` (T,), whose areas were `halved` (T,) times.
+    `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `mass` (n,) are the sums
+    of A's rows; `boundary` (nb,) and `s` (nb + 1,) as in `Mesh`. The last level has the triangles `nodes`
+    (T, 3). They lie in those of level 0 with the numbers `root` (T,), whose areas were `halved` (T,) times.
     """
 
     coarse: Mesh
@@ -94,7 +91,7 @@ class Hierarchy:
     nodes: Int32
     of: Elements
     root: Int32
-    halved: Halvings
+    halved: Int16
 
     @property
     def n(self) -> int:
@@ -182,7 +179,7 @@ def _on_level_0(mesh: Mesh) -> Hierarchy:
     )
 
 
-def _level(step: Step, halved: Halvings) -> Level:
+def _level(step: Step, halved: Int16) -> Level:
     """Without its rows."""
     n, k = step.n, len(step.ends)
     changed = np.zeros(n, dtype=bool)

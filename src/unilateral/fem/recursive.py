@@ -169,8 +169,8 @@ def element_matrices(corners: Array) -> Array:
 def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:
     """The nodes (T, 3m) around the triangles of each level, m = 1, 2, ..., anticlockwise from a corner.
 
-    They are numbered as by `refined`, but triangles 4t ... 4t + 3 of a level are the children of triangle t of
-    the coarser one.
+    They are numbered as by `refined`, but triangles 4t ... 4t + 3 of a level are the children of triangle t
+    of the coarser one.
     """
     levels = [coarse]
     for _ in range(halvings):
@@ -179,9 +179,8 @@ def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:
     while levels:
         of, order = levels.pop(), orders.pop()
         if len(along) > len(of.ends):  # the halves of edge e are e and E + e
-            along = np.concatenate(
-                [along[: len(of.ends)], along[len(of.ends) : 2 * len(of.ends), 1:]], axis=1
-            )
+            first, second = np.split(along[: 2 * len(of.ends)], 2)
+            along = np.concatenate([first, second[:, 1:]], axis=1)
         line = along[np.roll(of.edges[order], 1, axis=1)]
         line = np.where((line[..., 0] == of.nodes[order])[..., None], line, line[..., ::-1])[..., :-1]
         yield line.reshape(len(line), -1).astype(np.intp)

@@ -21,8 +21,8 @@ ratio r_T <= 1 of its singular values, the same for all descendants of the trian
 
     sum over e of w_e^2 rho_e <= |v|_1^2,      rho_e = sum of r_T / (C M) over the triangles t at e,
 
-M for what was refined below the children of t, which is 1 if nothing was. Let R_e be R of the level's new hats. If R vanishes on V_0, Cauchy's
-inequality on each level gives
+M for what was refined below the children of t, which is 1 if nothing was. Let R_e be R of the level's new
+hats. If R vanishes on V_0, Cauchy's inequality on each level gives
 
     ||R|| <= sum_l (sum_e R_e^2 / rho_e)^{1/2}.                                                     (3)
 

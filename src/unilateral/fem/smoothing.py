@@ -18,7 +18,7 @@ def downward(level: Level, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
         of -= S @ x
         return x, of.copy()
     assert level.columns is not None
-    x, (k, c) = np.zeros(S.shape[1]), S.shape
+    x, k = np.zeros(S.shape[1]), S.shape[0]
     gauss_seidel(S.indptr, S.indices, S.data, x, r[level.smoothed], 0, k, 1)
     r[level.columns] -= S.T @ x[:k]
     return x[:k], r[level.smoothed]

@@ -29,10 +29,11 @@ SHORTEST = exact.MOST
 class Mesh:
     """A triangulation of a polygon, as `conforming` makes it.
 
-    `points` (n, 2); `triangles` (m, 3), anticlockwise, in the order of `refinement`; `boundary` (nb,) the nodes along the boundary,
-    anticlockwise from the polygon's vertex 0; `s` (nb + 1,) their arc lengths, exact at the polygon's
-    vertices, the perimeter last. Boundary edge k joins boundary[k] and boundary[(k + 1) % nb].
-    A mesh that `refine` made knows the `coarse` one, the `steps` from there, and its `known` edges.
+    `points` (n, 2); `triangles` (m, 3), anticlockwise, in the order of `refinement`; `boundary` (nb,) the
+    nodes along the boundary, anticlockwise from the polygon's vertex 0; `s` (nb + 1,) their arc lengths,
+    exact at the polygon's vertices, the perimeter last. Boundary edge k joins boundary[k] and
+    boundary[(k + 1) % nb]. A mesh that was refined knows the `coarse` one, the `steps` from there, and its
+    `known` edges.
     """
 
     polygon: Polygon
@@ -267,7 +268,8 @@ def _refined(mesh: Mesh, chosen: Index | None) -> Mesh:
     start, end = (mesh.points[nodes] for nodes in step.ends.T)
     _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
-    boundary = np.where(of.sides[of.boundary, 0] >= 0, *of.ends[of.boundary].T).astype(np.intp)
+    ahead, ends = of.sides[of.boundary, 0] >= 0, of.ends[of.boundary]
+    boundary = np.where(ahead, ends[:, 0], ends[:, 1]).astype(np.intp)
     k = np.flatnonzero(boundary >= step.n)
     before = k - np.arange(1, len(k) + 1)
     s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))

@@ -23,9 +23,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32, Mask
+from unilateral.arrays import Array, Index, Int16, Int32, Mask
 
-Kind = TypeVar("Kind", Array, Int32, Index)
+Kind = TypeVar("Kind", Array, Int16, Int32, Mask)
 
 CONGRUENT = 1e-13
 """Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
@@ -133,7 +133,7 @@ def _along(of: Triangulation, middle: Int32, second: Int32) -> Int32:
 
 
 WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
-"""Of green, blue with ab, blue with ca, and red: the edges inside by their ends, of a, b, c, m_0, m_1, m_2."""
+"""Of green, blue with ab, blue with ca, and red: edges inside by their ends, of a, b, c, m_0, m_1, m_2."""
 CHILDREN = (
     (((3, 0, 1), (2, 3, 9)), ((3, 2, 0), (1, 9, 4))),
     (((5, 3, 0), (9, 7, 10)), ((5, 1, 3), (3, 10, 8)), ((3, 2, 0), (1, 9, 4))),

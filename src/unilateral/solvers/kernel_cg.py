@@ -6,7 +6,7 @@ counts up to B_a^T only, and what it has of that moves into lambda. The precondi
 product of corrections in that kernel, each of them orthogonal in the energy:
 
     the ring, the nodes on the boundary: exactly, by the saddle-point matrix of A and B_a on them;
-    the nodes inside whose hats changed, one after another, forward first and backward last (Gauss and Seidel);
+    nodes inside whose hats changed, one after another, forward first and backward last (Gauss and Seidel);
     the coarser levels, truncated at the nodes of active cells.
 
 So its eigenvalues lie in (0, 1], and (r . z)^{1/2} <= ||u - u_a||_1 for the preconditioned residual z.
@@ -36,7 +36,7 @@ MOST_ITERATIONS = 200
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The problem on the last level of a hierarchy: load (n,), and d (m,), the integrals of g over its cells."""
+    """The problem on the last level of a hierarchy: load (n,), and d (m,), integrals of g over its cells."""
 
     of: Hierarchy
     cells: Cells

@@ -3,10 +3,10 @@
 Find u in V_h and lambda_H >= 0, one number per cell, with A u = load + B^T lambda, B u >= d and
 lambda . (B u - d) = 0; A is the matrix of (., .)_1, B u and d are integrals of u and g over the cells.
 
-A step of the primal-dual active-set method is a run of conjugate gradients for the active cells (`kernel_cg`).
-The set is looked at after each decade of the error; a changed one ends the run. That the sets settle is not
-proved, and always seen. The first step begins with the u and the active cells that are given, or with those of
-the level before, if refinement was uniform, found by some steps there: nested iteration.
+A step of the primal-dual active-set method is a run of conjugate gradients for the active cells
+(`kernel_cg`). The set is looked at after each decade of the error; a changed one ends the run. That the sets
+settle is not proved, and always seen. The first step begins with the u and the active cells that are given,
+or with those of the level before, if refinement was uniform, found by some steps there: nested iteration.
 
 The last run ends by a guaranteed bound, for any u and lambda >= 0, whatever the set. Let w be the sum
 of hats at nodes inside the cells with which v = u - w fulfils B v >= d and lambda . (B v - d) = 0. Two
@@ -30,7 +30,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -56,32 +55,32 @@ STAGNANT = 0.9
 """Of the bound before: if the next one is larger, nothing but rounding is left."""
 LEAST = 1e-26
 """Of r . z in the beginning: below it, too, nothing but rounding is left."""
+FLOOR = 1e-10
+"""Of ||u||_1: no less is wanted where no tolerance is given, for the steps are rounded."""
 MOST_STEPS = 40
-
-
-class Bound(NamedTuple):
-    """A guaranteed one, and the part of it that is rounding."""
-
-    value: float
-    rounding: float
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """u (n,), lambda_H (m,) and which cells are `active` (m,).
 
-    The `bound` is for ||u - u_h||_1 and for ||lambda_H - exact||_{-1/2,h}. `counts` has the level
+    `bound` is guaranteed, for ||u - u_h||_1 and for ||lambda_H - exact||_{-1/2,h}. `counts` has the level
     of every step, and its iterations of conjugate gradients. `ritz` are the last run's Ritz values.
     """
 
     u: Array
     lambda_H: Array
     active: Mask
-    bound: Bound
+    bound: float
     counts: list[tuple[int, int]]
     ritz: Array
     rz: float
     tolerance: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether the bound is small enough."""
+        return self.bound <= self.tolerance
 
     @property
     def estimate(self) -> float:
@@ -116,7 +115,7 @@ class Multigrid:
         ends = Bounded(self, tolerance, fraction, in_L2)
         run = settled(self.finest, u, active, ends, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
-        bound = ends.bound or self.bound(u, lambda_H)
+        bound = self.bound(u, lambda_H) if ends.bound is None else ends.bound
         return Found(u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0)
 
     def dual_norm_below(self, lambda_H: Array) -> float:
@@ -128,12 +127,11 @@ class Multigrid:
         norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
         return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
-    def bound(self, u: Array, lambda_H: Array) -> Bound:
+    def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
-        grid, of = self.finest, self.finest.of
-        cells = grid.cells
+        grid, of, cells = self.finest, self.finest.of, self.finest.cells
         R, norm = feasible(of.A, of.mass, grid.load, cells.B, grid.d, cells.inside, u, lambda_H)
-        return Bound(dual_norm(of, *R) + norm, rounded.dual_norm(R.doubt, of.mass))
+        return dual_norm(of, *R) + norm
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
@@ -150,7 +148,8 @@ def multigrid(of: Hierarchy, cells: Sequence[Cells], load: Array, d: Array) -> M
     """The problem with load (n,) and d (m,) on the last level; `cells` are those of the last levels."""
     grids = [Grid(of, cells[-1], load, d)]
     for finer, coarser in zip(cells[:0:-1], cells[-2::-1], strict=True):
-        assert of.coarser is not None and finer.parent is not None
+        assert of.coarser is not None
+        assert finer.parent is not None
         load = load.copy()
         of.levels[-1].restrict(load)
         load, d = load[: of.coarser.n], np.bincount(finer.parent, d).astype(float)
@@ -204,21 +203,23 @@ class Bounded:
 
     Without a tolerance the first run sets both, to fractions of an estimate of ||u - u_h||_1. That run begins
     at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1. Where
-    errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1.
+    errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1. Where
+    u_2h is u_h but for rounding, FLOOR is enough.
     """
 
     problem: Multigrid
     tolerance: float | None
     fraction: float
     in_L2: float
-    bound: Bound | None = None
+    bound: float | None = None
     before: float = math.inf
 
     def first_look(self, run: Run) -> float:
         """The r . z at which to look at the set."""
         if self.tolerance is None:
-            estimate = math.sqrt(run.first_rz / 3)
-            self.tolerance, self.in_L2 = self.fraction * estimate, IN_L2 * estimate
+            estimate, A_u = math.sqrt(run.first_rz / 3), run.grid.of.A @ run.u
+            least = FLOOR * rounded.root(run.u, A_u)
+            self.tolerance, self.in_L2 = max(self.fraction * estimate, least), IN_L2 * estimate
         return max(DECADE * run.rz, self._worth_a_bound(run, self.tolerance))
 
     def __call__(self, run: Run) -> float | None:
@@ -229,11 +230,11 @@ class Bounded:
         if run.rz > least and not run.exhausted and run.in_L2 > self.in_L2:
             return max(run.rz * max(DECADE, (AIM * self.in_L2 / run.in_L2) ** 2), least)
         bound = self.problem.bound(run.u, np.maximum(run.lambda_H, 0))
-        if bound.value <= tolerance or bound.value > STAGNANT * self.before or run.exhausted:
+        if bound <= tolerance or bound > STAGNANT * self.before or run.exhausted:
             self.bound = bound
             return None
-        self.before = bound.value
-        return run.rz * max(DECADE, (AIM * tolerance / bound.value) ** 2)
+        self.before = bound
+        return run.rz * max(DECADE, (AIM * tolerance / bound) ** 2)
 
     @staticmethod
     def _worth_a_bound(run: Run, tolerance: float) -> float:

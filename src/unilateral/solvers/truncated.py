@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Int32
 from unilateral.fem.hierarchy import Hierarchy, Level
 from unilateral.fem.smoothing import downward, upward
 
@@ -60,7 +60,7 @@ class Truncated:
         z[self.last.before :] += new
 
     def _cycle(self, r: Array) -> Array:
-        """e (n,) of r (n,), which is lost: one sweep a level forward on the way down, one backward upwards."""
+        """e (n,) of r (n,), which is lost: one sweep a level forward downwards, one backward upwards."""
         swept = []
         for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
             swept.append(downward(level, S, r))
@@ -110,7 +110,7 @@ def _minus(level: Level, D: Part) -> sp.csr_array:
     return _less(level.rows, place[D.nodes], D, level.columns)
 
 
-def _less(A: sp.csr_array, rows: Index, D: Part, columns: Index | None = None) -> sp.csr_array:
+def _less(A: sp.csr_array, rows: Index, D: Part, columns: Int32 | None = None) -> sp.csr_array:
     """A - D, D's nodes being those `rows` of A, -1 if none; hats that are cut away keep their diagonal entry.
 
     `columns` are the nodes of A's columns, by default all. The diagonal entry is in the column of the row.

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from unilateral.multilevel import refinements
 from unilateral.arrays import Index
 from unilateral.discrete_solution import Solution
 from unilateral.fem.condense import condense
@@ -26,6 +25,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.multilevel import refinements
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
