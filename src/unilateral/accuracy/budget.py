@@ -6,18 +6,20 @@ import math
 from collections.abc import Sequence
 
 from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.level import Level, standing, unknowable, without_contact
-from unilateral.geometry.adapted import BULK
+from unilateral.accuracy.division import Division, divided, evenness, uniform
+from unilateral.accuracy.level import WORTH, Level, standing, unknowable, without_contact
 from unilateral.memory import available_mb
 
-MARGIN = 0.9
+MARGIN = 0.93
 """Of the error that is wanted: what the next level aims at."""
-LEAST_STEP, LARGEST_STEP = 1.25, 4.0
-"""Between the sizes of two levels."""
+LEAST_STEP, LARGEST_STEP = 1.25, 8.0
+"""Times the triangles of the level before."""
+FOLLOW = 1.15
+"""Times the triangles that are predicted, for neighbours follow."""
+OF_LAMBDA = 0.75
+"""Rate of its bound in unknowns on adapted meshes: that of H^{3/2}, and 0.82 was observed."""
 RATES = (0.25, 2.0)
 """Within which an observed rate is believed."""
-GUESS = 1.05
-"""More unknowns than h^-2 predicts, which gmsh may make."""
 SPARE = 0.8
 """Of the memory that is free: what the next level may take, beside what the last one still holds."""
 
@@ -33,29 +35,54 @@ def wanted(done: Sequence[Level]) -> bool:
     return not over and len(standing(done)) == len(done)
 
 
-def affordable_H(prospect: Prospect) -> float | None:
-    """The next uniform level's H within the budget, or None.
+def division(prospect: Prospect) -> Division | None:
+    """How to divide the triangles for the next level, None if it is not wanted or not within the budget.
 
     Where the budget does not allow what is wanted, the last level stays away from the limits.
     """
-    done, H = prospect.done, prospect.done[-1].partition.H
-    if not wanted(done):
+    if not wanted(prospect.done):
         return None
-    aim = wanted_H(*sizes_and_bounds(done), done[-1].target)
-    if aim >= H * _share(prospect, min(most_unknowns(prospect).values())):
-        return aim
-    share = _share(prospect, min(most_unknowns(prospect, CAUTION).values()))
-    return max(aim, H * share) if LEAST_STEP * share <= 1 else None
+    last, most = prospect.done[-1], min(most_unknowns(prospect).values())
+    best = _best(prospect)
+    if FOLLOW * best.times * last.unknowns <= most:
+        return best
+    times = min(most_unknowns(prospect, CAUTION).values()) / (FOLLOW * last.unknowns)
+    if not prospect.free or times < LEAST_STEP:
+        return None
+    return divided(last.solved.shares, 0.0, times)
+
+
+def _best(prospect: Prospect) -> Division:
+    """Uniform where that takes at most WORTH times the triangles; several steps are of one size."""
+    last, part = prospect.done[-1], wanted_part(prospect.done)
+    shares, m = last.solved.shares, len(last.solved.shares)
+    if part == 0 or not prospect.free:
+        return uniform(m)
+    needed = evenness(shares) / part**2
+    if needed > LARGEST_STEP:
+        if not prospect.adapted:
+            return uniform(m)
+        steps = math.ceil(math.log(needed) / math.log(LARGEST_STEP))
+        return divided(shares, part, max(needed ** (1 / steps), 4.0))
+    found, times = divided(shares, part), max(math.ceil(-math.log2(part)), 1)
+    return uniform(m, times) if 4**times <= WORTH * found.times else found
+
+
+def wanted_part(done: Sequence[Level]) -> float:
+    """Of the last bound, what the next but for `MISS` is to be; 0 where nothing is known of what is wanted.
+
+    That of lambda falls with the unknowns to the power OF_LAMBDA.
+    """
+    last = done[-1]
+    if not (last.target > 0 and math.isfinite(last.total)):
+        return 0.0
+    part = MARGIN * last.target / (last.total * last.missed)
+    return part if last.goal.norm == "h1" else part ** (0.5 / OF_LAMBDA)
 
 
 def sizes_and_bounds(done: Sequence[Level]) -> tuple[list[float], list[float]]:
     """H, and the bound, of each level."""
     return [level.partition.H for level in done], [level.total for level in done]
-
-
-def affordable(prospect: Prospect, unknowns: int) -> bool:
-    """Whether a level with so many unknowns is within the budget."""
-    return unknowns <= min(most_unknowns(prospect).values())
 
 
 def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
@@ -69,36 +96,11 @@ def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
     }
 
 
-def _share(prospect: Prospect, most: float) -> float:
-    """The part of the last level's H down to which the next one may go with so many unknowns."""
-    return math.sqrt(GUESS * prospect.done[-1].unknowns / most) if most > 0 else math.inf
-
-
-def bulk(last: Level) -> float:
-    """Of the squared bound, what triangles are to have that are refined next: BULK, or what is enough.
-
-    That is where the target is near, and their shares are taken to fall to a quarter.
-    """
-    return min(BULK, 4 / 3 * (1 - (MARGIN * last.target / last.total) ** 2))
-
-
 def limits(prospect: Prospect) -> list[str]:
-    """Those that do not allow a level after the last one."""
-    most = most_unknowns(prospect)
-    shares = {name: _share(prospect, unknowns) for name, unknowns in most.items()}
-    return [name for name, share in shares.items() if LEAST_STEP * share > 1 or share == max(shares.values())]
-
-
-def wanted_H(sizes: Sequence[float], bounds: Sequence[float], target: float) -> float:
-    """The next level's H from those of the levels done and their bounds: where it should meet the target.
-
-    Bounds are taken to fall at the rate of the last two; without that, or a target, H is halved.
-    """
-    H, rate = sizes[-1], observed_rate(sizes, bounds)
-    if math.isnan(rate) or target <= 0:
-        return H / 2
-    aim = H * (MARGIN * target / bounds[-1]) ** (1 / rate)
-    return min(max(aim, H / LARGEST_STEP), H / LEAST_STEP)
+    """Those that do not allow a level after the last one; that which allows least, if all do."""
+    last, most = prospect.done[-1], most_unknowns(prospect)
+    least = FOLLOW * (LEAST_STEP if prospect.free else 4) * last.unknowns
+    return [name for name, unknowns in most.items() if unknowns < least or unknowns == min(most.values())]
 
 
 def observed_rate(sizes: Sequence[float], bounds: Sequence[float]) -> float:

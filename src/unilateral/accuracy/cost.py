@@ -25,8 +25,7 @@ class Cost(NamedTuple):
     bytes: float
 
 
-ADAPTED = Cost(0.02, 2.5e-5, 2800)
-UNIFORM = Cost(0.03, 8e-6, 1600)
+MULTILEVEL = Cost(0.02, 1.2e-5, 1500)
 CONDENSED = Cost(0.03, 5e-5, SPARSE)
 WITH_SHARP = Cost(0.02, 2.2e-5, SHARP)
 """As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
@@ -49,26 +48,29 @@ class Prospect:
     kind: str
     elapsed: float
 
+    @property
+    def free(self) -> bool:
+        """Whether meshes need not be uniform."""
+        return may_adapt(self.stop, self.kind)
+
     @cached_property
     def adapted(self) -> bool:
-        """Whether the next mesh is."""
+        """Whether it pays that they are not."""
         last = self.done[-1]
-        of_adapted = last.solved.discrete.mesh.adapted
-        return may_adapt(self.stop, self.kind) and (of_adapted or refinement_pays(last))
+        return self.free and (last.solved.discrete.mesh.adapted or refinement_pays(last))
 
     @property
     def cost(self) -> Cost:
         goal = self.done[-1].goal
-        by_multigrid = UNIFORM if wants_multigrid(self.stop, math.inf) else CONDENSED
-        cost = ADAPTED if self.adapted else by_multigrid
+        cost = MULTILEVEL if wants_multigrid(self.stop, math.inf) else CONDENSED
         return Cost(*(a + b for a, b in zip(cost, WITH_SHARP, strict=True))) if goal.sharp else cost
 
     @cached_property
     def speed(self) -> float:
         """Times the seconds of `cost`, f's enclosures aside; not of the first level, which imports."""
-        alike = [each for each in self.done[1:] if each.solved.discrete.mesh.adapted == self.adapted]
-        expected = sum(self.cost.start + self.cost.each * level.unknowns for level in alike)
-        return sum(level.seconds - level.enclosing for level in alike) / expected if alike else 1.0
+        later = self.done[1:]
+        expected = sum(self.cost.start + self.cost.each * level.unknowns for level in later)
+        return sum(level.seconds - level.enclosing for level in later) / expected if later else 1.0
 
     @cached_property
     def fixed(self) -> float:

@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from unilateral.accuracy.division import evenness
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.misfit import underflow
@@ -29,7 +28,7 @@ NOTHING = 1e-140
 class Level:
     """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most.
 
-    Of the seconds, `enclosing` is the part in which f is enclosed.
+    Of the seconds, `enclosing` is the part in which f is enclosed. The bound was `predicted`, if it could be.
     """
 
     solved: Solution
@@ -37,6 +36,7 @@ class Level:
     seconds: float
     mb: float = 0.0
     enclosing: float = 0.0
+    predicted: float = math.inf
 
     @property
     def partition(self) -> Partition:
@@ -50,6 +50,12 @@ class Level:
     def total(self) -> float:
         """The guaranteed bound of the error in the goal's norm."""
         return self.solved.total(self.goal.norm, self.goal.sharp)
+
+    @property
+    def missed(self) -> float:
+        """Times the bound that was predicted, as far as that is believed to go on."""
+        found = self.total / self.predicted
+        return min(max(found, 0.9), 1.5) if found > 0 else 1.0
 
     @property
     def algebraic(self) -> float:
@@ -107,16 +113,14 @@ def least_unknowns(polygon: Polygon, h: float) -> float:
 
 
 def refinement_pays(last: Level) -> bool:
-    """Whether uniform meshes need more than WORTH times the unknowns of adapted ones, by the bound's parts.
+    """Whether uniform meshes need more than WORTH times the triangles of adapted ones, by the bound's parts.
 
     Where short sides leave a mesh with fewer unknowns than a uniform one has at least, they would at once.
-    A triangle with the share s of the squared bound, cut into k, has s / k. With m triangles cut into K in
-    all that is m sum(s) / K for equal k, and for the best, k like s^{1/2}, sum(s^{1/2})^2 / K.
     """
-    s, mesh = last.solved.shares, last.solved.discrete.mesh
+    shares, mesh = last.solved.shares, last.solved.discrete.mesh
     if last.unknowns < least_unknowns(mesh.polygon, mesh.h):
         return True
-    return last.unknowns >= ENOUGH and bool(len(s) * s.sum() > WORTH * np.sqrt(s).sum() ** 2)
+    return last.unknowns >= ENOUGH and bool(shares.max() > 0 and WORTH * evenness(shares) < 1)
 
 
 def standing(done: Sequence[Level]) -> list[Level]:

@@ -5,27 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from unilateral.accuracy.budget import (
     LARGEST_STEP,
     MARGIN,
+    OF_LAMBDA,
     most_unknowns,
     observed_rate,
     sizes_and_bounds,
     wanted,
 )
 from unilateral.accuracy.cost import Prospect
+from unilateral.accuracy.division import evenness
 from unilateral.accuracy.level import Level
 
 PROBE, KNOWN = 1.5, 400
 """Seconds, with those of the next level, and unknowns from which on the first levels are enough."""
-UNEVEN = 1.4
-"""Times the triangles of the best distribution: by marking, 1.2, and by the last step, which overshoots."""
-STEP = 1.7
-"""Times the unknowns of the adapted level before, on the average."""
-OF_LAMBDA = 0.75
-"""Rate of its bound in unknowns on adapted meshes: that of H^{3/2}, and 0.82 was observed."""
+UNEVEN = 1.2
+"""Times the triangles of the best distribution."""
 FAR = 10.0
 """Times the unknowns that the limits allow: a plan was right within 2 for u, and within 3 for lambda."""
 VAST = 1e30
@@ -101,8 +97,7 @@ def reach(prospect: Prospect) -> float | None:
 def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
     """The unknowns of the last mesh, infinite if unknown.
 
-    m triangles with the shares s of the squared bound, cut into K in all, have at best the squared bound
-    sum(s^{1/2})^2 / K. Uniform meshes are taken to go on with the rate that was observed, or the least one.
+    Uniform meshes are taken to go on with the rate that was observed, or the least one.
     """
     last = prospect.done[-1]
     target, s = _wanted(last), last.solved.shares
@@ -112,8 +107,7 @@ def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
     if prospect.adapted and last.goal.norm == "hm12":
         return last.unknowns * times ** (1 / OF_LAMBDA)
     if prospect.adapted:
-        best = float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
-        return last.unknowns * times**2 * UNEVEN * best
+        return last.unknowns * times**2 * UNEVEN * evenness(s)
     rate = observed_rate(*sizes_and_bounds(prospect.done))
     return last.unknowns * (times / MARGIN) ** (2 / (1.0 if math.isnan(rate) else max(rate, least_rate)))
 
@@ -130,6 +124,6 @@ def _sizes(prospect: Prospect) -> list[float] | None:
     last, needed = prospect.done[-1], _needed(prospect)
     if last.certified or not math.isfinite(needed):
         return [] if last.certified else None
-    step = STEP if prospect.adapted else LARGEST_STEP**2
+    step = LARGEST_STEP if prospect.adapted else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]

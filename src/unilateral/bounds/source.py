@@ -132,6 +132,8 @@ class Values(NamedTuple):
 
     def sums(self, mesh: Mesh, of: Mask) -> Sums:
         """Over some of the triangles."""
+        if not of.any():
+            return Sums()
         area, means = mesh.areas[of], self.f_h[of].mean(axis=1)
         squares = linear_squares(area, self.f_h[of]) + self.oscillation[of] ** 2
         unknown = float(np.sum(self.rest[of] ** 2))

@@ -94,6 +94,17 @@ def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
     return found
 
 
+def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
+    """With the edges of each triangle halved so often (m,), and what else that needs."""
+    wanted = halvings
+    while (chosen := np.flatnonzero(wanted > 0)).size:
+        before = len(of.mesh.steps)
+        of = _refined(of, chosen)
+        (step,) = of.mesh.steps[before:]
+        wanted = step.put(wanted, wanted[step.parent] - 1)
+    return refined(of, of.unbalanced)
+
+
 def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
     """With the chosen triangles cut in four, and what else that needs. Raises InputError as `refine_some`."""
     while chosen.size:

@@ -100,7 +100,7 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
         np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
         np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
         _along(of, middle, second),
-        of.alike and chosen is None,
+        of.alike and k == E,
     )
     found.ends[cut, 1] = middle[cut]
     found.sides[cut] = -1

@@ -1,0 +1,78 @@
+"""How often the edges of each triangle are to be halved, for a bound that is wanted on few triangles.
+
+A triangle with the share s of the squared bound becomes 4^g triangles if its edges are halved g times. They
+have s / 16^g each, for the square of a bound falls like h^2, and their areas like h^2, too. So the squared
+bound becomes sum s_i / 4^{g_i} on sum 4^{g_i} triangles; best is s_i / 16^{g_i} alike everywhere. With one
+number for it the g_i are known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+
+MOST_HALVINGS = 4
+"""Of a triangle's edges, at once."""
+STEPS = 40
+"""Of a bisection: theta is found as exactly as numbers are."""
+TINY = 1e-60
+"""Of the largest share: less is not told apart."""
+
+
+class Division(NamedTuple):
+    """`halvings` (m,); `times` as many triangles, before neighbours follow; what is `left` of the bound."""
+
+    halvings: Index
+    times: float
+    left: float
+
+
+def uniform(triangles: int, halvings: int = 1) -> Division:
+    """All edges halved so often; the bound falls like h."""
+    return Division(np.full(triangles, halvings, dtype=np.int16), 4.0**halvings, 0.5**halvings)
+
+
+def evenness(shares: Array) -> float:
+    """The triangles of the best mesh over those of one that is refined uniformly, for a bound far below."""
+    s = shares / shares.max()
+    return float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
+
+
+def divided(shares: Array, left: float = 0.0, times: float = math.inf) -> Division:
+    """The fewest triangles with that part of the bound `left`, but at most `times` as many as there are.
+
+    The shares (m,) are of its square.
+    """
+    s = np.log2(np.maximum(shares / shares.max(), TINY))
+    squares = shares / shares.sum()
+
+    def at(theta: float) -> Division:
+        g = np.clip(np.rint((s - theta) / 4), 0, MOST_HALVINGS).astype(np.int16)
+        parts = 4.0**g
+        return Division(g, float(parts.mean()), math.sqrt(float((squares / parts).sum())))
+
+    found = _largest(at, lambda of: of.left <= left, s)
+    return found if found.times <= times else _smallest(at, lambda of: of.times <= times, s)
+
+
+def _largest(at: Callable[[float], Division], enough: Callable[[Division], bool], s: Array) -> Division:
+    """That of the largest theta that is enough; of the smallest one if none is."""
+    low, high = float(s.min()) - 4 * MOST_HALVINGS - 2, float(s.max()) + 2
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if enough(at(middle)) else (low, middle)
+    return at(low)
+
+
+def _smallest(at: Callable[[float], Division], few: Callable[[Division], bool], s: Array) -> Division:
+    """That of the smallest theta with few triangles."""
+    low, high = float(s.min()) - 4 * MOST_HALVINGS - 2, float(s.max()) + 2
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if few(at(middle)) else (middle, high)
+    return at(high)
