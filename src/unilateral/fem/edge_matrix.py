@@ -51,13 +51,12 @@ def lumped(nodes: Int32, area: Array, n: int) -> Array:
 
 def h1_matrix(mesh: Mesh) -> sp.csr_array:
     """A (n, n) of a mesh, see `matrix`."""
-    tri = mesh.triangulation
-    return matrix(tri, elements(mesh.points, tri.nodes))
+    return matrix(mesh.triangulation, mesh.points)
 
 
-def matrix(tri: Triangulation, of: Elements) -> sp.csr_array:
+def matrix(tri: Triangulation, points: Array) -> sp.csr_array:
     """A (n, n) of those triangles, each row beginning with the diagonal."""
-    n = tri.n
+    n, of = tri.n, elements(points, tri.nodes)
     parts = of.stiffness + (of.area / 12)[:, None]
     beside = np.bincount(tri.edges.ravel(), parts.ravel(), len(tri.ends))
     a, b = tri.ends.T
@@ -69,13 +68,14 @@ def matrix(tri: Triangulation, of: Elements) -> sp.csr_array:
     return A.tocsr()
 
 
-def some_rows(nodes: Int32, of: Elements, chosen: Int32, n: int) -> sp.csr_array:
+def some_rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
     """(k, n) the rows of the nodes (k,) alone, from the triangles at them."""
     place = np.full(n, -1, dtype=np.int32)
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
     row = place[nodes]
     some = np.flatnonzero((row >= 0).any(axis=1))
-    row, nodes, stiffness, area = row[some], nodes[some], of.stiffness[some], of.area[some]
+    row, nodes = row[some], nodes[some]
+    stiffness, area = elements(points, nodes)
     values = np.empty((len(some), 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         values[:, i, j] = values[:, j, i] = stiffness[:, k] + area / 12

@@ -16,8 +16,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int16, Int32
-from unilateral.fem.edge_matrix import Elements, elements, lumped, matrix, some_rows
+from unilateral.fem.edge_matrix import lumped, matrix, some_rows
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import signed_areas
 from unilateral.geometry.refinement import Step
 
 
@@ -89,7 +90,6 @@ class Hierarchy:
     boundary: Index
     s: Array
     nodes: Int32
-    of: Elements
     root: Int32
     halved: Int16
 
@@ -142,41 +142,42 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
     steps = mesh.steps[len(found.levels) :]
     if not steps:
         return found
-    levels, of, halved = [*found.levels], found.of, found.halved
-    nodes, root = found.nodes, found.root
+    levels, nodes, root, halved = [*found.levels], found.nodes, found.root, found.halved
     if levels:
         smoothed = levels[-1].smoothed
         levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
     for step in steps:
-        new = elements(mesh.points, step.nodes)
-        more = np.rint(np.log2(of.area[step.parent] / new.area)).astype(np.int16) + halved[step.parent]
+        times = _area_ratio(mesh.points, nodes[step.parent], step.nodes)
+        more = np.rint(np.log2(times)).astype(np.int16) + halved[step.parent]
         nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
-        of = Elements(step.put(of.stiffness, new.stiffness), step.put(of.area, new.area))
         level = _level(step, more)
         if step is not steps[-1]:
-            level = level.with_rows(_rows(level, nodes, of))
+            level = level.with_rows(_rows(level, mesh.points, nodes))
         levels.append(level)
-    A, mass = matrix(mesh.triangulation, of), lumped(nodes, of.area, mesh.n_nodes)
-    level_0 = found.coarse, found.A_0, found.coarsest
-    return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, nodes, of, root, halved)
+    tri, level_0 = mesh.triangulation, (found.coarse, found.A_0, found.coarsest)
+    A, mass = matrix(tri, mesh.points), lumped(tri.nodes, mesh.areas, mesh.n_nodes)
+    return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
 
 
-def _rows(level: Level, nodes: Int32, of: Elements) -> sp.csr_array:
+def _area_ratio(points: Array, nodes: Int32, of_parts: Int32) -> Array:
+    """(k,) of the triangles to parts of them."""
+    return signed_areas(points, nodes) / signed_areas(points, of_parts)
+
+
+def _rows(level: Level, points: Array, nodes: Int32) -> sp.csr_array:
     """Of the triangles with those nodes (T, 3)."""
     if level.step.after:
-        return matrix(level.step.after, of)
+        return matrix(level.step.after, points)
     assert level.smoothed is not None
-    return some_rows(nodes, of, level.smoothed, level.n)
+    return some_rows(points, nodes, level.smoothed, level.n)
 
 
 def _on_level_0(mesh: Mesh) -> Hierarchy:
     tri = mesh.triangulation
-    of = elements(mesh.points, tri.nodes)
-    A, mass = matrix(tri, of), lumped(tri.nodes, of.area, tri.n)
+    A, mass = matrix(tri, mesh.points), lumped(tri.nodes, mesh.areas, tri.n)
     root, halved = np.arange(len(tri.nodes), dtype=np.int32), np.zeros(len(tri.nodes), dtype=np.int16)
-    return Hierarchy(
-        mesh, A, splu(A.tocsc()), [], A, mass, mesh.boundary, mesh.s, tri.nodes, of, root, halved
-    )
+    level_0 = mesh, A, splu(A.tocsc())
+    return Hierarchy(*level_0, [], A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
 
 
 def _level(step: Step, halved: Int16) -> Level:

@@ -191,5 +191,5 @@ def _orders(n: int, halvings: int) -> list[Index]:
     found = [np.arange(n)]
     for _ in range(halvings):
         t, T = found[-1][:, None], len(found[-1])
-        found.append(np.concatenate([t, T + 3 * t + np.arange(3)], axis=1).ravel())
+        found.append((t + T * np.arange(4)).ravel())
     return found

@@ -73,6 +73,8 @@ class Step:
 
     def put(self, old: Kind, new: Kind) -> Kind:
         """(T, ...) the values (before, ...) of triangles, those of the new ones (c, ...) put in."""
+        if self.after:  # all are new, and in order
+            return new
         more = int(self.triangles.max()) + 1 - self.before
         found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
         found[self.triangles] = new
@@ -95,8 +97,8 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
     step = Step(n, ends, of.sides[cut], new.triangles, new.nodes, new.parent, len(of.nodes))
     found = Triangulation(
         n + k,
-        step.put(of.nodes, new.nodes),
-        step.put(of.edges, new.edges),
+        new.nodes if k == E else step.put(of.nodes, new.nodes),
+        new.edges if k == E else step.put(of.edges, new.edges),
         np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
         np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
         _along(of, middle, second),
@@ -162,7 +164,7 @@ class _Children:
         self.within = np.empty((int(count.sum()), 2), dtype=np.int32)
         self.triangles, self.parent = (np.empty(len(parents) + len(self.within), np.int32) for _ in range(2))
         self.nodes, self.edges = (np.empty((len(self.triangles), 3), np.int32) for _ in range(2))
-        begin = 0
+        begin, free = 0, len(of.nodes)
         for which, (within, children) in enumerate(zip(WITHIN, CHILDREN, strict=True)):
             here = np.flatnonzero(kind == which)
             some, first = parents[here], after[here]
@@ -172,7 +174,8 @@ class _Children:
             known = np.concatenate([halves, edges + inside], axis=1)
             for number, (of_nodes, of_edges) in enumerate(children):
                 rows = slice(begin, begin + len(some))
-                self.triangles[rows] = len(of.nodes) + first + (number - 1) if number else some
+                self.triangles[rows] = np.arange(free, free + len(some)) if number else some
+                free += len(some) if number else 0
                 self.nodes[rows], self.edges[rows] = nodes[:, of_nodes], known[:, of_edges]
                 self.parent[rows], begin = some, begin + len(some)
 
