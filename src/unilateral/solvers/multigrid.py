@@ -162,6 +162,8 @@ def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: l
     """The run whose set stays the same, or the last of MOST_STEPS; u (n,) changes in place."""
     steps = 0
     while True:
+        if on.exact:
+            u[:] = 0  # whose residual is the load itself, however small
         run, steps = Run(on, active, u), steps + 1
         after = _after(run, ends)
         counts.append((len(on.of.levels), len(run.steps)))
