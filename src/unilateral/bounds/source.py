@@ -118,17 +118,15 @@ class Values(NamedTuple):
 
     def put(self, mesh: Mesh, at: Index, seen: Seen) -> None:
         """Of the polynomials, on the triangles `at` (k,)."""
-        size = rounded_size(mesh)
+        size, places = rounded_size(mesh), np.ascontiguousarray(mesh.points.T)
         for start in range(0, len(at), FEW):
             some = at[start : start + FEW]
             area, of = mesh.areas[some], seen.of[some]
-            f_h, squares = values(mesh.points[mesh.triangles[some]], seen.known, of)
+            f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
             outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some], self.moments[some] = f_h.T, (area / 12 * (f_h + f_h.sum(axis=0))).T
-            self.oscillation[some], self.rest[some] = (
-                np.sqrt(area * squares),
-                np.sqrt(outer) * seen.known.rad[of],
-            )
+            self.oscillation[some] = np.sqrt(area * squares)
+            self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
 
     def sums(self, mesh: Mesh, of: Mask) -> Sums:
         """Over some of the triangles."""
@@ -153,13 +151,14 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
     search = _Search(mesh, data, before)
     wide = search.wide()
     values.put(mesh, np.flatnonzero(search.new & ~wide), search.seen)
-    sums = values.sums(mesh, ~(search.new & wide))
     left = np.flatnonzero(search.new & wide)
+    sums = search.sums
     if left.size:
-        of_part, sums = _in_pieces(mesh.part(left), data, sums, max(MOST_PIECES, 4 * n))
+        known = values.sums(mesh, ~(search.new & wide))
+        of_part, sums = _in_pieces(mesh.part(left), data, known, max(MOST_PIECES, 4 * n))
         for array, there in zip(values, of_part, strict=True):
             array[left] = there
-    resolved = sums.unknown <= RESOLVED * sums.wanted(_size(mesh))
+    resolved = float(values.rest @ values.rest) <= RESOLVED * sums.wanted(_size(mesh))
     return Source(mesh, *values, resolved=resolved, seen=search.seen)
 
 
@@ -172,11 +171,12 @@ class _Search:
 
     On the mesh in hand the triangles have the polynomials `of` (m,), found so many `halvings` (m,) above. Of
     those that are `left` (m,) they are not near enough; `new` (m,) are those whose polynomials are new.
+    `sums` are over triangles where p is near enough, or over the `whole` mesh before.
     """
 
     def __init__(self, mesh: Mesh, data: Data, before: Source | None) -> None:
         self.mesh, self.data, self.size = mesh, data, _size(mesh)
-        self.known, self.sums = none(), Sums()
+        self.known, self.sums, self.whole = none(), Sums(), False
         first = before.mesh if before else mesh.coarse or mesh
         steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
         self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
@@ -184,7 +184,7 @@ class _Search:
         if before and before.seen:
             self.known, self.of, self.halvings = before.seen
             self.of, self.halvings = self.of.copy(), self.halvings.copy()
-            self.sums, self.new = _values(before).sums(first, self.left), ~self.left
+            self.sums, self.new, self.whole = _values(before).sums(first, self.left), ~self.left, True
             self.left = self._wide_above(self.known.rad[self.of])
             asked = self.left & (self.halvings > 0) & _cut(steps, n)
         else:
@@ -210,10 +210,16 @@ class _Search:
         self.of[at] = len(self.known.rad) + np.arange(len(at))
         self.known, self.halvings[at], self.new[at] = self.known.and_more(found), 0, True
         area = signed_areas(self.mesh.points, nodes)
-        sums = self.sums + _sums(found.averages(), area, area * found.rad**2)
-        fine = ~self._wide_above(found.rad, sums)
-        self.left[at] = ~fine
-        self.sums += _sums(found.averages()[:, fine], area[fine], area[fine] * found.rad[fine] ** 2)
+        self.left[at] = self._wide_above(found.rad, self._with(found, area))
+        if not self.whole:
+            fine = np.flatnonzero(~self.left[at])
+            self.sums = self._with(found.of(fine), area[fine])
+
+    def _with(self, found: Polynomials, area: Array) -> Sums:
+        """The sums, and those over triangles with these areas (k,), unless they are in them."""
+        if self.whole:
+            return self.sums
+        return self.sums + _sums(found.averages(), area, area * found.rad**2)
 
     def _wide_above(self, rad: Array, sums: Sums | None = None) -> Mask:
         """(k,) where rad (k,) is more than the triangles of the mesh in all should have: alike everywhere."""
@@ -224,10 +230,12 @@ class _Search:
         """(m,) where rad is too large on the mesh: half of what is wanted goes by areas, half by numbers."""
         area, n = self.mesh.areas, len(self.mesh.triangles)
         rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
-        of = _sums(averages(self.known.c[:, self.of[left]]), area[left], area[left] * rad[left] ** 2)
-        wanted = (self.sums + of).wanted(self.size)
+        wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
-        return np.asarray(self.left & (area * rad**2 > 0.5 * wanted * share))
+        found = self.left & (area * rad**2 > 0.5 * wanted * share)
+        fine = left[~found[left]]
+        self.sums = self._with(self.known.of(self.of[fine]), area[fine])
+        return np.asarray(found)
 
 
 def _cut(steps: Sequence[Step], n: int) -> Mask:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Int32
+from unilateral.arrays import Array, Index, Int32
 from unilateral.bounds.pieces import BLOCK, on_triangles
 from unilateral.bounds.projection import ORDER, averages
 from unilateral.fem.quadrature import symmetric
@@ -37,18 +37,22 @@ FEW = 1 << 11
 
 
 class Polynomials(NamedTuple):
-    """p's c (m, k) on triangles with the corners (k, 3, 2), that of sigma = (-1, -1) first; rad (k,)."""
+    """p's c (m, k) on triangles, and rad (k,); `frame` (6, k) is the map from places to p's variables.
+
+    They are, but for rounding, the products of its first two, and its next two, rows with a place less the
+    last two rows.
+    """
 
     c: Array
     rad: Array
-    corners: Array
+    frame: Array
 
     def and_more(self, others: Polynomials) -> Polynomials:
-        return Polynomials(
-            np.concatenate([self.c, others.c], axis=1),
-            np.concatenate([self.rad, others.rad]),
-            np.concatenate([self.corners, others.corners]),
-        )
+        return Polynomials(*(np.concatenate(both, axis=-1) for both in zip(self, others, strict=True)))
+
+    def of(self, chosen: Index) -> Polynomials:
+        """The chosen ones (k,)."""
+        return Polynomials(*(each[..., chosen] for each in self))
 
     def averages(self) -> Array:
         """(2, k) the means of p and p^2."""
@@ -56,43 +60,46 @@ class Polynomials(NamedTuple):
 
 
 def none() -> Polynomials:
-    return Polynomials(np.empty((len(basis(2, ORDER).degree), 0)), np.empty(0), np.empty((0, 3, 2)))
+    return Polynomials(np.empty((len(basis(2, ORDER).degree), 0)), np.empty(0), np.empty((6, 0)))
 
 
 def whole(corners: Array, size: float, data: Data) -> Polynomials:
     """f on triangles with those corners (k, 3, 2), of a mesh of that `rounded_size`."""
-    found = none()
-    c, rad, ordered = [found.c], [found.rad], [found.corners]
+    found = [none()]
     for start in range(0, len(corners), BLOCK):
         block = corners[start : start + BLOCK]
-        of_block, rad_of_block, first = on_triangles(block, size, data)
+        c, rad, first = on_triangles(block, size, data)
         order = (first[:, None] + np.arange(3)) % 3
-        c.append(of_block)
-        rad.append(rad_of_block + COMPUTED * EPS * np.abs(of_block).sum(axis=0))
-        ordered.append(np.take_along_axis(block, order[..., None], axis=1))
-    return Polynomials(np.concatenate(c, axis=1), np.concatenate(rad), np.concatenate(ordered))
+        frame = _frame(*np.take_along_axis(block, order[..., None], axis=1).transpose(1, 2, 0))
+        found.append(Polynomials(c, rad + COMPUTED * EPS * np.abs(c).sum(axis=0), frame))
+    return Polynomials(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True)))
+
+
+def _frame(a: Array, u: Array, v: Array) -> Array:
+    """(6, k) of triangles with those corners (2, k), in units of FINEST."""
+    e, f = 0.5 * (u - a), 0.5 * (v - a)
+    scale = 1 / (FINEST * (e[0] * f[1] - e[1] * f[0]))
+    return np.stack([f[1] * scale, -f[0] * scale, -e[1] * scale, e[0] * scale, *(0.5 * (u + v))])
 
 
 def values(corners: Array, known: Polynomials, of: Int32) -> tuple[Array, Array]:
-    """(3, k) the L2 projection f_h of p at the corners (k, 3, 2), (k,) the mean of (p - f_h)^2.
+    """(3, k) the L2 projection f_h of p at the corners (2, 3, k), (k,) the mean of (p - f_h)^2.
 
     `of` (k,) says which p is known on each triangle.
     """
     (hats, weights), to_corners = symmetric(2 * ORDER), _to_corners()
-    x, y = (hats @ each for each in inside(corners, known.corners[of]))
+    x, y = (hats @ each for each in inside(corners, known.frame[:, of]))
     p = _horner(known.c[:, of], x, y)
     f_h = to_corners @ p
     p -= hats @ f_h
     return f_h, weights @ p**2
 
 
-def inside(corners: Array, frame: Array) -> Array:
-    """(2, 3, k) the variables of p, with the corners `frame` (k, 3, 2), at those corners (k, 3, 2): exact."""
-    a, u, v = frame.transpose(1, 2, 0)
-    e, f, middle = 0.5 * (u - a), 0.5 * (v - a), 0.5 * (u + v)
-    x, y = corners.transpose(2, 1, 0) - middle[:, None]
-    scale = 1 / (FINEST * (e[0] * f[1] - e[1] * f[0]))
-    return FINEST * np.rint(np.stack([(x * f[1] - y * f[0]) * scale, (e[0] * y - e[1] * x) * scale]))
+def inside(corners: Array, frame: Array) -> tuple[Array, Array]:
+    """(3, k), (3, k) p's variables at the corners (2, 3, k), for that `frame` (6, k): exact."""
+    xx, xy, yx, yy, *middle = frame
+    x, y = corners[0] - middle[0], corners[1] - middle[1]
+    return FINEST * np.rint(xx * x + xy * y), FINEST * np.rint(yx * x + yy * y)
 
 
 def _horner(c: Array, x: Array, y: Array) -> Array:

@@ -147,8 +147,7 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
         smoothed = levels[-1].smoothed
         levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
     for step in steps:
-        times = _area_ratio(mesh.points, nodes[step.parent], step.nodes)
-        more = np.rint(np.log2(times)).astype(np.int16) + halved[step.parent]
+        more = halved[step.parent] + _halvings(step, mesh.points, nodes)
         nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
         level = _level(step, more)
         if step is not steps[-1]:
@@ -159,9 +158,15 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
     return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
 
 
-def _area_ratio(points: Array, nodes: Int32, of_parts: Int32) -> Array:
-    """(k,) of the triangles to parts of them."""
-    return signed_areas(points, nodes) / signed_areas(points, of_parts)
+def _halvings(step: Step, points: Array, nodes: Int32) -> Int16:
+    """(c,) how often the step has halved the areas of new triangles' parents, of triangles with those nodes.
+
+    By the areas themselves, the ratios of which are 2 or 4 but for rounding.
+    """
+    if step.after:
+        return np.full(len(step.triangles), 2, dtype=np.int16)
+    ratio = signed_areas(points, nodes[step.parent]) / signed_areas(points, step.nodes)
+    return np.rint(np.log2(ratio)).astype(np.int16)
 
 
 def _rows(level: Level, points: Array, nodes: Int32) -> sp.csr_array:
