@@ -134,6 +134,9 @@ class Discrete:
         more = self.iterated(tolerance, stop, solution.result.lambda_H)
         return replace(more, result=joined(solution.result, more.result))
 
+    def forget(self) -> None:
+        """Nothing: no part of it is large and made again in little time."""
+
     def solution(self, result: DualResult, tolerance: float) -> Solution:
         """What belongs to the lambda_H that was found, its bound now with what was rounded on the way."""
         u_h = self.spaces.response(self.load, result.lambda_H)

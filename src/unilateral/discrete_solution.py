@@ -72,6 +72,8 @@ class AnyDiscrete(Protocol):
 
     def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution: ...
 
+    def forget(self) -> None: ...
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:

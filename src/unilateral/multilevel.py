@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -46,7 +46,8 @@ class Multilevel:
     Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; as no
     lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. f and g are
     enclosed where the `data` are formulas; `source` is f enclosed, where it has been, as the load may be made
-    of that. The iteration begins at the `guess` (n,), by default with coarser levels.
+    of that. The iteration begins at the `guess` (n,), by default with coarser levels. `free` are the sides
+    without multipliers.
     """
 
     mesh: Mesh
@@ -54,12 +55,23 @@ class Multilevel:
     cells: Index
     load: Array
     g_means: Array
-    grids: Multigrid
+    free: tuple[int, ...]
     data: Data | None
     source: Source | None
     guess: Array | None = None
     unique: bool = True
     beta: float = 1.0
+
+    @cached_property
+    def grids(self) -> Multigrid:
+        """The levels, which are made again if they are asked for after they were forgotten."""
+        found = _grids(self, hierarchy(self.mesh))
+        assert found is not None
+        return found
+
+    def forget(self) -> None:
+        """The levels, which take half of the memory and are needed by no bound of the total error."""
+        vars(self).pop("grids", None)
 
     def solved(self, stop: Stop) -> Solution:
         """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.
@@ -124,37 +136,48 @@ def _on_levels(
     levels: Hierarchy,
     load: Array,
     source: Source | None,
+    guess: Array | None = None,
 ) -> Multilevel | None:
     """With a load of f (n,)."""
-    of_levels = nested_cells(levels, partition, problem.free_sides)
-    if of_levels is None:
-        return None
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
     means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
-    grids = multigrid(levels, of_levels, load, (partition.lengths * means)[cells])
     data = None if isinstance(problem, Sampled) else problem
-    return Multilevel(mesh, partition, cells, load, means, grids, data, source)
+    found = Multilevel(mesh, partition, cells, load, means, problem.free_sides, data, source, guess)
+    grids = _grids(found, levels)
+    if grids is None:
+        return None
+    vars(found)["grids"] = grids
+    return found
+
+
+def _grids(of: Multilevel, levels: Hierarchy) -> Multigrid | None:
+    """None if the levels cannot follow the partition."""
+    cells = nested_cells(levels, of.partition, of.free)
+    if cells is None:
+        return None
+    return multigrid(levels, cells, of.load, (of.partition.lengths * of.g_means)[of.cells])
 
 
 def after(last: Solution | None, problem: Data, of: AdaptedMesh) -> Multilevel:
     """The problem on a mesh and its cells, from the solution on a mesh from which this one was refined.
 
-    Of f only new triangles are looked at, and the iteration begins at that solution.
+    Of f only new triangles are looked at. The iteration begins at that solution, which forgets its levels.
     """
     mesh, before = of.mesh, last.discrete if last else None
     known = before.grids.finest.of if isinstance(before, Multilevel) else None
     source = enclosed(mesh, problem, before.source if before else None)
-    levels = hierarchy(mesh, known)
-    found = _on_levels(problem, mesh, of.partition, levels, p1_load(mesh, source.moments), source)
+    levels, guess = hierarchy(mesh, known), np.zeros(mesh.n_nodes)
+    if before:
+        before.forget()
+    if last:
+        guess[: len(last.u_h)] = last.u_h
+        for level in levels.levels:
+            if level.n > len(last.u_h):
+                level.prolong(guess)
+    load = p1_load(mesh, source.moments)
+    found = _on_levels(problem, mesh, of.partition, levels, load, source, guess)
     assert found is not None
-    guess = np.zeros(mesh.n_nodes)
-    if last is None:
-        return replace(found, guess=guess)
-    guess[: len(last.u_h)] = last.u_h
-    for level in levels.levels:
-        if level.n > len(last.u_h):
-            level.prolong(guess)
-    return replace(found, guess=guess)
+    return found
 
 
 def refinements(
