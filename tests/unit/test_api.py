@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 from conftest import DATA, ROOT
+from unilateral.adapted import Adapted
 
 import unilateral as ul
 from unilateral import api, plot
 from unilateral.accuracy import plan as of_plan
-from unilateral.adapted import Adapted
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import DATA
+from unilateral.nested import Nested, nested
 
 import unilateral as ul
 from unilateral import choice, discrete_solution
@@ -14,7 +15,6 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.nested import Nested, nested
 from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from conftest import DATA, load
 from test_sharp import Manufactured, h1_error
+from unilateral.adapted import Adapted
+from unilateral.adapted import adapted as on_adapted_mesh
 
 from unilateral.accuracy.budget import bulk
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import SHARE, refinement_pays
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
-from unilateral.adapted import Adapted
-from unilateral.adapted import adapted as on_adapted_mesh
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.polygon import Polygon, square

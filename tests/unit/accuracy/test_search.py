@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import sympy
 from conftest import DATA, load
+from unilateral.adapted import Adapted
+from unilateral.nested import Nested
 
 import unilateral as ul
 from unilateral import choice
@@ -19,7 +21,6 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import NOTHING, SHARE, standing, unknowable
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
-from unilateral.adapted import Adapted
 from unilateral.bounds import source
 from unilateral.discrete import discretise, solve
 from unilateral.errors import InputError
@@ -27,7 +28,6 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.nested import Nested
 from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import problem_file

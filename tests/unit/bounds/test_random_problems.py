@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from random_problems import at_a_corner, known, with_fluxes
 from test_adversarial import FUZZ, SIZE, true_errors
+from unilateral.adapted import adapted as on_adapted
 
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
-from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds import local, source
 from unilateral.bounds.forces import forces
 from unilateral.bounds.given import given

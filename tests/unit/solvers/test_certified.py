@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from flint import acb_mat, arb, arb_mat, ctx
+from unilateral.adapted import adapted
+from unilateral.nested import nested
 
 import unilateral as ul
-from unilateral.adapted import adapted
 from unilateral.arrays import Array, Mask
 from unilateral.discrete import Discrete, discretise
 from unilateral.discrete_solution import Solution
@@ -22,7 +23,6 @@ from unilateral.geometry.mesh import similar
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.nested import nested
 from unilateral.solvers.certified import certified
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound
