@@ -281,7 +281,9 @@ def test_cells_of_adapted_meshes(way: str) -> None:
     of, mesh = found.of, found.mesh
     count = np.bincount(mesh.side)
     end = np.cumsum(count)
-    kept = np.sort(np.concatenate([np.arange(0, n - 1, 2) + b for n, b in zip(count, end - count)]))
+    kept = np.sort(
+        np.concatenate([np.arange(0, n - 1, 2) + b for n, b in zip(count, end - count, strict=True)])
+    )
     partition = Partition(mesh.polygon, np.append(mesh.s[kept], mesh.s[-1]))
     cells = nested_cells(of, partition)
     assert cells is not None
