@@ -14,7 +14,6 @@ import pandas as pd
 import pytest
 import xarray as xr
 from conftest import DATA, ROOT
-from unilateral.adapted import Adapted
 
 import unilateral as ul
 from unilateral import api, plot
@@ -308,7 +307,7 @@ def test_the_certificate_is_a_file(tmp_path):
 def adapted():
     """At a re-entrant corner meshes are adapted."""
     s = ul.solve(ul.case("reentrant"), accuracy=0.2)
-    assert isinstance(s.solved.discrete, Adapted)
+    assert s.mesh.adapted
     return s
 
 
