@@ -69,7 +69,7 @@ def halved_somewhere(polygon):
     rng = np.random.default_rng(2)
     for _ in range(4):
         chosen = of.mesh.boundary_triangles[rng.random(len(of.mesh.boundary)) < 0.3]
-        of, _ = refined(of, chosen, np.zeros(of.mesh.n_nodes))
+        of = refined(of, chosen)
     return of.mesh
 
 
