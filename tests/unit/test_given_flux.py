@@ -7,12 +7,13 @@ import pytest
 import sympy
 
 import unilateral as ul
-from unilateral import adapted, discrete, discrete_solution
+from unilateral import discrete, discrete_solution, multilevel
 from unilateral.accuracy.level import contradict
 from unilateral.bounds.given import nothing
 from unilateral.fem.p1 import gradients, h1_norm
 from unilateral.fem.quadrature import symmetric
 from unilateral.formulas.formula import compile_numpy, parse
+from unilateral.geometry.adapted import adapted
 from unilateral.problems.atoms import X, Y
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -217,9 +218,7 @@ def solutions(problem):
     for name in ("multigrid", "active_set", "uzawa"):
         yield ul.solve(problem, mesh=mesh, H=1 / 8, stop=ul.Stop(algorithm=name, **exactly)).solved
     if not isinstance(problem, ul.api.Sampled):
-        from unilateral.geometry.adapted import adapted as of
-
-        yield adapted.adapted(problem, of(mesh), np.zeros(mesh.n_nodes)).solved(ul.Stop(**exactly))
+        yield multilevel.after(None, problem, adapted(mesh)).solved(ul.Stop(**exactly))
 
 
 def test_all_solvers_have_the_flux():

@@ -25,6 +25,7 @@ from unilateral.errors import InputError
 from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
+from unilateral.geometry import refinement
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.checks import round_off
 from unilateral.geometry.mesh import Mesh
@@ -69,7 +70,7 @@ def halved_somewhere(polygon):
     rng = np.random.default_rng(2)
     for _ in range(4):
         chosen = of.mesh.boundary_triangles[rng.random(len(of.mesh.boundary)) < 0.3]
-        of, _ = refined(of, chosen, np.zeros(of.mesh.n_nodes))
+        of = refined(of, chosen)
     return of.mesh
 
 
@@ -288,9 +289,15 @@ def test_nodes_within_the_tolerance_are_moved():
 
 @pytest.mark.parametrize(("place", "refused"), [(1e6, False), (1e9, True)])
 def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
-    """At 1e9 coordinates are rounded by 6e-8, more than 1e-3 of the least heights, which are some 2e-5."""
+    """At 1e9 coordinates are rounded by 6e-8, more than 1e-3 of the least heights, which are some 2e-5.
+
+    Nor is a mesh refined until it is one; here its nodes are given.
+    """
     polygon = placed(1, place, shape=KITE * [1, 1e-4])
-    mesh = meshes.refine(meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2], [0, 2, 3]]))
+    coarse = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2], [0, 2, 3]])
+    of, step = refinement.refined(coarse.triangulation)
+    middle = polygon.vertices[step.ends].mean(axis=1)
+    mesh = meshes.from_arrays(polygon, np.concatenate([polygon.vertices, middle]), of.nodes)
     cells = partitions.uniform(polygon, 1)
     given = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), ()
     if not refused:
@@ -298,3 +305,5 @@ def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
         return
     with pytest.raises(InputError, match=r"no bound is guaranteed .* may change the shape of triangle \d at"):
         edge_flux.check(*given)
+    with pytest.raises(InputError, match="as short as rounding allows"):
+        meshes.refine(coarse)

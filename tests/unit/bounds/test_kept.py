@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_source import Source
+from unilateral.bounds.kept import kept
 
 from unilateral.bounds import kept as keeping
-from unilateral.bounds.kept import kept
 from unilateral.bounds.source import enclosed
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.polygon import square

@@ -5,7 +5,7 @@ import pytest
 import skfem
 from skfem.helpers import dot, grad
 
-from unilateral.bounds.quadratic import quadratic, squares
+from unilateral.bounds.quadratic import linear_squares, quadratic, squares
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named
 
@@ -81,3 +81,13 @@ def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
     middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.of_boundary[nb:]]
     np.testing.assert_allclose(np.append(v[nodes], middle)[contact], 0, atol=1e-15)
     assert free.shape[1] == np.linalg.matrix_rank(free.toarray()) == spaces.size - contact.sum()
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (0, 3, 2), (4, 3), (4, 3, 2)])
+def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
+    """By the rule of edge midpoints, which is exact for squares; on none there are none."""
+    rng = np.random.default_rng(6)
+    areas, values = rng.uniform(0.1, 1, shape[0]), rng.standard_normal(shape)
+    middle = 0.5 * (values + np.roll(values, 1, axis=1))
+    exact = areas * np.sum((middle**2).reshape(shape[0], int(np.prod(shape[1:]))), axis=1) / 3
+    np.testing.assert_allclose(linear_squares(areas, values), exact, rtol=1e-12)

@@ -14,7 +14,6 @@ from test_adversarial import FUZZ, SIZE, true_errors
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
-from unilateral.adapted import adapted as on_adapted
 from unilateral.bounds import local, source
 from unilateral.bounds.forces import forces
 from unilateral.bounds.given import given
@@ -25,6 +24,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.structured import natural_kind
+from unilateral.multilevel import after
 from unilateral.solvers.stop import Stop
 
 FORMULAS = range(5 * FUZZ) if FUZZ else (0, 4, 8, 20, 22, 26, 32, 39, 42, 48)
@@ -56,12 +56,11 @@ def solutions(problem, rng):
     found = condensed(problem, mesh, cells).solved(stop)
     yield found
     yield condensed(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
-    of, u, before = adapted(mesh), found.u_h, found.discrete.source
+    of = adapted(mesh)
     for _ in range(ADAPTED):
-        of, u = refined(of, marked(of.mesh, found.shares), u)
-        found = on_adapted(problem, of, u, before).solved(stop)
+        of = refined(of, marked(of.mesh, found.shares))
+        found = after(found, problem, of).solved(stop)
         yield found
-        u, before = found.u_h, found.discrete.source
 
 
 def uniform(polygon, H, choice):

@@ -1,4 +1,4 @@
-"""Refined meshes and inherited matrices, against assembly on the refined mesh; cells on nested levels."""
+"""The levels of refined meshes, against assembly on each of them; cells on nested levels."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from nested import Nested, refined
+import scipy.sparse as sp
+from nested import Nested, alone, assembled, at_random, graded, prolongation, refined
 from scipy.spatial import Delaunay
 
-from unilateral.fem.hierarchy import Level, roundness
-from unilateral.fem.inherited import elements
+from unilateral.fem.hierarchy import Hierarchy, Level, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
-from unilateral.fem.p1 import coupling, gradients, stiffness_and_mass
+from unilateral.fem.p1 import coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -57,7 +57,7 @@ def coarse(name: str) -> Mesh:
     if name == "gmsh":
         return meshes.unstructured(named("lshape"), 0.4)
     polygon, n = name.split()
-    return structured(named(polygon), 1 / int(n))
+    return alone(structured(named(polygon), 1 / int(n)))
 
 
 COARSE = ["square 1", "square 3", "lshape 2", "gmsh", "scattered"]
@@ -68,78 +68,176 @@ def nested(name: str, refinements: int) -> Nested:
     return refined(coarse(name), refinements)
 
 
-def assembled(mesh: Mesh) -> np.ndarray:
-    stiffness, mass = stiffness_and_mass(mesh)
-    return (stiffness + mass).toarray()
+@cache
+def locally(name: str, way: str) -> Nested:
+    """Refined where random triangles were chosen, at one node, or so between two uniform refinements."""
+    if way == "at random":
+        return at_random(coarse(name), 5, 3)
+    if way == "at a node":
+        return graded(coarse(name), 0, 8)
+    mesh = refined(coarse(name), 1).mesh
+    middle = meshes.refine_some(mesh, np.arange(0, len(mesh.triangles), 5))
+    last = meshes.refine(middle)
+    return Nested([coarse(name), mesh, middle, last], hierarchy(last))
+
+
+WAYS = ["at random", "at a node", "mixed"]
+
+
+def all_rows(level: Level) -> tuple[np.ndarray, sp.csr_array]:
+    """The nodes, and their rows (s, n), of a level."""
+    assert level.rows is not None
+    if level.smoothed is None:
+        return np.arange(level.n), level.rows
+    assert level.columns is not None
+    rows, shape = level.rows, (len(level.smoothed), level.n)
+    return level.smoothed, sp.csr_array((rows.data, level.columns[rows.indices], rows.indptr), shape=shape)
+
+
+def check_matrices(found: Nested) -> None:
+    """Of all levels, against assembly on their meshes."""
+    of = found.of
+    assert len(of.levels) == len(found.meshes) - 1
+    assert abs(of.A_0 - assembled(found.meshes[0])).max() < ROUND_OFF
+    assert abs(of.A - assembled(found.mesh)).max() < ROUND_OFF
+    assert np.abs(of.mass - assembled(found.mesh).sum(axis=1)).max() < ROUND_OFF
+    assert of.A.indices.dtype == np.int32
+    for mesh, level in zip(found.meshes[1:-1], of.levels, strict=False):
+        nodes, rows = all_rows(level)
+        assert level.n == mesh.n_nodes
+        assert abs(rows - assembled(mesh)[nodes]).max() < ROUND_OFF
 
 
 @pytest.mark.parametrize("name", COARSE)
 @pytest.mark.parametrize("refinements", [0, 1, 3])
-def test_inherited_matrices_are_those_of_the_refined_mesh(name: str, refinements: int) -> None:
+def test_matrices_are_those_of_the_refined_meshes(name: str, refinements: int) -> None:
     found = nested(name, refinements)
-    assert len(found.levels) == found.mesh.halvings + 1 > refinements
-    for k, level in enumerate(found.levels):
-        mesh = meshes.refine(found.mesh.coarse or found.mesh, k)
-        assert np.abs(level.A.toarray() - assembled(mesh)).max() < ROUND_OFF
-        assert np.array_equal(level.boundary, mesh.boundary)
-        assert np.abs(level.s - mesh.s).max() < ROUND_OFF
-        assert level.A.indices.dtype == np.int32
+    check_matrices(found)
+    of: Hierarchy | None = found.of
+    for mesh in found.meshes[::-1]:
+        assert of is not None
+        assert abs(of.A - assembled(mesh)).max() < ROUND_OFF
+        assert np.abs(of.mass - assembled(mesh).sum(axis=1)).max() < ROUND_OFF
+        assert np.array_equal(of.boundary, mesh.boundary)
+        assert np.abs(of.s - mesh.s).max() < ROUND_OFF
+        of = of.coarser
+    assert of is None
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", ["lshape 2", "gmsh", "scattered"])
+def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
+    check_matrices(locally(name, way))
 
 
 def test_a_moved_node_is_seen_in_the_matrices() -> None:
     found = nested("square 3", 2)
     points = found.mesh.points.copy()
-    points[np.setdiff1d(np.arange(len(points)), found.levels[-1].boundary)[0]] += 1e-6
+    points[np.setdiff1d(np.arange(len(points)), found.of.boundary)[0]] += 1e-6
     moved = meshes.from_arrays(found.mesh.polygon, points, found.mesh.triangles)
-    assert np.abs(found.levels[-1].A.toarray() - assembled(moved)).max() > 1e-7
+    assert abs(found.of.A - assembled(moved)).max() > 1e-7
 
 
+@pytest.mark.parametrize("way", ["uniform", *WAYS])
 @pytest.mark.parametrize("name", COARSE)
-def test_coarse_matrices_are_galerkins(name: str) -> None:
-    levels = nested(name, 3).levels
-    for level, finer in pairwise(levels):
-        assert abs(finer.P.T @ finer.A @ finer.P - level.A).max() < ROUND_OFF
-        assert np.array_equal(finer.P[: level.n].toarray(), np.eye(level.n))
+def test_coarse_matrices_are_galerkins(name: str, way: str) -> None:
+    """The nodes whose hats changed are new, or reach new ones; others have the products that they had."""
+    found = nested(name, 3) if way == "uniform" else locally(name, way)
+    for (mesh, finer), level in zip(pairwise(found.meshes), found.of.levels, strict=True):
+        P, A, before = prolongation(level), assembled(finer), assembled(mesh)
+        assert abs(P.T @ A @ P - before).max() < ROUND_OFF
+        assert np.array_equal(P[: level.before].toarray(), np.eye(level.before))
+        reaching = np.flatnonzero(np.diff(P[level.before :].tocsc().indptr))
+        changed = np.arange(level.n) if level.smoothed is None else level.smoothed
+        expected = np.append(reaching, np.arange(level.before, level.n))
+        assert np.array_equal(changed, expected)
+        stay = np.setdiff1d(np.arange(level.before), reaching)
+        assert stay.size == 0 or abs(A[stay][:, stay] - before[stay][:, stay]).max() < ROUND_OFF
+
+
+def test_only_nodes_whose_hats_changed_have_rows() -> None:
+    """At a node nine new ones a level at most: two triangles, and their neighbours'. Control: uniformly."""
+    found = locally("square 3", "at a node").of
+    assert max(len(level.smoothed) for level in found.levels) <= 20  # type: ignore[arg-type]
+    assert len(nested("square 3", 3).of.levels[-1].ends) > 20
+
+
+@pytest.mark.parametrize("way", ["uniform", *WAYS])
+def test_functionals_and_functions_move_between_levels_by_P(way: str) -> None:
+    found, rng = nested("gmsh", 2) if way == "uniform" else locally("gmsh", way), np.random.default_rng(2)
+    for level in found.of.levels:
+        P = prolongation(level)
+        R = rng.standard_normal(found.mesh.n_nodes)
+        restricted, prolonged = R.copy(), R.copy()
+        level.restrict(restricted)
+        assert np.allclose(restricted[: level.before], P.T @ R[: level.n], rtol=0, atol=1e-13)
+        assert np.array_equal(restricted[level.n :], R[level.n :])
+        level.prolong(prolonged)
+        assert np.allclose(prolonged[: level.n], P @ R[: level.before], rtol=0, atol=1e-13)
+        assert np.array_equal(prolonged[level.n :], R[level.n :])
+        assert level.met == np.diff(P.tocsc().indptr).max()
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("known", [0, 1, 2])
+def test_known_levels_are_taken_over(way: str, known: int) -> None:
+    """And the hierarchy is that which is made at once; the factors of level 0 are the same object."""
+    found = locally("scattered", way)
+    before = hierarchy(found.meshes[known])
+    of = hierarchy(found.mesh, before)
+    assert of.coarsest is before.coarsest
+    if known == 2:
+        assert of.levels[0] is before.levels[0]
+    for level, expected in zip(of.levels, found.of.levels, strict=True):
+        for name in ("ends", "smoothed", "columns", "halved"):
+            np.testing.assert_array_equal(getattr(level, name), getattr(expected, name))
+        assert (level.rows is None) == (expected.rows is None) == (level.n == found.mesh.n_nodes)
+        if level.rows is not None:
+            assert abs(level.rows - expected.rows).max() < ROUND_OFF
+    assert abs(of.A - found.of.A).max() < ROUND_OFF
+    for name in ("boundary", "nodes", "root", "halved"):
+        np.testing.assert_array_equal(getattr(of, name), getattr(found.of, name))
+    assert np.abs(of.mass - found.of.mass).max() < ROUND_OFF
+    assert hierarchy(found.mesh, found.of) is found.of
+
+
+@pytest.mark.parametrize("way", ["uniform", *WAYS])
+def test_triangles_know_where_they_lie_and_how_often_their_areas_were_halved(way: str) -> None:
+    found = nested("scattered", 3) if way == "uniform" else locally("scattered", way)
+    first, of = found.meshes[0], found.of
+    corners = first.points[first.triangles[of.root]]
+    assert np.array_equal(of.nodes, found.mesh.triangulation.nodes)
+    edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
+    centre = found.mesh.points[found.mesh.triangles].mean(axis=1) - corners[:, 0]
+    share = np.linalg.solve(edges, centre[..., None])[..., 0]
+    assert np.all((share > 0) & (share.sum(axis=1, keepdims=True) < 1))
+    ratio = first.areas[of.root] / found.mesh.areas
+    assert np.allclose(ratio, 2.0**of.halved, rtol=1e-9)
+    assert of.halved.max() >= 6
 
 
 def test_roundness_is_the_ratio_of_singular_values() -> None:
+    """Of the maps from the triangle (0, 0), (1, 0), (0, 1), whose hypotenuse becomes the reference edge."""
     mesh = coarse("scattered")
-    equilateral = np.array([[0, 0], [1, 0], [0.5, np.sqrt(0.75)]])
-    to_sides = np.linalg.inv(equilateral[1:] - equilateral[0])
-    corners = mesh.points[mesh.triangles]
-    maps = to_sides @ (corners[:, 1:] - corners[:, :1])
-    sigma = np.linalg.svd(maps, compute_uv=False)
-    assert np.allclose(roundness(elements(mesh).stiffness), sigma[:, 1] / sigma[:, 0])
-    right = roundness(elements(coarse("square 1")).stiffness)
-    assert np.allclose(right, 1 / np.sqrt(3))
+    corners = mesh.points[mesh.triangulation.nodes]
+    sigma = np.linalg.svd(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2), compute_uv=False)
+    assert np.allclose(hierarchy(mesh).roundness, sigma[:, 1] / sigma[:, 0])
+    assert np.allclose(hierarchy(coarse("square 1")).roundness, 1)
+    corners = np.array([[0, 0], [1, 0], [0.5, np.sqrt(0.75)]])
+    equilateral = meshes.from_arrays(Polygon(corners), corners, [[0, 1, 2]])
+    assert np.allclose(hierarchy(equilateral).roundness, 1 / np.sqrt(3))
 
 
-def test_roundness_is_summed_over_the_triangles_at_an_edge() -> None:
-    levels = nested("square 3", 3).levels
-    for coarser, level in pairwise(levels):
-        nb = len(coarser.boundary)
-        assert np.allclose(level.roundness[:-nb], 2 / np.sqrt(3))
-        assert np.allclose(level.roundness[-nb:], 1 / np.sqrt(3))
-
-
-def test_edges_know_their_stiffness() -> None:
-    mesh = coarse("scattered")
-    of, slopes, area = elements(mesh), gradients(mesh), mesh.areas
-    K = area[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
-    assert not of.of.alike  # else corners are turned
-    assert np.allclose(of.stiffness, K[:, [1, 2, 0], [2, 0, 1]])
-
-
-def partition_of(level: Level, polygon: Polygon, every: int) -> Partition:
+def partition_of(of: Hierarchy, polygon: Polygon, every: int) -> Partition:
     """Cells of that many edges; of 3, 2 and 3 in turn for 0."""
-    number = np.arange(len(level.s))
+    number = np.arange(len(of.s))
     chosen = number % every == 0 if every else np.isin(number % 8, [0, 3, 5])
-    return Partition(polygon, level.s[chosen])
+    return Partition(polygon, of.s[chosen])
 
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[Cells]:
     found = nested(name, refinements)
-    cells = nested_cells(found.levels, partition_of(found.levels[-1], found.mesh.polygon, every), free)
+    cells = nested_cells(found.of, partition_of(found.of, found.mesh.polygon, every), free)
     assert cells is not None
     return cells
 
@@ -149,42 +247,70 @@ def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()
 )
 def test_B_is_the_coupling_of_mesh_and_partition(name: str, every: int) -> None:
     found = nested(name, 3)
-    partition = partition_of(found.levels[-1], found.mesh.polygon, every)
+    partition = partition_of(found.of, found.mesh.polygon, every)
     B = cells_of(name, 3, every)[-1].B
     expected = coupling(found.mesh, partition).toarray()
-    assert np.abs(B[:, found.levels[-1].boundary].toarray() - expected).max() < ROUND_OFF
-    assert B[0, found.levels[-1].boundary[0]] != 0
+    assert np.abs(B[:, found.of.boundary].toarray() - expected).max() < ROUND_OFF
+    assert B[0, found.of.boundary[0]] != 0
 
 
 @pytest.mark.parametrize(("name", "every"), [("square 3", 2), ("square 3", 3), ("square 3", 0), ("gmsh", 2)])
 def test_coarse_cells_are_unions_with_at_least_two_edges(name: str, every: int) -> None:
-    levels, cells = nested(name, 3).levels, cells_of(name, 3, every)
+    levels, cells = nested(name, 3).of.levels, cells_of(name, 3, every)
     assert len(cells) > 1
-    for fine, coarser, level in zip(cells[:0:-1], cells[-2::-1], levels[:0:-1], strict=False):
+    for fine, coarser, level in zip(cells[:0:-1], cells[-2::-1], levels[::-1], strict=False):
         assert fine.parent is not None
         sums = np.zeros((len(coarser.inside), level.n))
         np.add.at(sums, fine.parent, fine.B.toarray())
-        assert np.abs(sums @ level.P - coarser.B.toarray()).max() < ROUND_OFF
+        assert np.abs(sums @ prolongation(level) - coarser.B.toarray()).max() < ROUND_OFF
         assert np.allclose(np.bincount(fine.parent, fine.lengths), coarser.lengths)
     for each in cells:
         assert np.diff(each.B.indptr).min() >= 3
-        # The node inside belongs to its own cell only.
-        assert np.array_equal((each.B != 0).sum(axis=0)[each.inside], np.ones(len(each.inside)))
+        assert_inside(each)
+
+
+def assert_inside(cells: Cells) -> None:
+    """The node inside belongs to its own cell only."""
+    assert np.array_equal((cells.B != 0).sum(axis=0)[cells.inside], np.ones(len(cells.inside)))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_cells_of_adapted_meshes(way: str) -> None:
+    """Of two edges at least: the node inside has the longest edges. Only the last level has cells."""
+    found = locally("scattered", way)
+    of, mesh = found.of, found.mesh
+    count = np.bincount(mesh.side)
+    end = np.cumsum(count)
+    kept = np.sort(
+        np.concatenate([np.arange(0, n - 1, 2) + b for n, b in zip(count, end - count, strict=True)])
+    )
+    partition = Partition(mesh.polygon, np.append(mesh.s[kept], mesh.s[-1]))
+    cells = nested_cells(of, partition)
+    assert cells is not None
+    (last,) = cells
+    assert np.abs(last.B[:, of.boundary].toarray() - coupling(mesh, partition).toarray()).max() < ROUND_OFF
+    assert_inside(last)
+    both = np.diff(mesh.s) + np.roll(np.diff(mesh.s), 1)
+    for row, node in zip(last.B.toarray(), last.inside, strict=True):
+        own = np.flatnonzero((row > 0)[of.boundary])
+        own = own[(last.B != 0).sum(axis=0)[of.boundary[own]] == 1]
+        place = np.flatnonzero(of.boundary == node)[0]
+        assert both[place] == pytest.approx(both[own].max(), rel=1e-12)
 
 
 def test_free_sides_have_no_cells() -> None:
     found = nested("square 3", 2)
     every, some = cells_of("square 3", 2, 2), cells_of("square 3", 2, 2, (0, 2))
     assert len(some[-1].inside) == len(every[-1].inside) / 2
-    on_free = found.levels[-1].boundary[1:12]
+    on_free = found.of.boundary[1:12]
     assert some[-1].B[:, on_free].nnz == 0
     assert every[-1].B[:, on_free].nnz > 0
     assert [len(each.inside) for each in cells_of("square 3", 2, 2, (0, 1, 2, 3))] == [0, 0, 0]
 
 
 def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
-    levels, polygon = nested("square 3", 2).levels, square()
-    s = levels[-1].s
+    levels, polygon = nested("square 3", 2).of, square()
+    s = levels.s
     assert nested_cells(levels, Partition(polygon, s[::2].copy())) is not None
     assert nested_cells(levels, Partition(polygon, s.copy())) is None  # one edge per cell
     assert nested_cells(levels, partitions.uniform(polygon, 1 / 5)) is None  # no nodes

@@ -6,9 +6,9 @@ import pytest
 from unilateral.fem.condense import condense, matrix
 from unilateral.fem.recursive import Recursive, boundary_lines
 from unilateral.geometry import mesh as meshes
+from unilateral.geometry import refinement
 from unilateral.geometry.mesh import refine
 from unilateral.geometry.polygon import named, square
-from unilateral.geometry.refinement import Triangulation
 from unilateral.geometry.structured import structured
 
 
@@ -55,13 +55,10 @@ def test_the_middle_triangle_s_order_matters(monkeypatch):
     mesh = refine(meshes.unstructured(square(), 1 / 2), 3)
     right = condense(mesh).A_3
 
-    def exchanged(self):
-        children = corners(self)
-        children[3::4] = np.roll(children[3::4], 1, axis=1)
-        return children
-
-    corners = Triangulation.corners_of_children
-    monkeypatch.setattr(Triangulation, "corners_of_children", exchanged)
+    *others, red = refinement.CHILDREN
+    *outer, (nodes, edges) = red
+    turned = tuple(np.roll(of, 1).tolist() for of in (nodes, edges))
+    monkeypatch.setattr(refinement, "CHILDREN", (*others, (*outer, turned)))
     assert np.abs(Recursive(mesh).A_3 - right).max() > 1e-3 * np.abs(right).max()
 
 

@@ -23,7 +23,7 @@ def at_random(first, times=6):
     for k in range(times):
         centre = of.mesh.points[of.mesh.triangles].mean(axis=1)
         near = np.flatnonzero(np.hypot(*(centre - first.points[first.boundary[3]]).T) < 2.0**-k)
-        of, _ = refined(of, rng.choice(near, len(near) // 3 + 1), np.zeros(of.mesh.n_nodes))
+        of = refined(of, rng.choice(near, len(near) // 3 + 1))
     return of
 
 
@@ -32,7 +32,7 @@ def at_a_corner(times):
     of = adapted(structured(square(), 1 / 2))
     for _ in range(times):
         corner = np.flatnonzero(np.hypot(*of.mesh.points[of.mesh.triangles].min(axis=1).T) == 0)
-        of, _ = refined(of, corner, np.zeros(of.mesh.n_nodes))
+        of = refined(of, corner)
     return of
 
 
@@ -90,13 +90,26 @@ def test_right_isosceles_triangles_stay_so():
     assert mesh.areas / mesh.longest_edges**2 == pytest.approx(0.25, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", FIRST)
-def test_linear_functions_are_interpolated(name):
-    of = adapted(FIRST[name]())
+@pytest.mark.parametrize("name", [*FIRST, "corner"])
+def test_the_node_inside_a_cell_has_its_longest_edges(name):
+    """And belongs to no other cell."""
+    of = at_a_corner(12) if name == "corner" else at_random(FIRST[name]())
+    both = np.diff(of.mesh.s) + np.roll(np.diff(of.mesh.s), 1)
+    place = {node: k for k, node in enumerate(of.mesh.boundary.tolist())}
+    for number, node in enumerate(of.inside.tolist()):
+        within = np.flatnonzero((of.cell == number) & (np.roll(of.cell, 1) == number))
+        assert place[node] in within
+        assert both[place[node]] == both[within].max()
+
+
+def test_chosen_triangles_are_cut_in_four_whatever_else_balance_needs():
+    of = adapted(FIRST["gmsh"]())
     chosen = np.arange(0, len(of.mesh.triangles), 5)
-    finer, values = refined(of, chosen, of.mesh.points @ [1, -2])
-    assert finer.mesh.n_nodes > of.mesh.n_nodes
-    np.testing.assert_allclose(values, finer.mesh.points @ [1, -2], atol=1e-14)
+    finer = refined(of, chosen)
+    count = np.bincount(finer.mesh.steps[0].parent, minlength=len(of.mesh.triangles))
+    assert np.all(count[chosen] == 4)
+    assert finer.unbalanced.size == 0
+    assert refined(finer, np.zeros(0, dtype=int)) is finer
 
 
 def test_the_fewest_triangles_with_half_of_the_sum_are_marked():

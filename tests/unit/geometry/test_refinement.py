@@ -1,52 +1,273 @@
 """Refinement without sorting, against the checks of meshes and against squares that are made at once."""
 
+from functools import cache
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from nested import alone, at_random, graded, refined
 
+from unilateral.geometry import mesh as meshes
 from unilateral.geometry import structured as squares
-from unilateral.geometry.mesh import from_arrays, refine, unstructured
-from unilateral.geometry.polygon import Polygon, named
-from unilateral.geometry.refinement import triangulation, turned
+from unilateral.geometry.mesh import from_arrays, refine, refine_some, unstructured
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.refinement import in_order, triangulation, turned
 from unilateral.geometry.structured import structured
 
 SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
+FLAT = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.3], [0.4, 0.25]]), "flat")
 COARSE = {
-    "squares": lambda: structured(named("lshape"), 1 / 3),
+    "squares": lambda: alone(structured(named("lshape"), 1 / 3)),
     "gmsh": lambda: unstructured(SLANTED, 0.7),
+    "flat": lambda: from_arrays(FLAT, FLAT.vertices, [[0, 1, 2], [0, 2, 3]]),
 }
+WAYS = ["uniform", "at random", "at a node"]
+ALL = [(name, way) for name in COARSE for way in WAYS]
 
 
-@pytest.mark.parametrize("name", COARSE)
-def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name):
-    """`from_arrays` sorts all edges, and finds the boundary by their places."""
+@cache
+def made(name, way):
+    """The meshes, each refined from the one before."""
     coarse = COARSE[name]()
-    mesh = refine(coarse, 3)
+    if way == "uniform":
+        return refined(coarse, 3).meshes
+    if way == "at a node":
+        return graded(coarse, 2, 15).meshes
+    return at_random(coarse, 6, 11).meshes
+
+
+@pytest.mark.parametrize(("name", "way"), ALL)
+def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name, way):
+    """`from_arrays` sorts all edges, and finds the boundary by their places."""
+    first, *_, mesh = made(name, way)
     checked = from_arrays(mesh.polygon, mesh.points, mesh.triangles)
     np.testing.assert_array_equal(checked.boundary, mesh.boundary)
     np.testing.assert_allclose(checked.s, mesh.s, atol=1e-14)
-    np.testing.assert_array_equal(mesh.points[: coarse.n_nodes], coarse.points)
-    assert mesh.halvings == coarse.halvings + 3
+    np.testing.assert_array_equal(mesh.points[: first.n_nodes], first.points)
+    assert mesh.coarse is first
+    assert len(mesh.steps) == len(made(name, way)) - 1
+    assert mesh.adapted == (way != "uniform")
+    assert mesh.halvings == (3 if way == "uniform" else 0)
+
+
+@pytest.mark.parametrize(("name", "way"), ALL)
+def test_children_have_the_edges_that_sorting_finds(name, way):
+    """And the triangles at them, and those along the boundary."""
+    for mesh in made(name, way)[1:]:
+        found, sorted_ = mesh.triangulation, triangulation(mesh.points, mesh.triangles, mesh.boundary)
+        assert found.n == mesh.n_nodes
+        np.testing.assert_array_equal(found.nodes, mesh.triangles)
+        by = np.lexsort(np.sort(found.ends, axis=1).T[::-1])
+        expected = np.lexsort(np.sort(sorted_.ends, axis=1).T[::-1])
+        np.testing.assert_array_equal(
+            np.sort(found.ends[by], axis=1), np.sort(sorted_.ends[expected], axis=1)
+        )
+        np.testing.assert_array_equal(
+            np.sort(found.sides[by], axis=1), np.sort(sorted_.sides[expected], axis=1)
+        )
+        place = np.empty(len(by), dtype=int)
+        place[expected] = by
+        number = {tuple(of): k for k, of in enumerate(sorted_.nodes.tolist())}
+        for nodes, edges in zip(found.nodes.tolist(), found.edges, strict=True):
+            turn = next(k for k in range(3) if (*nodes[k:], *nodes[:k]) in number)
+            other = sorted_.edges[number[(*nodes[turn:], *nodes[:turn])]]
+            np.testing.assert_array_equal(edges, np.roll(place[other], turn))
+        np.testing.assert_array_equal(found.boundary, place[sorted_.boundary])
+        check_sides(found)
+
+
+def check_sides(of):
+    """The first triangle at an edge has it from its first end to its second; one at the boundary has none."""
+    start, end = of.ends[:, 0], of.ends[:, 1]
+    for column, (a, b) in enumerate(((start, end), (end, start))):
+        there = np.flatnonzero(of.sides[:, column] >= 0)
+        nodes, edges = of.nodes[of.sides[there, column]], of.edges[of.sides[there, column]]
+        corner = np.argmax(edges == there[:, None], axis=1)
+        rows = np.arange(len(there))
+        np.testing.assert_array_equal(edges[rows, corner], there)
+        np.testing.assert_array_equal(nodes[rows, (corner + 1) % 3], a[there])
+        np.testing.assert_array_equal(nodes[rows, (corner + 2) % 3], b[there])
+    at_boundary = np.flatnonzero((of.sides < 0).any(axis=1))
+    np.testing.assert_array_equal(np.sort(of.boundary), at_boundary)
+
+
+def test_a_mesh_in_another_order_has_other_edges():
+    """Control: the comparison sees a wrong number."""
+    mesh = made("gmsh", "at random")[-1]
+    of = mesh.triangulation
+    wrong = of.edges.copy()
+    wrong[[0, 1]] = wrong[[1, 0]]
+    with pytest.raises(AssertionError):
+        check_sides(type(of)(of.n, of.nodes, wrong, of.ends, of.sides, of.boundary))
 
 
 @pytest.mark.parametrize("name", COARSE)
-def test_children_have_the_edges_that_sorting_finds(name):
-    mesh = refine(COARSE[name](), 2)
-    found, sorted_ = mesh.triangulation, triangulation(mesh.points, mesh.triangles, mesh.boundary)
-    assert found.inside == sorted_.inside
-    for of in (found, sorted_):
-        opposite = of.nodes[:, [[1, 2], [2, 0], [0, 1]]]
-        np.testing.assert_array_equal(np.sort(of.ends[of.edges], axis=2), np.sort(opposite, axis=2))
-        np.testing.assert_array_equal(of.ends[of.inside :, 0], mesh.boundary)
-        np.testing.assert_array_equal(of.ends[of.inside :, 1], np.roll(mesh.boundary, -1))
-    numbers = np.sort(found.ends[: found.inside], axis=1) @ [mesh.n_nodes, 1]
-    np.testing.assert_array_equal(np.sort(numbers), np.sort(sorted_.ends[: found.inside] @ [mesh.n_nodes, 1]))
+def test_nodes_triangles_and_edges_that_stay_keep_their_numbers(name):
+    """So does the first child its parent's, and the first half of an edge the edge's, from its first end."""
+    for before, after in pairwise(made(name, "at random")):
+        old, new, (*_, step) = before.triangulation, after.triangulation, after.steps
+        T, E, k = len(old.nodes), len(old.ends), len(step.ends)
+        np.testing.assert_array_equal(after.points[: before.n_nodes], before.points)
+        np.testing.assert_allclose(
+            after.points[before.n_nodes :], before.points[step.ends].mean(axis=1), atol=1e-15
+        )
+        stay = np.setdiff1d(np.arange(T), step.parent)
+        assert stay.size or name == "flat"
+        for array in ("nodes", "edges"):
+            np.testing.assert_array_equal(getattr(new, array)[stay], getattr(old, array)[stay])
+        halved = (new.ends[:E] != old.ends).any(axis=1)
+        assert np.count_nonzero(halved) == k
+        np.testing.assert_array_equal(new.ends[:E][~halved], old.ends[~halved])
+        np.testing.assert_array_equal(step.ends, old.ends[halved])
+        np.testing.assert_array_equal(step.at, old.sides[halved])
+        np.testing.assert_array_equal(new.ends[:E][halved, 0], old.ends[halved, 0])
+        np.testing.assert_array_equal(new.ends[:E][halved, 1], before.n_nodes + np.arange(k))
+        np.testing.assert_array_equal(new.ends[E : E + k, 1], old.ends[halved, 1])
+        first = step.triangles < T
+        np.testing.assert_array_equal(step.triangles[first], step.parent[first])
+        np.testing.assert_array_equal(np.sort(step.triangles[~first]), np.arange(T, len(new.nodes)))
+        np.testing.assert_array_equal(new.nodes[step.triangles], step.nodes)
 
 
-def test_sums_over_edges_count_their_triangles():
-    of = structured(named("lshape"), 1 / 4).triangulation
-    meeting = of.sums(np.ones((len(of.nodes), 1)))
-    assert np.all(meeting[: of.inside] == 2)
-    assert np.all(meeting[of.inside :] == 1)
+@pytest.mark.parametrize(("name", "way"), ALL)
+def test_children_fill_their_parents(name, way):
+    """Two, three or four of them; their areas add up, and are halves and quarters."""
+    for before, after in pairwise(made(name, way)):
+        step = after.steps[-1]
+        count = np.bincount(step.parent, minlength=len(before.areas))
+        assert set(np.unique(count)) <= {0, 2, 3, 4}
+        share = after.areas[step.triangles] / before.areas[step.parent]
+        np.testing.assert_allclose(np.bincount(step.parent, share)[np.unique(step.parent)], 1, rtol=1e-9)
+        few = np.isclose(share, 0.5, rtol=1e-9) | np.isclose(share, 0.25, rtol=1e-9)
+        assert np.all(few)
+
+
+@pytest.mark.parametrize(("name", "way"), ALL)
+def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, way):
+    """Exactly: in it corners are dyadic numbers. The right angle comes first; so there are few shapes.
+
+    Control: with another corner first it is not so.
+    """
+    first, *_, mesh = made(name, way)
+    root = np.arange(len(first.triangles))
+    for step in mesh.steps:
+        root = step.inherited(root)
+    frame = first.points[first.triangles[root]]
+    edges = np.moveaxis(frame[:, 1:] - frame[:, :1], 1, 2)
+    at = np.linalg.solve(edges[:, None], (mesh.points[mesh.triangles] - frame[:, :1])[..., None])[..., 0]
+    fine = 2.0**20
+    near = np.rint(at * fine) / fine
+    assert np.abs(at - near).max() < 1e-9
+    a, b, c = np.moveaxis(near, 1, 0)
+    u, v = b - a, c - a
+    assert np.all(np.sum(u * v, axis=1) == 0)
+    assert np.all(np.sum(u * u, axis=1) == np.sum(v * v, axis=1))
+    assert np.all(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0)
+    assert np.all(np.sum((a - b) * (c - b), axis=1) != 0)
+    direction = np.sign(u).astype(int)
+    for of in np.unique(root):
+        assert len(np.unique(direction[root == of], axis=0)) <= 8
+
+
+@pytest.mark.parametrize("name", COARSE)
+def test_a_uniform_step_gives_four_similar_children(name):
+    for before, after in pairwise(made(name, "uniform")):
+        step, T = after.steps[-1], len(before.triangles)
+        assert step.after is before.triangulation or step.after.n == after.n_nodes
+        assert len(after.triangles) == len(step.triangles) == 4 * T
+        np.testing.assert_array_equal(np.bincount(step.parent), 4)
+        parents, children = (
+            m.points[t] for m, t in ((before, before.triangles[step.parent]), (after, step.nodes))
+        )
+        sides = np.roll(children, -1, axis=1) - children
+        of_parents = np.roll(parents, -1, axis=1) - parents
+        sign = np.where(np.arange(4) == 3, -1, 1)
+        number = np.empty(4 * T, dtype=int)
+        number[np.argsort(step.parent, kind="stable")] = np.tile(np.arange(4), T)
+        np.testing.assert_allclose(sides, 0.5 * sign[number][:, None, None] * of_parents, atol=1e-14)
+
+
+def test_all_triangles_chosen_one_by_one_are_a_uniform_step():
+    mesh = COARSE["gmsh"]()
+    every, by_name = refine(mesh), refine_some(mesh, np.arange(len(mesh.triangles)))
+    np.testing.assert_array_equal(every.triangles, by_name.triangles)
+    assert not by_name.adapted
+    but_one = refine_some(mesh, np.arange(1, len(mesh.triangles)))
+    assert but_one.adapted or len(but_one.triangles) == len(every.triangles)
+
+
+def test_chosen_triangles_are_cut_in_four_and_few_others():
+    """Those beside, and what halving of reference edges needs: one chosen triangle of 1000 makes few new."""
+    mesh = unstructured(square(), 1 / 20)
+    for chosen in range(0, len(mesh.triangles), 97):
+        step = refine_some(mesh, np.array([chosen])).steps[-1]
+        count = np.bincount(step.parent, minlength=len(mesh.triangles))
+        assert count[chosen] == 4
+        assert len(step.ends) < 40
+        assert len(step.triangles) == len(step.nodes) == len(step.parent) == count.sum() < 120
+        red = (count == 4) & (np.arange(len(count)) != chosen)
+        assert np.all(np.isin(mesh.triangulation.edges[red], edges_of(mesh, step)))
+
+
+def edges_of(mesh, step):
+    """The numbers of the halved edges."""
+    by = np.sort(step.ends, axis=1)
+    keys = np.sort(mesh.triangulation.ends, axis=1) @ [mesh.n_nodes, 1]
+    return np.flatnonzero(np.isin(keys, by @ [mesh.n_nodes, 1]))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_step_s_size_is_that_of_what_is_new(way):
+    """However large the mesh is: at a node the same numbers of triangles in every step."""
+    for before, after in pairwise(made("squares", way)):
+        step = after.steps[-1]
+        new = len(after.triangles) - len(before.triangles)
+        assert len(step.ends) == after.n_nodes - before.n_nodes
+        assert new < len(step.triangles) == new + len(np.unique(step.parent)) <= 2 * new
+        assert step.n == before.n_nodes
+        assert step.before == len(before.triangles)
+    if way == "at a node":
+        sizes = [len(mesh.steps[-1].triangles) for mesh in made("squares", way)[1:]]
+        assert len(set(sizes[2:])) == 1
+
+
+@pytest.mark.parametrize(("name", "way"), ALL)
+def test_values_of_triangles_are_put_in_and_inherited(name, way):
+    """Numbers of rows and of triangles: areas, and the first triangle that contains each one."""
+    first, *_, mesh = made(name, way)
+    areas, root, middle = first.areas, np.arange(len(first.areas)), first.points[first.triangles].mean(axis=1)
+    for finer in made(name, way)[1:]:
+        step = finer.steps[-1]
+        areas = step.put(areas, finer.areas[step.triangles])
+        middle = step.put(middle, finer.points[step.nodes].mean(axis=1))
+        root = step.inherited(root)
+        assert len(areas) == len(root) == len(finer.triangles)
+    np.testing.assert_array_equal(areas, mesh.areas)
+    np.testing.assert_allclose(middle, mesh.points[mesh.triangles].mean(axis=1), atol=1e-15)
+    np.testing.assert_allclose(np.bincount(root, mesh.areas), first.areas, rtol=1e-9)
+
+
+def test_repeated_refinement_makes_no_shape_flatter():
+    """Longest edge times perimeter over area: at most four times its value on the first triangle.
+
+    A right and isosceles triangle in its frame is one of two shapes, turned by 45 degrees to each other.
+    """
+    for name in COARSE:
+        first, *_, mesh = made(name, "at random")
+        thin = [m.longest_edges**2 / m.areas for m in (first, mesh)]
+        assert thin[1].max() <= 4 * thin[0].max()
+
+
+@pytest.mark.parametrize("name", COARSE)
+def test_reference_edges_are_longest_ones_in_the_beginning(name):
+    mesh = COARSE[name]()
+    turned_by = np.roll(mesh.triangles, 1, axis=1)
+    for triangles in (mesh.triangles, in_order(mesh.points, turned_by)):
+        _, b, c = np.moveaxis(mesh.points[triangles], 1, 0)
+        np.testing.assert_allclose(np.hypot(*(c - b).T), mesh.longest_edges, rtol=1e-12)
+    np.testing.assert_array_equal(
+        np.sort(in_order(mesh.points, turned_by), axis=1), np.sort(mesh.triangles, axis=1)
+    )
 
 
 @pytest.mark.parametrize(("n", "coarsest"), [(1, 1), (6, 3), (7, 7), (8, 4), (20, 5), (24, 3)])
@@ -77,3 +298,27 @@ def test_corners_of_squares_are_turned_until_all_are_alike():
     assert alike
     sides = np.roll(mesh.points[found], -1, axis=1) - mesh.points[found]
     np.testing.assert_allclose(np.abs(sides), np.broadcast_to(np.abs(sides[0]), sides.shape), atol=1e-15)
+
+
+def test_all_are_looked_at_where_the_first_thousand_are_alike():
+    """One of 1250 in another shape, the last."""
+    mesh = structured(square(), 1 / 25)
+    points = mesh.points.copy()
+    assert turned(points, mesh.triangles)[1]
+    points[mesh.triangles[-1, 0]] += 1e-3
+    assert not turned(points, mesh.triangles)[1]
+
+
+def test_only_uniform_refinement_leaves_all_alike():
+    mesh = alone(structured(named("lshape"), 1 / 3))
+    assert mesh.triangulation.alike
+    assert refine(mesh, 2).triangulation.alike
+    assert not meshes.refine_some(mesh, np.array([0])).triangulation.alike
+
+
+def test_edges_count_their_triangles():
+    of = structured(named("lshape"), 1 / 4).triangulation
+    meeting = np.bincount(of.edges.ravel(), minlength=len(of.ends))
+    assert np.all(np.delete(meeting, of.boundary) == 2)
+    assert np.all(meeting[of.boundary] == 1)
+    np.testing.assert_array_equal((of.sides >= 0).sum(axis=1), meeting)

@@ -11,18 +11,17 @@ import scipy.sparse as sp
 from flint import acb_mat, arb, arb_mat, ctx
 
 import unilateral as ul
-from unilateral.adapted import adapted
 from unilateral.arrays import Array, Mask
 from unilateral.discrete import Discrete, discretise
 from unilateral.discrete_solution import Solution
 from unilateral.fem import rounded
 from unilateral.fem.spaces import DualOperator
-from unilateral.geometry.adapted import adapted as adapted_mesh
+from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.mesh import similar
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.nested import nested
+from unilateral.multilevel import after, multilevel
 from unilateral.solvers.certified import certified
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound
@@ -57,12 +56,8 @@ def of(discrete) -> System:
         lengths, means = discrete.spaces.operator.H_i, discrete.g_means[discrete.cells]
         d = column([arb(H) * arb(g) for H, g in zip(lengths.tolist(), means.tolist(), strict=True)])
         return System(on.for_products, on.mass, discrete.load, B.tocsr(), d)
-    if hasattr(discrete, "grids"):
-        finest = discrete.grids.grids[-1]
-        level = finest.levels[-1]
-        return System(level.A, level.mass, finest.load, finest.cells.B, column(finest.d.tolist()))
-    system = discrete.system
-    return System(system.A, system.mass, system.load, system.B, column(system.d.tolist()))
+    finest = discrete.grids.finest
+    return System(finest.of.A, finest.of.mass, finest.load, finest.cells.B, column(finest.d.tolist()))
 
 
 def column(numbers) -> arb_mat:
@@ -133,15 +128,15 @@ def problem(scale: float) -> ul.Problem:
 
 POLYGON = problem(1).polygon
 MESH = structured(POLYGON, 1 / 8)
+ADAPTED = refined(adapted(structured(POLYGON, 1 / 4)), np.arange(0, 32, 3))
 
 
 def made(way: str, scale: float):
     of_scale = problem(scale)
     if way == "adapted":
-        mesh = adapted_mesh(MESH)
-        return adapted(of_scale, mesh, np.zeros(mesh.mesh.n_nodes))
+        return after(None, of_scale, ADAPTED)
     cells = uniform(POLYGON, 1 / 8 if way == "singular" else 1 / 4)
-    return nested(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
+    return multilevel(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
 
 
 def solution(way: str, scale: float, tolerance: float = 1e-9) -> Solution:
@@ -195,8 +190,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
     def bound() -> float:
         if isinstance(discrete, Discrete):
             return discrete.solution(found.result, 0.0).result.bound
-        system = discrete.system if way == "adapted" else discrete.grids
-        return system.bound(found.u_h, found.result.lambda_H)
+        return discrete.grids.bound(found.u_h, found.result.lambda_H)
 
     before = bound()
     monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)

@@ -8,14 +8,16 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from nested import Nested, refined
+from nested import Nested, alone, levels_of, refined
 
 from unilateral.discrete import Discrete, with_load
 from unilateral.fem.condense import condense
+from unilateral.fem.hierarchy import Level
 from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.residual import dual_norm
 from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry import adapted as adapted_meshes
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -51,15 +53,15 @@ class Both:
         return spaces.response(self.discrete.load, lambda_H), lambda_H
 
     def norm(self, v: Array) -> float:
-        return math.sqrt(max(float(v @ (self.nested.levels[-1].A @ v)), 0.0))
+        return math.sqrt(max(float(v @ (self.nested.of.A @ v)), 0.0))
 
 
 def both(nested: Nested, partition: Partition, load: Array, g: Array, free: tuple[int, ...] = ()) -> Both:
     """The problem with the load (n,) and the cell means g (cells,)."""
-    cells = nested_cells(nested.levels, partition, free)
+    cells = nested_cells(nested.of, partition, free)
     assert cells is not None
     spaces = mixed_spaces(condense(nested.mesh), partition, free)
-    grid = multigrid(nested.levels, cells, load, (partition.lengths * g)[spaces.cells])
+    grid = multigrid(nested.of, cells, load, (partition.lengths * g)[spaces.cells])
     trace = spaces.condensed.solve(load)[nested.mesh.boundary]
     return Both(nested, grid, with_load(spaces, load, trace, g))
 
@@ -119,6 +121,53 @@ def problem(
     return both(nested, partition, by_parts(nested.mesh, of), waves(partition, zones), free)
 
 
+def adapted_to(mesh: Mesh, corner: int, times: int, share: float = 1.0) -> Nested:
+    """Refined again and again near a corner of the polygon, so that its cells stay stable."""
+    rng, of = np.random.default_rng(7), adapted_meshes.adapted(alone(mesh))
+    place, all_of = mesh.polygon.vertices[corner], [of]
+    for k in range(times):
+        distance = np.hypot(*(of.mesh.points - place).T)[of.mesh.triangles].min(axis=1)
+        near = np.flatnonzero(distance <= 0.3 * mesh.polygon.diameter / 2**k)
+        of = adapted_meshes.refined(of, rng.choice(near, int(np.ceil(share * len(near))), replace=False))
+        all_of.append(of)
+    return levels_of([each.mesh for each in all_of])
+
+
+def cells_of_adapted(mesh: Mesh) -> Partition:
+    """Those of a mesh made by `adapted_to`: an edge's place is its length as a part of a first one."""
+    first = mesh.coarse or mesh
+    at = np.interp(mesh.s, first.s, np.arange(len(first.s))) * adapted_meshes.UNIT
+    return adapted_meshes.AdaptedMesh(mesh, np.rint(at).astype(np.int64)).partition
+
+
+@cache
+def adapted_problem(
+    name: str, corner: int, times: int, zones: float, free: tuple[int, ...] = (), share: float = 1.0
+) -> Both:
+    first = pairs_of_edges(name)
+    nested = adapted_to(first, corner, times, share)
+    partition = cells_of_adapted(nested.mesh)
+    return both(nested, partition, by_parts(nested.mesh, of), waves(partition, zones), free)
+
+
+def pairs_of_edges(name: str) -> Mesh:
+    """A mesh whose sides have an even number of equal edges."""
+    if name.isdigit() or name == "gmsh":
+        polygon = random_polygon(int(name)) if name.isdigit() else named("lshape")
+        return meshes.with_boundary(polygon, polygon.divided(np.full(polygon.n_sides, 4))[:-1])
+    return coarse(name)
+
+
+ADAPTED = [
+    ("square 4", 0, 5, 3, ()),
+    ("square 4", 2, 10, 5, (1,)),
+    ("lshape 2", 2, 8, 9, ()),
+    ("gmsh", 2, 6, 7, (2, 3)),
+    ("0", 1, 6, 4, (), 0.4),
+    ("1", 2, 7, 6, (0,), 0.5),
+    ("2", 0, 12, 11, (), 0.7),
+]
+
 PROBLEMS = [
     ("square 3", 4, 2, 3, ()),
     ("square 3", 4, 3, 5, ()),
@@ -140,7 +189,10 @@ PROBLEMS = [
 def test_it_finds_the_solution_of_the_condensed_problem(
     name: str, refinements: int, edges: int, zones: float, free: tuple[int, ...]
 ) -> None:
-    of_both = problem(name, refinements, edges, zones, free)
+    check_solution(problem(name, refinements, edges, zones, free))
+
+
+def check_solution(of_both: Both) -> None:
     found, (u, lambda_H) = of_both.grid.solve(1e-11), of_both.exact()
     size = max(1.0, float(lambda_H.max()))
     assert found.converged
@@ -150,6 +202,15 @@ def test_it_finds_the_solution_of_the_condensed_problem(
     # Down to H^{-1/2} of the tolerance in the dual norm.
     assert np.abs(found.lambda_H - lambda_H).max() < 10 * SAME * size
     assert found.lambda_H.min() >= 0
+
+
+@pytest.mark.parametrize("case", ADAPTED)
+def test_nor_does_it_matter_how_the_mesh_was_refined(case: tuple) -> None:
+    """Adapted meshes have one level with cells, which starts from 0 with all of them active."""
+    of_both = adapted_problem(*case)
+    assert of_both.nested.mesh.adapted
+    assert len(of_both.grid.grids) == 1
+    check_solution(of_both)
 
 
 def test_another_load_has_another_solution() -> None:
@@ -173,7 +234,7 @@ def test_it_agrees_with_uzawa() -> None:
 
 def test_no_contact_full_contact_and_no_cells() -> None:
     nested = refined(coarse("square 3"), 3)
-    partition = Partition(square(), nested.levels[-1].s[::2].copy())
+    partition = Partition(square(), nested.of.s[::2].copy())
     load, one = by_parts(nested.mesh, of), np.ones(partition.n_cells)
     free = both(nested, partition, load, -100 * one)
     assert not free.grid.solve(1e-10).active.any()
@@ -181,6 +242,20 @@ def test_no_contact_full_contact_and_no_cells() -> None:
     without = both(nested, partition, load, one, (0, 1, 2, 3)).grid.solve(1e-10)
     assert without.lambda_H.shape == (0,)
     assert np.abs(without.u - free.grid.solve(1e-10).u).max() < SAME
+
+
+def test_no_contact_and_full_contact_on_adapted_meshes() -> None:
+    nested = adapted_to(coarse("square 4"), 0, 6)
+    partition = cells_of_adapted(nested.mesh)
+    load, one = by_parts(nested.mesh, of), np.ones(partition.n_cells)
+    for g, active in ((-100 * one, 0), (100 * one, len(one))):
+        of_both = both(nested, partition, load, g)
+        found, (u, lambda_H) = of_both.grid.solve(1e-10), of_both.exact()
+        assert np.count_nonzero(found.active) == np.count_nonzero(lambda_H) == active
+        assert np.abs(found.u - u).max() < SAME * max(1.0, float(np.abs(u).max()))
+    without = both(nested, partition, load, one, (0, 1, 2, 3)).grid.solve(1e-10)
+    assert without.lambda_H.shape == (0,)
+    assert np.abs(without.u - both(nested, partition, load, -100 * one).exact()[0]).max() < SAME
 
 
 def errors(of_both: Both, u: Array, lambda_H: Array) -> tuple[float, float]:
@@ -221,11 +296,19 @@ def test_the_bound_is_one_for_any_guess(case: int) -> None:
         assert max(found) <= bound + 1e-12
 
 
+@pytest.mark.parametrize("case", [0, 3, 5, 6])
+def test_so_it_is_on_adapted_meshes(case: int) -> None:
+    of_both = adapted_problem(*ADAPTED[case])
+    for u, lambda_H in guesses(of_both):
+        bound, found = of_both.grid.bound(u, lambda_H), errors(of_both, u, lambda_H)
+        assert max(found) <= bound + 1e-12
+
+
 def without_defect(of_both: Both, u: Array, lambda_H: Array) -> float:
     """The bound, had u - w been u."""
     finest = of_both.grid.grids[-1]
-    R = finest.A @ u - finest.load - finest.cells.B.T @ lambda_H
-    return dual_norm(finest.levels, of_both.grid.coarsest, R)
+    R = finest.of.A @ u - finest.load - finest.cells.B.T @ lambda_H
+    return dual_norm(finest.of, R)
 
 
 def test_a_bound_of_half_the_size_or_without_the_defect_is_none() -> None:
@@ -254,18 +337,21 @@ def test_ritz_values_lie_between_0_and_1() -> None:
     for case in PROBLEMS:
         ritz = problem(*case).grid.solve(1e-10).ritz
         assert np.all((ritz > 0) & (ritz <= 1 + 1e-9))
+    for case in ADAPTED:
+        ritz = adapted_problem(*case).grid.solve(1e-10).ritz
+        assert np.all((ritz > 0) & (ritz <= 1 + 1e-9))
 
 
 def on_squares(n: int, zones: float, edges: int = 2) -> Found:
     """With h = 1/n and an obstacle on the lower side only; the same for all n."""
     refinements = int(math.log2(n // 4))
     nested = refined(coarse("square 4"), refinements)
-    partition = Partition(square(), nested.levels[-1].s[::edges].copy())
-    cells = nested_cells(nested.levels, partition)
+    partition = Partition(square(), nested.of.s[::edges].copy())
+    cells = nested_cells(nested.of, partition)
     assert cells is not None
     t = (partition.points[1:] + partition.points[:-1]) / 2
     g = np.where(t < 1, 0.5 * np.sin(2 * np.pi * zones * t + 0.3) - 0.2, -9.0)
-    return multigrid(nested.levels, cells, by_parts(nested.mesh, of), partition.lengths * g).solve(1e-8)
+    return multigrid(nested.of, cells, by_parts(nested.mesh, of), partition.lengths * g).solve(1e-8)
 
 
 def iterations(found: Found) -> int:
@@ -281,6 +367,47 @@ def test_iterations_do_not_grow_with_the_mesh() -> None:
     assert max(each.counts[-1][1] for each in (on_squares(n, 1) for n in (16, 256))) <= 9
     assert np.all(many <= 3 * one)
     assert len(on_squares(256, 37).counts) <= 30
+
+
+RE_ENTRANT = 2
+
+
+@cache
+def deep(times: int) -> Found:
+    """On the L-shape, refined so often at its corner of 270 degrees, down to 2^-times of the first edges."""
+    nested = adapted_to(coarse("lshape 4"), RE_ENTRANT, times)
+    partition = cells_of_adapted(nested.mesh)
+    cells = nested_cells(nested.of, partition)
+    assert cells is not None
+    g = partition.lengths * waves(partition, 3)
+    return multigrid(nested.of, cells, by_parts(nested.mesh, of), g).solve(1e-8)
+
+
+@pytest.mark.parametrize("times", [10, 20, 30])
+def test_iterations_do_not_grow_with_the_depth(times: int) -> None:
+    """The eigenvalues stay away from 0."""
+    found = deep(times)
+    assert found.converged
+    assert found.ritz[0] > 0.3
+    assert np.all(found.ritz <= 1 + 1e-9)
+    assert found.counts[-1][1] <= deep(10).counts[-1][1] + 2
+    assert found.counts[-1][0] >= times
+
+
+def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Control: with the finest and the coarsest level only, the least eigenvalue falls with the depth."""
+    from unilateral.solvers import truncated
+
+    def unsmoothed(level: Level, S: object, r: Array) -> tuple[Array, Array]:
+        k = level.n if level.smoothed is None else len(level.smoothed)
+        return np.zeros(k), np.zeros(k)
+
+    deep(10)
+    monkeypatch.setattr(truncated, "downward", unsmoothed)
+    monkeypatch.setattr(truncated, "upward", lambda *given: None)
+    deep.cache_clear()
+    assert deep(10).ritz[0] < 0.3
+    deep.cache_clear()
 
 
 def test_it_goes_on_from_what_was_found() -> None:
