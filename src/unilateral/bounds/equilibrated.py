@@ -207,13 +207,12 @@ def _periodic(
     m, (last, border, load) = len(diagonal) - 1, columns
     last[0] = off[m]
     last[m - 1] += off[m - 1]
-    factors = np.empty_like(diagonal[:m])
-    for j in range(m):
-        np.divide(off[j], diagonal[j], out=factors[j])
-        if j < m - 1:
-            diagonal[j + 1] -= factors[j] * off[j]
-            columns[:, j + 1] -= factors[j] * columns[:, j]
-    over = columns[:, :m] / diagonal[:m]
+    for j in range(m - 1):
+        factor = off[j] / diagonal[j]
+        diagonal[j + 1] -= factor * off[j]
+        columns[:, j + 1] -= factor * columns[:, j]
+    inverse = 1 / diagonal[:m]
+    over, factors = columns[:, :m] * inverse, off[:m] * inverse
     a, b, r = (
         x - _dot(over[0], y[:m]) for x, y in ((diagonal[m], last), (border[m], border), (load[m], load))
     )
