@@ -96,9 +96,9 @@ def test_no_other_flux_of_a_patch_is_nearer():
     """
     mesh, rng = wheel(), np.random.default_rng(1)
     u_h, moments, _ = balanced(mesh, rng)
-    corner, after = module._around(mesh)
+    corner, after = module.around(mesh)
     spokes, ends = (
-        next(fan for edge, fan in module._fans(mesh, after) if not edge.size),
+        next(fan for edge, fan in module.fans(mesh, after) if not edge.size),
         mesh.triangulation.ends,
     )
     triangle = corner[spokes[:-1, 0]] // 3
