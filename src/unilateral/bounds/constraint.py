@@ -7,8 +7,8 @@ by its coefficients in Bernstein's basis.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -22,6 +22,8 @@ PARTS = 8
 """Of an edge: intervals on which the sign of p - v is asked for."""
 JUMP = 1e-13
 """Of |g|: by what it has to jump at a vertex."""
+ON_INTERVALS = ("edge", "x", "weight", "p", "slope", "doubt", "upper")
+"""The fields of a constraint that are told on intervals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,25 @@ class Constraint:
     rounding: Array
     doubt: Array
     upper: Array
+
+    @cached_property
+    def highest(self) -> Array:
+        """(nb,) upper bounds of p with the doubt on the edges, -inf where there is no p."""
+        found = np.full(len(self.unknowns), -np.inf)
+        np.maximum.at(found, self.edge, bernstein_bounds(self.p)[1] + self.doubt)
+        return found
+
+    def near(self, v: Array, also: Mask) -> Constraint:
+        """Without the intervals of edges where v (n,) is above g and its doubt; those `also` (nb,) are kept.
+
+        v is at least its least coefficient in Bernstein's basis on the edge, and so are those on an interval;
+        `highest` is such a bound of p. So those of p - v, with the doubt and what is rounded, are below 0.
+        """
+        start, end, middle = v[self.unknowns].T
+        least = np.minimum(np.minimum(start, end), 2 * middle - 0.5 * (start + end))
+        rounding = 8 * ROUNDING * np.abs(v[self.unknowns]).max(axis=1)
+        of = (also | ~(self.highest + rounding <= least))[self.edge]
+        return replace(self, **{name: getattr(self, name)[of] for name in ON_INTERVALS})
 
     def trace(self, v: Array) -> tuple[Array, Array]:
         """v and its derivative along the edges, (K, Q) each."""

@@ -74,6 +74,7 @@ def raised(
     """
     v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
     touching = contact[g.unknowns].all(axis=1) & ~g.jumps
+    g = g.near(v, touching | flux.any(axis=1))
     above, by = v.copy(), _bubbles(g, v)
     above[g.unknowns[:, 2]] += by
     none = np.zeros_like(touching)
@@ -97,7 +98,7 @@ def missing(g: Constraint, v: Array, touching: Mask, triangle: Index, flux: Arra
     `triangle` (nb,) is the one at each edge; q.n is linear there, with the values `flux` (nb, 2) at its
     ends.
     """
-    short = _short(g, v, touching, triangle, flux)
+    short = _short(g.near(v, touching | flux.any(axis=1)), v, touching, triangle, flux)
     shared = np.bincount(triangle, minlength=len(g.mesh.triangles))[triangle]
     added, at_ends = np.zeros(g.mesh.n_nodes), np.maximum(short.doubt, np.roll(short.doubt, 1))
     added[g.mesh.boundary] = at_ends

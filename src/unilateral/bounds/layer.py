@@ -48,7 +48,7 @@ def layer(mesh: Mesh) -> Layer:
     """That of a mesh."""
     on_boundary = np.zeros(mesh.n_nodes, dtype=bool)
     on_boundary[mesh.boundary] = True
-    triangles = np.flatnonzero(on_boundary[mesh.triangles].any(axis=1))
+    triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
     at = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
     areas = mesh.areas[triangles]

@@ -33,8 +33,8 @@ STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
 
 def linear_squares(areas: Array, values: Array) -> Array:
     """(k,) squared L2 norms of functions linear on triangles, from the values (k, 3, ...) at the nodes."""
-    flat = values.reshape(len(values), 3, math.prod(values.shape[2:]))
-    return np.asarray(areas / 12 * (np.sum(flat**2, axis=(1, 2)) + np.sum(flat.sum(axis=1) ** 2, axis=1)))
+    own, of_sums = ((a**2).sum(axis=tuple(range(1, a.ndim))) for a in (values, values.sum(axis=1)))
+    return np.asarray(areas / 12 * (own + of_sums))
 
 
 def squares(areas: Array, hats: Array, bubbles: Array) -> Array:

@@ -41,11 +41,11 @@ def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> 
     return (0.5 * shift[triangles].sum(axis=1) + 4 * EPS * longest) * longest / areas
 
 
-def check(polygon: Polygon, places: Array, distorted: Array) -> None:
-    """Raises InputError where a triangle at the `places` (m, 2) is `distorted` (m,) too much for a bound."""
+def check(polygon: Polygon, points: Array, triangles: Index, distorted: Array) -> None:
+    """Raises InputError where one of the triangles (m, 3) is `distorted` (m,) too much for a bound."""
     worst, short = int(distorted.argmax()), int(polygon.stretch.argmax())
     if not distorted[worst] <= MOST:
-        x, y = places[worst]
+        x, y = points[triangles[worst]].mean(axis=0)
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
             f"coordinates may change the shape of triangle {worst} at ({x:.6g}, {y:.6g}) by "

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from conftest import DATA, load
 from test_sharp import Manufactured, h1_error
-from unilateral.adapted import Adapted
-from unilateral.adapted import adapted as on_adapted_mesh
 
 from unilateral.accuracy.division import MOST_HALVINGS, divided, evenness, uniform
 from unilateral.accuracy.goal import Goal

@@ -7,7 +7,7 @@ import pytest
 
 import unilateral as ul
 from unilateral.bounds import feasible
-from unilateral.bounds.constraint import constraint
+from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.geometry.structured import structured
 from unilateral.problems import piecewise
 
@@ -55,3 +55,36 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     missing = feasible.missing(g, v, every, g.mesh.boundary_triangles, np.ones((nb, 2)))
     assert missing.added[g.mesh.boundary] == pytest.approx(1e-3)
     assert missing.product == pytest.approx(8e-3)
+
+
+def short_of(g, rng):
+    """Of v from just below g to far above, at midpoints, too, and sigma > 0 on every third edge."""
+    nb = len(g.unknowns)
+    v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
+    contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
+    triangle = g.mesh.boundary_triangles
+    v, touching = feasible.raised(g, v, contact, triangle, flux, rng.random(nb))
+    v[nb:] -= rng.uniform(0, 4, nb)
+    return [v, touching, *feasible.missing(g, v, touching, triangle, flux), g.near(v, touching)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
+    """Against all of them; some are left out. Control: so they do where v is told by its ends only."""
+    g = on_edges("sin(9*pi*x) + y", 16)
+    *found, near = short_of(g, np.random.default_rng(seed))
+    kept = Constraint.near
+    monkeypatch.setattr(Constraint, "near", lambda self, v, also: self)
+    *wanted, every = short_of(g, np.random.default_rng(seed))
+    assert 0 < len(near.edge) < len(every.edge)
+    for one, other in zip(found, wanted, strict=True):
+        assert np.array_equal(one, other)
+
+    def by_ends(self, v, also):
+        level = v.copy()
+        level[self.unknowns[:, 2]] = 0.5 * v[self.unknowns[:, :2]].sum(axis=1)
+        return kept(self, level, also)
+
+    monkeypatch.setattr(Constraint, "near", by_ends)
+    *wrong, _ = short_of(g, np.random.default_rng(seed))
+    assert wrong[2].sum() < 0.99 * wanted[2].sum()
