@@ -22,8 +22,7 @@ from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.case import Case
-from unilateral.problems.data import Data
+from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import joined
 from unilateral.solvers.multigrid import Found, Multigrid, multigrid
@@ -122,7 +121,7 @@ def nested(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Nested 
 
 def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
     """(n,) values of (f, phi_i), and f enclosed where they are made of that."""
-    if isinstance(problem, Case):
+    if is_case(problem):
         return by_parts(mesh, partial(case_moments, problem)), None
     if isinstance(problem, Sampled):
         return by_parts(mesh, partial(sampled_moments, problem)), None

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from math import lcm
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from skfem.quadrature import get_quadrature_tri
@@ -23,7 +23,9 @@ from unilateral.fem.splitting import split_triangles
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 GAUSS = 16
 DEGREE = 8

@@ -31,10 +31,11 @@ from unilateral.norms.exact import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
 from unilateral.norms.ritz import h1_distance
-from unilateral.problems.case import Case
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from unilateral.problems.case import Case
 
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 

@@ -23,6 +23,8 @@ from unilateral.bounds.sharp import sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
 from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
+from unilateral.formulas.expression import number as exact_number
+from unilateral.formulas.symbolic import plain
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, refined
@@ -97,8 +99,9 @@ def linear(polygon, k=1, c=1):
     q = tuple(k * (q * a - p * b) / sympy.sqrt(p**2 + q**2) for p, q in edges)
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
-    units = Units(sympy.sympify(k), sympy.sympify(c))
-    return Linear(Problem("linear", polygon, units.c * u, g, free, units, q), (a, b))
+    units = Units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))
+    f, g, q = plain(c * u), tuple(map(plain, g)), tuple(map(plain, q))
+    return Linear(Problem("linear", polygon, f, g, free, units, q), (a, b))
 
 
 def exact_nodes(mesh):
@@ -240,8 +243,8 @@ def test_f_is_enclosed_where_displaced_nodes_put_it():
     """f = 3 x is off by 3 times the doubt where all nodes are moved in x by that much."""
     polygon = Polygon(KITE, doubt=1e-3)
     mesh = meshes.unstructured(polygon, 0.3)
-    g = (sympy.S(-9),) * polygon.n_sides
-    source = enclosed(mesh, Problem("moved", polygon, 3 * X, g, ()))
+    g = (exact_number(-9),) * polygon.n_sides
+    source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()))
     assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
 
 
@@ -249,7 +252,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     """curl phi makes q larger, and so what the exact mesh may do to it: eps |curl phi| on a triangle."""
     polygon = Polygon(KITE, doubt=1e-6)
     mesh, rng = meshes.unstructured(polygon, 0.3), np.random.default_rng(9)
-    problem = Problem("waves", polygon, sympy.sin(3 * X) * Y, (sympy.S(-9),) * 4, ())
+    problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source, sigma = enclosed(mesh, problem), np.zeros((len(mesh.boundary), 2))
     away = sharp._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)
     phi = rng.uniform(-1, 1, away.spaces.size)
@@ -261,7 +264,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
 def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
     """And what is known of the force: an upper bound by it, too."""
     mesh, cells = meshes.unstructured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
-    problem = Problem("bowl", square(), X**2 + Y**2, (sympy.S.Zero,) * 4, ())
+    problem = Problem("bowl", square(), plain(X**2 + Y**2), (exact_number(0),) * 4, ())
     source, pair = enclosed(mesh, problem), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
     found = []
     for growth in (1.0, 1.5):
