@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import skfem
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
@@ -107,6 +106,8 @@ def refined(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh,
 
 
 def _halved(of: AdaptedMesh, chosen: Index, values: Array) -> tuple[AdaptedMesh, Array]:
+    import skfem  # which only adapted meshes need
+
     mesh, n, edges = of.mesh, of.mesh.n_nodes, of.mesh.triangulation
     found = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()).refined(np.unique(chosen))
     points, triangles = found.p.T.copy(), found.t.T.astype(np.intp)

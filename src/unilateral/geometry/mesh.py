@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index, Int32
 from unilateral.errors import InputError
@@ -162,7 +161,9 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
     """
     edges = checks.boundary_edges(points, triangles, where)
     reach = checks.reach(polygon, points, triangles, edges)
-    distance, nearest = cKDTree(points[edges[:, 0]]).query(polygon.vertices)
+    starts = points[edges[:, 0]]
+    nearest = np.array([np.argmin(np.hypot(*(starts - vertex).T)) for vertex in polygon.vertices])
+    distance = np.hypot(*(starts[nearest] - polygon.vertices).T)
     missing = np.flatnonzero(distance > reach[edges[nearest, 0]])
     if missing.size:
         raise InputError(

@@ -12,9 +12,9 @@ from unilateral.arrays import Array, Index
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import oscillation_bound
-from unilateral.norms.reference import ReferenceSpaces
 
 if TYPE_CHECKING:
+    from unilateral.norms.reference import ReferenceSpaces
     from unilateral.problems.case import Case
 
 

@@ -123,7 +123,7 @@ def true_error(of, mesh, u_h):
     twice = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
     squares = ((off * f).sum(axis=1) ** 2 + (off * e).sum(axis=1) ** 2) / twice / 2
     values = ((off**2).sum(axis=1) + off.sum(axis=1) ** 2) * twice / 24
-    k, c = (mpf(each.p) / mpf(each.q) for each in (units.k, units.c))
+    k, c = (mpf(x.numerator) / mpf(x.denominator) for x in (units.k.rational, units.c.rational))
     return float(mp.sqrt(k * squares.sum() + c * values.sum()))
 
 
