@@ -2,6 +2,8 @@
 # `setup.sh packages` makes .venv with the locked packages; `setup.sh gmsh` sees to the system libraries of gmsh.
 set -eu
 cd "$(dirname "$0")"
+compiled="attr attrs click jsonschema jsonschema_specifications matplotlib meshio mpmath numpy pandas pyamg
+    referencing scipy skfem sympy xarray yaml"
 libraries="libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1"
 
 stop() {
@@ -22,12 +24,23 @@ install_packages() {
     echo "Setting up .venv with the locked packages (once; about a minute, needs the network) ..."
     rm -f .venv/installed .venv/ready
     python3 -m venv --clear .venv || stop "Python's venv module could not make .venv (see above)."
-    # Modules are compiled when they are first imported: most never are.
     .venv/bin/python -m pip install -qq --disable-pip-version-check --no-compile --require-hashes -r requirements.txt ||
         stop "The packages of requirements.txt could not be installed (see above); 'make' tries again."
     .venv/bin/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e . ||
         stop "The package unilateral itself could not be installed (see above); 'make' tries again."
+    compile_packages
     pwd -P >.venv/installed
+}
+
+# What every process imports, also where PYTHONDONTWRITEBYTECODE has each of them compile it again, for seconds;
+# not their tests. Python sees by a file's time stamp that it was edited later.
+compile_packages() {
+    packages=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))')
+    for name in $compiled; do
+        set -- "$@" "$packages/$name"
+    done
+    .venv/bin/python -m compileall -q -j 0 -x '/tests?/' src "$@" ||
+        stop "Installed packages could not be compiled (see above); 'make' tries again."
 }
 
 gmsh_loads() {

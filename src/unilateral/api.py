@@ -15,6 +15,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,16 +36,18 @@ from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.outward import up
-from unilateral.problems import case as cases
 from unilateral.problems import problem as problems
 from unilateral.problems import problem_file
-from unilateral.problems.atoms import X, Y
-from unilateral.problems.case import Case
-from unilateral.problems.certificate import certify, with_free_sides
+from unilateral.problems.data import is_case
 from unilateral.problems.sampled import Function, Sampled, check_vertices
-from unilateral.problems.scaled import scaled, units_of
+from unilateral.problems.scaled import scaled
 from unilateral.solution import Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
+
+    AnyProblem = Case | problems.Problem | Sampled
 
 Formula = str | float
 Coefficient = str | float
@@ -52,7 +55,6 @@ Coefficient = str | float
 Size = float | str
 """A number, or one that is written as a fraction, such as "1/64"."""
 Given = Formula | Function | None
-AnyProblem = Case | problems.Problem | Sampled
 KINDS = {"structured": structured, "unstructured": meshes.unstructured}
 """Of meshes that are made for a polygon and a size h."""
 
@@ -73,6 +75,11 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
+    from unilateral.problems import (
+        case as cases,  # sympy, on which they rest, takes longer than a small problem
+    )
+    from unilateral.problems.certificate import certify, with_free_sides
+
     if polygon is None:
         polygons = cases.declared(str(name))[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
@@ -155,7 +162,7 @@ def _each(given: Given | Sequence[Given], change: Callable[[Given], Given]) -> G
 def _function(given: Given, where: str) -> Function:
     if callable(given):
         return given
-    compiled = compile_numpy([parse(0 if given is None else given, ("x", "y"), where)], (X, Y))
+    compiled = compile_numpy([parse(0 if given is None else given, ("x", "y"), where)], "xy")
     return lambda x, y: compiled(x, y)[0]
 
 
@@ -222,12 +229,12 @@ def solve(
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `_told` tells it
             solved = cheapest(data, *on, stop).solved(stop)
         solved.discrete.forget()
-        return _told(Solution(solved, problem.polygon, units_of(problem)), isinstance(mesh, Mesh))
+        return _told(Solution(solved, problem.polygon, problem.units), isinstance(mesh, Mesh))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
-    if mesh == "structured" and units_of(problem).length != 1:
+    if mesh == "structured" and problem.units.length != 1:
         raise InputError(
             f"'{problem.name}': 'structured' is possible, but not with an accuracy if k and c differ; "
             "leave it out, or give h and H"
@@ -243,7 +250,7 @@ def solve(
     goal = Goal(accuracy, norm, **limits, sharp=sharp or norm == "hm12", absolute=absolute)
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
-    found = Solution(levels.best.solved, problem.polygon, units_of(problem), levels)
+    found = Solution(levels.best.solved, problem.polygon, problem.units, levels)
     return found if dry_run else _told(found)
 
 
@@ -251,11 +258,11 @@ def _problem(given: object) -> AnyProblem:
     """The problem that is given, or that of a name."""
     if isinstance(given, str | os.PathLike):
         return load(given)
-    if not isinstance(given, Case | problems.Problem | Sampled):
-        raise InputError(
-            f"{shown(repr(given))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
-        )
-    return given
+    if isinstance(given, problems.Problem | Sampled) or is_case(given):
+        return given
+    raise InputError(
+        f"{shown(repr(given))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
+    )
 
 
 def _number(name: str, given: Size | None) -> float | None:

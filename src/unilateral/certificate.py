@@ -15,6 +15,7 @@ from unilateral.accuracy.search import Search
 from unilateral.contact import Contact
 from unilateral.discrete_solution import Solution
 from unilateral.files import replacing
+from unilateral.formulas.constants import rounded
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
 
@@ -65,8 +66,8 @@ def record(
         "certified": search is not None and search.certified,
         "ended": search.ended or None if search and not search.certified else None,
         "reach": search.reach if search else None,
-        "k": float(units.k),
-        "c": float(units.c),
+        "k": rounded(units.k),
+        "c": rounded(units.c),
         "norms": NORMS,
         "h": length * mesh.h,
         "diameter": length * mesh.diameter,

@@ -23,8 +23,7 @@ from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
-from unilateral.problems.case import Case
-from unilateral.problems.data import Data
+from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.certified import certified
 from unilateral.solvers.iterate import iterate, joined
@@ -198,7 +197,7 @@ def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
 
 def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
     """(cells,) the means of g: of a case exact to rounding, else of the enclosure, or by Gauss rules."""
-    if isinstance(problem, Case):
+    if is_case(problem):
         return cell_means(problem, cells).g_means
     if not isinstance(problem, Sampled):
         return problem.enclosed_obstacle.means(cells.points)
@@ -209,7 +208,7 @@ def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
     spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
-    if isinstance(problem, Case):
+    if is_case(problem):
         return with_solution(spaces, exact(problem, spaces))
     return with_samples(spaces, problem) if isinstance(problem, Sampled) else with_data(spaces, problem)
 

@@ -25,8 +25,7 @@ from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.case import Case
-from unilateral.problems.data import Data
+from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.iterate import joined
 from unilateral.solvers.multigrid import IN_L2, Found, Multigrid, multigrid
@@ -207,7 +206,7 @@ def _solved(last: Solution | None, discrete: Multilevel, stop: Stop) -> Solution
 
 def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
     """(n,) values of (f, phi_i), and f enclosed where they are made of that."""
-    if isinstance(problem, Case):
+    if is_case(problem):
         return by_parts(mesh, partial(case_moments, problem)), None
     if isinstance(problem, Sampled):
         return by_parts(mesh, partial(sampled_moments, problem)), None

@@ -29,7 +29,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.outward import up
-from unilateral.problems.case import Case
+from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class Solution:
     def true_errors(self, dual: bool = True) -> Errors | None:
         """The same; without `dual` that in H^{-1/2} is NaN, which on large meshes costs more than a solve."""
         case, lambda_H = self.solved.discrete.data, self.multiplier
-        if not isinstance(case, Case):
+        if not is_case(case):
             return None
         return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique, dual)
 

@@ -13,7 +13,7 @@ from conftest import condensed, coupled
 
 from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
-from unilateral.formulas.formula import pos
+from unilateral.formulas.symbolic import pos
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import dual_norm

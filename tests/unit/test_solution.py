@@ -4,12 +4,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-import sympy
 from conftest import ROOT
 
 import unilateral as ul
 from unilateral.bounds.forces import Force
 from unilateral.contact import Contact
+from unilateral.formulas.expression import number as exact
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.problems.units import Units
@@ -21,7 +21,7 @@ SIZES = {"h": 1 / 16, "H": 1 / 8}
 @pytest.mark.parametrize("k", [Fraction(2), Fraction(1, 3), Fraction(10) ** 9])
 def test_forces_in_other_units_are_still_bounds(k):
     """By exact squares, for 1 of the computed ones is k^(1/2); by plain products some would be none."""
-    unit = float(Units(k=sympy.Rational(k)).force)
+    unit = float(Units(k=exact(k)).force)
     plain = []
     for number in np.random.default_rng(0).uniform(0.1, 10, 200):
         square = k * Fraction(number) ** 2

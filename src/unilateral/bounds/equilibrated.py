@@ -53,7 +53,7 @@ def equilibrated(mesh: Mesh, u_h: Array, moments: Array, sigma: Array) -> Array:
     first end, and their difference at the second end. `moments` (m, 3) are those of f with the hats; `sigma`
     (nb, 2) is linear on the boundary edges, with these values at their ends.
     """
-    ends, inside = mesh.triangulation.ends.ravel(), mesh.triangulation.inside
+    ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
     (corner, after), f = around(mesh), moments.ravel()
     flow, tilt = q = np.zeros((2, len(ends) // 2))
     for edge, spokes in fans(mesh, after):
@@ -64,7 +64,7 @@ def equilibrated(mesh: Mesh, u_h: Array, moments: Array, sigma: Array) -> Array:
         at, sign = (left >> 1).ravel(), 1 - 2 * (left & 1)
         np.add.at(flow, at, (F * sign).ravel())
         np.add.at(tilt, at, z.ravel())
-    flow[inside:], tilt[inside:] = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
+    flow[boundary], tilt[boundary] = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
     return q
 
 

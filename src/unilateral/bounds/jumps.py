@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
@@ -21,8 +21,8 @@ TINY = 1e-300
 """Of a triangle's area: what underflows times that."""
 SMALL = 1 / 8
 """Of a circle's radius: the diameter up to which pieces are cut along chords."""
-Jumps = Mapping[sympy.Expr, Kink]
-Steps = dict[sympy.Expr, Array]
+Jumps = Mapping[Atom, Kink]
+Steps = dict[Atom, Array]
 
 
 def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
@@ -41,9 +41,7 @@ def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array,
     return corners, owner
 
 
-def sides(
-    vertices: Array, jumps: Jumps, size: float
-) -> tuple[dict[sympy.Expr, Array], dict[sympy.Expr, Array]]:
+def sides(vertices: Array, jumps: Jumps, size: float) -> tuple[dict[Atom, Array], dict[Atom, Array]]:
     """Of pieces with those vertices (k, 3, 2): the values (k,) of every step, NaN where it may have both.
 
     The vertices are computed from coordinates of that `size`.

@@ -93,7 +93,7 @@ def _largest(of: Array | list[Array]) -> Array:
 def _stretched(mesh: Mesh, q: Array) -> Array:
     """(m,) |q_T| + |div q_T| at most, q_T having the `stretch` of the sides times the flow of q there."""
     at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
-    flow, tilt = q[:, mesh.triangulation.inside :]
+    flow, tilt = q[:, mesh.triangulation.boundary]
     flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
     np.add.at(found, at, 0.5 * flow * (mesh.longest_edges[at] + 1) / mesh.areas[at])
     return found

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import pascal
 
 from unilateral.arrays import Array
-from unilateral.fem.quadrature import symmetric
+from unilateral.fem.quadrature import collapsed
 from unilateral.formulas.taylor import EPS, basis
 
 ORDER = 4
@@ -53,20 +53,20 @@ def averages(c: Array) -> Array:
 @cache
 def hat_means() -> Array:
     """(3, m) means of monomials times each hat."""
-    (points, weights), values = symmetric(2 * ORDER), _monomials()
+    (points, weights), values = collapsed(ORDER + 1), _monomials()
     return (points.T * weights) @ values.T
 
 
 def _monomials() -> Array:
     """(m, q) their values at the points of the rule."""
-    points, _ = symmetric(2 * ORDER)
+    points, _ = collapsed(ORDER + 1)
     return np.prod((2 * points.T[1:] - 1) ** basis(2, ORDER).exponents[..., None], axis=1)
 
 
 @cache
 def _triangular() -> Array:
     """(m, m) R with |R c|^2 = mean p^2; degrees increase, so the rows from 3 on give p - f_h."""
-    _, weights = symmetric(2 * ORDER)
+    _, weights = collapsed(ORDER + 1)
     return np.asarray(np.linalg.qr((_monomials() * np.sqrt(weights)).T, mode="r"))
 
 

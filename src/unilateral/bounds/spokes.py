@@ -40,9 +40,9 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
     boundary, or none (0,).
     """
     ends, n, nb = mesh.triangulation.ends.ravel(), mesh.n_nodes, len(mesh.boundary)
-    first, number, kind = np.empty(n, dtype=np.int32), np.arange(nb), 2 * np.bincount(ends, minlength=n)
+    first, number, kind = *np.empty((2, n), dtype=np.int32), 2 * np.bincount(ends, minlength=n)
     first[ends] = np.arange(len(ends), dtype=np.int32)
-    first[mesh.boundary] = len(ends) + 2 * (number - nb)
+    first[mesh.boundary], number[mesh.boundary] = 2 * mesh.triangulation.boundary, np.arange(nb)
     kind[mesh.boundary] -= 1
     for which in np.flatnonzero(np.bincount(kind)):
         nodes, k = np.flatnonzero(kind == which), which // 2
@@ -52,4 +52,4 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
             fan[0] = first[part]
             for j in range(k):
                 fan[j + 1] = after.take(fan[j])
-            yield fan[0, : len(part) * (which % 2)] // 2 - mesh.triangulation.inside, fan
+            yield number[part[: len(part) * (which % 2)]], fan

@@ -10,17 +10,17 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import sympy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.files import replacing
+from unilateral.formulas.constants import rounded
+from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.outward import down, up
 from unilateral.problems import problem_file
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
 
 PICTURES = (".svg", ".png", ".pdf")
@@ -67,7 +67,7 @@ def described(problem: Problem) -> Iterator[str]:
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
         yield f"  {f'side {side}':11} {where}: {_held(problem, side)}"
     if problem.least > -np.inf:
-        size = max(map(abs, problem.range_of_f)) / float(units.c)
+        size = max(map(abs, problem.range_of_f)) / rounded(units.c)
         least = outward(problem.least, size, down)
         yield f"  guaranteed  u >= {least}, a lower bound of inf f / c, rounding counted"
     idle = problem.idle_sides()
@@ -84,20 +84,20 @@ def _held(problem: Problem, side: int) -> str:
     formula = _formula(given, f"from {ends[0]} to {ends[1]}")
     if side not in problem.free_sides:
         return f"u >= {formula}"
-    return f"free, {'' if problem.units.k == 1 else 'k '}du/dn = {formula}"
+    return f"free, {'' if problem.units.k.rational == 1 else 'k '}du/dn = {formula}"
 
 
-def _given(problem: Problem, side: int) -> sympy.Expr:
+def _given(problem: Problem, side: int) -> Expression:
     """g, or on a free side q."""
     if side not in problem.free_sides:
         return problem.g[side]
-    return problem.q[side] if problem.q else sympy.Integer(0)
+    return problem.q[side] if problem.q else ZERO
 
 
-def _along(problem: Problem, formula: sympy.Expr, side: int) -> Array:
+def _along(problem: Problem, formula: Expression, side: int) -> Array:
     """(POINTS,) values along a side, its ends and its middle included."""
     t = np.linspace(0, problem.polygon.lengths[side], POINTS)
-    return compile_numpy([formula], (X, Y))(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
+    return compile_numpy([formula], "xy")(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
 
 
 def _bounds(problem: Problem) -> str:
@@ -118,9 +118,9 @@ def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:
     return rounded(x, ".12g")
 
 
-def _formula(formula: sympy.Expr, values: str) -> str:
+def _formula(formula: Expression, values: str) -> str:
     """With what is said of its values, where it is more than a number."""
-    return shown(formula) if formula.is_number else f"{shown(formula)}, {values}"
+    return f"{shown(formula)}, {values}" if formula.variables else shown(formula)
 
 
 def _point(vertex: Array) -> str:
@@ -142,7 +142,7 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         *(np.linspace(a, b, POINTS) for a, b in zip(v.min(axis=0), v.max(axis=0), strict=True))
     )
     f = np.where(
-        polygon.contains(np.stack(grid, axis=-1)), compile_numpy([problem.f], (X, Y))(*grid)[0], np.nan
+        polygon.contains(np.stack(grid, axis=-1)), compile_numpy([problem.f], "xy")(*grid)[0], np.nan
     )
     field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
     axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")

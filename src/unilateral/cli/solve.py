@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,11 +33,12 @@ from unilateral.errors import BudgetError, InputError
 from unilateral.files import check_target
 from unilateral.memory import available_mb, peak_mb
 from unilateral.problems import problem_file
-from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
-from unilateral.problems.scaled import units_of
 from unilateral.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
 READING = "the formulas enclosed"
@@ -212,7 +213,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
     """Prints each level when it is done, the first one below what is wanted, where a bar was drawn."""
-    first, length = True, units_of(problem).length
+    first, length = True, problem.units.length
 
     def one(level: Level) -> None:
         nonlocal first

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from unilateral.arrays import Array
 from unilateral.fem.p1 import edge_load, linear_parts
 from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.case import Case
 from unilateral.problems.sampled import Sampled
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 SAMPLED = 8
 """Degree of the rule on triangles for an f that is known in points only."""

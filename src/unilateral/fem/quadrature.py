@@ -13,17 +13,18 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from math import lcm
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from skfem.quadrature import get_quadrature_tri
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.splitting import split_triangles
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 GAUSS = 16
 DEGREE = 8
@@ -152,7 +153,7 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
         block = slice(start, start + BLOCK)
         yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
     for apart in split.singular:
-        points, weights = _duffy(of_pieces, apart.grading)
+        points, weights = collapsed(of_pieces, apart.grading)
         rule = _place(mesh, apart.corners, apart.parent, points, weights)
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
         offset = (points[:, 1:] @ edges).reshape(-1, 2)
@@ -162,6 +163,8 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
 @cache
 def symmetric(degree: int) -> tuple[Array, Array]:
     """Barycentric points (q, 3) and weights (q,) with sum 1."""
+    from skfem.quadrature import get_quadrature_tri  # which bounds of formulas do not need
+
     points, weights = get_quadrature_tri(degree)
     return np.column_stack([1 - points.sum(axis=0), *points]), 2 * weights
 
@@ -173,10 +176,13 @@ def _gauss(points: int) -> tuple[Array, Array]:
 
 
 @cache
-def _duffy(degree: int, grading: int) -> tuple[Array, Array]:
-    """Graded to the first corner: a fraction tau^grading away from it, Gauss points in tau and across."""
-    x, w = _gauss(degree * min(grading, 4))
-    y, v = _gauss(degree)
+def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
+    """Graded to the first corner: a fraction tau^grading away from it, n Gauss points across, as many in tau.
+
+    Not graded it is exact for polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric`.
+    """
+    x, w = _gauss(n * min(grading, 4))
+    y, v = _gauss(n)
     tau, across = 0.5 * (x[:, None] + 1), 0.5 * (y + 1)
     rho = tau**grading
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v

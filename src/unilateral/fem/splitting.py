@@ -11,6 +11,7 @@ against the distance of other points.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,9 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import circles, cross
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 KINK_LEVELS = 2
 KINK_SIZE = 1 / 256

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import reduce
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array
 from unilateral.formulas import interval
-from unilateral.formulas.formula import pos
+from unilateral.formulas.constants import nearest
+from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.interval import QUIET, Interval
-from unilateral.formulas.positive import rounded
+from unilateral.formulas.reading import Reading
 from unilateral.formulas.taylor import (
     EPS,
     OF_FUNCTIONS,
@@ -30,7 +30,7 @@ from unilateral.formulas.taylor import (
 
 Function = Callable[[Model], Model]
 Range = Callable[[Interval], Interval]
-Steps = Mapping[sympy.Expr, Array]
+Steps = Mapping[Atom, Array]
 
 OF_TANH = 1024 * EPS
 """The error of a Taylor coefficient: every step of the recursion at most doubles the error before it."""
@@ -172,50 +172,48 @@ def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> M
     return settled(x.basis, c.real.copy(), rad, (-most, most))
 
 
-FUNCTIONS: dict[Any, Function] = {
-    sympy.exp: exp,
-    sympy.sin: _wave(0, interval.sin),
-    sympy.cos: _wave(1, interval.cos),
-    sympy.sinh: _hyperbolic(np.sinh, np.cosh, interval.sinh),
-    sympy.cosh: _hyperbolic(np.cosh, np.sinh, interval.cosh),
-    sympy.tanh: tanh,
+FUNCTIONS: dict[str, Function] = {
+    "exp": exp,
+    "sin": _wave(0, interval.sin),
+    "cos": _wave(1, interval.cos),
+    "sinh": _hyperbolic(np.sinh, np.cosh, interval.sinh),
+    "cosh": _hyperbolic(np.cosh, np.sinh, interval.cosh),
+    "tanh": tanh,
 }
 
 
-def evaluate(formula: sympy.Expr, variables: Mapping[sympy.Expr, Model], steps: Steps | None = None) -> Model:
-    """A formula of the grammar on the boxes of its variables' models.
+def evaluate(formula: Expression, variables: Mapping[str, Model], steps: Steps | None = None) -> Model:
+    """A formula of the grammar, without logarithms and roots, on the boxes of its variables' models.
 
     `steps` gives the value (k,) that a jump pos(a, 0) has on each box, NaN where it has both.
     """
-    like, known = next(iter(variables.values())), dict(variables)
+    like = next(iter(variables.values()))
+    known = {Atom(name): model for name, model in variables.items()}
     for step, value in (steps or {}).items():
         both = np.isnan(value)
         known[step] = constant(like.basis, (np.where(both, 0.0, value), np.where(both, 1.0, value)))
-    return _evaluated(sympy.sympify(formula), known, like)
+    return _Models((formula,), known).of(formula)
 
 
-def _evaluated(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Model:
-    if e not in known:
-        known[e] = _operation(e, known, like)
-    return known[e]
+class _Models(Reading[Model]):
+    def number(self, value: Fraction) -> Model:
+        return number(next(iter(self.known.values())), float(value))
 
+    def constant(self, e: Expression) -> Model:
+        return number(next(iter(self.known.values())), nearest(e))
 
-def _operation(e: sympy.Expr, known: dict[sympy.Expr, Model], like: Model) -> Model:
-    if e.is_number:
-        return number(like, float(rounded(e)))
-    if e.is_Add:
-        return reduce(Model.__add__, (_evaluated(term, known, like) for term in e.args))
-    if e.is_Mul:
-        times, factors = e.as_coeff_mul()
-        found = reduce(Model.__mul__, (_evaluated(factor, known, like) for factor in factors))
-        return found if times == 1 else found.scaled(float(times))
-    a = _evaluated(e.args[0], known, like)
-    if e.is_Pow:
-        return power(a, int(e.exp))
-    if e.func is not pos:
-        return FUNCTIONS[e.func](a)
-    k = float(e.args[1])
-    return positive_power(a, k) if k else _step(a)
+    def times(self, value: Model, e: Expression) -> Model:
+        return value.scaled(nearest(e))
+
+    def power(self, base: Model, k: Fraction) -> Model:
+        return power(base, int(k))
+
+    def function(self, of: Atom) -> Model:
+        a = self.of(of.args[0])
+        if of.name != "pos":
+            return FUNCTIONS[of.name](a)
+        k = nearest(of.args[1])
+        return positive_power(a, k) if k else _step(a)
 
 
 def _step(a: Model) -> Model:

@@ -1,4 +1,4 @@
-"""The one grammar for formulas in data files: a whitelist, parsed to sympy and never evaluated as code.
+"""The one grammar for formulas in data files: a whitelist, parsed to expressions, never evaluated as code.
 
 A formula has numbers (decimals are taken exactly), the constant pi, the variables its place allows,
 + - * / **, and the functions of `grammar`. `pos(a, k)` is the power a_+^k of the positive part, the only way
@@ -7,26 +7,36 @@ to write a kink or a singularity, so that both can be found again (see `kinks`).
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
-from typing import Any
+from fractions import Fraction
+from functools import lru_cache, reduce
 
 import numpy as np
-import sympy
-from sympy.simplify.cse_main import tree_cse
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.formulas import grammar, hints
-from unilateral.formulas.positive import pos, positive_power
+from unilateral.formulas.constants import apply, nearest, rounded, sign
+from unilateral.formulas.expression import (
+    ZERO,
+    Atom,
+    Expression,
+    atoms_in,
+    expression,
+    has_root,
+    product,
+    total,
+)
+from unilateral.formulas.expression import number as exact
+from unilateral.formulas.positive import positive_power
+from unilateral.formulas.reading import Reading
 
 Compiled = Callable[..., list[Array]]
 
 
-def parse(text: object, variables: Sequence[str], where: str) -> sympy.Expr:
-    """The sympy expression of a formula in the given variables; `where` names its place in errors.
+def parse(text: object, variables: Sequence[str], where: str) -> Expression:
+    """The formula in the given variables; `where` names its place in errors.
 
     Raises InputError for anything outside the grammar, and for expressions that are not finite.
     """
@@ -42,102 +52,148 @@ def parse(text: object, variables: Sequence[str], where: str) -> sympy.Expr:
     return part.value
 
 
-def substituted(formula: sympy.Expr, values: Mapping[sympy.Symbol, sympy.Expr], where: str) -> sympy.Expr:
+def substituted(formula: Expression, values: Mapping[str, Expression], where: str) -> Expression:
     """The formula with values, or other formulas, for some variables; InputError if it has none there."""
     try:
-        found = formula.subs(values)
-    except TypeError:  # pos of what is not real
-        found = sympy.nan
+        found = _Substituted((formula,), {Atom(name): value for name, value in values.items()}).of(formula)
+        finite = grammar.is_finite_and_real(found)
+    except ArithmeticError:
+        finite = False
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
-    if not grammar.is_finite_and_real(found):
+    if not finite:
         raise InputError(f"{where}: it is not a finite real function")
     return found
 
 
-def number(text: object, where: str) -> sympy.Expr:
+class _Formulas(Reading[Expression]):
+    def number(self, value: Fraction) -> Expression:
+        return exact(value)
+
+    def power(self, base: Expression, k: Fraction) -> Expression:
+        return base**k
+
+    def function(self, of: Atom) -> Expression:
+        return apply(of.name, *map(self.of, of.args)) if of.args else expression(of)
+
+
+class _Substituted(_Formulas):
+    def constant(self, e: Expression) -> Expression:
+        return e
+
+
+class _Expanded(_Formulas):
+    """Multiplied out, numbers too."""
+
+    def product(self, a: Expression, b: Expression) -> Expression:
+        return total(
+            term for of, c in a.terms for also, d in b.terms for term in product(c * d, [*of, *also]).terms
+        )
+
+    def power(self, base: Expression, k: Fraction) -> Expression:
+        return reduce(self.product, [base] * int(k)) if k > 0 and k.denominator == 1 else base**k
+
+
+def number(text: object, where: str) -> Expression:
     """An exact number such as 1/3, 0.05 or sqrt(2)."""
     return parse(text, (), where)
 
 
 def real(text: object, where: str) -> float:
     """A number such as 1/64, in floating point."""
-    return float(number(text, where))
+    return rounded(number(text, where))
 
 
-def compile_numpy(expressions: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:
-    """A function of arrays, one per symbol, that returns the values of all the expressions as arrays."""
-    raw = _compiled(tuple(expressions), tuple(symbols))
+def compile_numpy(formulas: Sequence[Expression], names: Sequence[str]) -> Compiled:
+    """A function of arrays, one per variable, that returns the values of all the formulas as arrays."""
+    of = tuple(formulas)
 
     def evaluate(*arrays: Array) -> list[Array]:
-        shape = np.broadcast_shapes(*(np.shape(a) for a in arrays))
-        return [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in raw(*arrays)]
+        known = {Atom(name): np.asarray(a, dtype=float) for name, a in zip(names, arrays, strict=True)}
+        shape, read = np.broadcast_shapes(*(a.shape for a in known.values())), _Arrays(of, known)
+        return [np.broadcast_to(np.asarray(read.of(e), dtype=float), shape) for e in of]
 
     return evaluate
 
 
-@lru_cache(maxsize=1024)
-def _compiled(expressions: tuple[sympy.Expr, ...], symbols: tuple[sympy.Symbol, ...]) -> Compiled:
-    for_numpy = [
-        e.xreplace({n: n.n(17) for n in e.atoms(sympy.Rational) if _is_large(n)}) for e in expressions
-    ]
-    return sympy.lambdify(symbols, for_numpy, [{"pos": positive_power}, "numpy"], cse=_shared)
+class _Arrays(Reading[Array]):
+    def number(self, value: Fraction) -> Array:
+        return np.array(float(value))
 
+    def constant(self, e: Expression) -> Array:
+        return np.array(nearest(e))
 
-def _shared(expressions: list[sympy.Expr]) -> tuple[list[Any], list[sympy.Expr]]:
-    """What occurs more than once, by name; not what factors or terms have in common, which takes long."""
-    found: tuple[list[Any], list[sympy.Expr]] = tree_cse(expressions, sympy.numbered_symbols())
-    return found
+    def power(self, base: Array, k: Fraction) -> Array:
+        return np.asarray(base ** (int(k) if k.denominator == 1 else float(k)))
 
-
-def _is_large(n: sympy.Rational) -> bool:
-    """Whether Python's whole numbers, as which it would be compiled, are none of numpy's, or no float."""
-    return bool(abs(n) >= (2**63 if n.is_Integer else 2**1023))
+    def function(self, of: Atom) -> Array:
+        a = self.of(of.args[0])
+        return positive_power(a, nearest(of.args[1])) if of.name == "pos" else getattr(np, of.name)(a)
 
 
 @lru_cache(maxsize=1024)
-def kinks(expression: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, sympy.Expr]]:
-    """The real zeros of the arguments of every pos(a, k) in `symbol`, each with its exponent k.
+def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
+    """The real zeros of the arguments of every pos(a, k) in the one variable, each with its exponent k.
 
     Raises ValueError where an argument is not a polynomial with rational coefficients (up to degree 2 it may
     have any), or a non-integer power hides elsewhere.
     """
-    if any(p.has(symbol) and not p.exp.is_integer for p in expression.atoms(sympy.Pow)):
+    if has_root(formula):
         raise ValueError(hints.NO_ROOT)
-    if expression.has(sympy.log):
+    if atoms_in(formula, "log"):
         raise ValueError(f"log is not allowed here; known are {hints.offered(grammar.FUNCTIONS)}")
-    found: set[tuple[float, sympy.Expr]] = set()
-    powers = (part for part in sympy.preorder_traversal(expression) if isinstance(part, pos))
-    for power in dict.fromkeys(powers):
+    found: set[tuple[float, Fraction]] = set()
+    for power in atoms_in(formula, "pos"):
         argument, exponent = power.args
-        if not argument.is_polynomial(symbol):
+        polynomial = coefficients(argument, (name,))
+        if polynomial is None:
             raise ValueError(f"the argument of {power} must be a polynomial")
-        polynomial = sympy.Poly(argument, symbol)
-        if polynomial.degree() > 2 and not all(c.is_Rational for c in polynomial.coeffs()):
+        degree = max((i for (i,) in polynomial), default=0)
+        of = [polynomial.get((i,), ZERO) for i in range(degree, -1, -1)]
+        if degree > 2 and any(c.rational is None for c in of):
             raise ValueError(f"the argument of {power} must have rational coefficients")
-        found |= {(_as_float(root), exponent) for root in _real_roots(polynomial)}
-    return sorted(found, key=lambda item: (item[0], float(item[1])))
+        found |= {(root, exponent.rational or Fraction(0)) for root in _real_roots(of)}
+    return sorted(found)
 
 
-def _as_float(root: sympy.Expr) -> float:
-    """Infinite where it is too large, and so far away from the side that it does not count."""
-    try:
-        return float(root)
-    except OverflowError:
-        return math.inf
+def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, ...], Expression] | None:
+    """Those of a polynomial in these variables, by their exponents; None if it is none.
+
+    Raises ValueError where one cannot be told from 0.
+    """
+    found: dict[tuple[int, ...], Expression] = {}
+    for of, c in _Expanded((formula,), {}).of(formula).terms:
+        exponents = {
+            base.name: k for base, k in of if isinstance(base, Atom) and base.variables and not base.args
+        }
+        rest = [power for power in of if not power[0].variables]
+        if len(exponents) + len(rest) < len(of) or any(
+            k < 0 or k.denominator > 1 for k in exponents.values()
+        ):
+            return None
+        key = tuple(int(exponents.get(name, 0)) for name in names)
+        found[key] = found.get(key, ZERO) + product(c, rest)
+    return {key: c for key, c in found.items() if sign(c)}
 
 
-def _real_roots(polynomial: sympy.Poly) -> list[sympy.Expr]:
-    """Without simplifying irrational coefficients, which one of degree 1 or 2 may have."""
-    rational = all(c.is_Rational for c in polynomial.coeffs())
-    if polynomial.degree() == 2 and rational:
-        a, b, c = polynomial.all_coeffs()
-        square = b**2 - 4 * a * c
-        return [(sign * sympy.sqrt(square) - b) / (2 * a) for sign in (-1, 1)] if square >= 0 else []
-    if polynomial.degree() == 2:
-        found = np.roots([float(c) for c in polynomial.all_coeffs()])
-        return [sympy.Float(root) for root in found[found.imag == 0].real]
-    if polynomial.degree() > 2:
-        return sympy.real_roots(polynomial)
-    slope, constant = (polynomial.nth(power) for power in (1, 0))
-    return [] if slope == 0 else [-constant / slope]
+def _real_roots(of: Sequence[Expression]) -> list[float]:
+    """Of a polynomial, the coefficient of the highest power first. Irrational ones are rounded for degree 2.
+
+    Infinite where one is too large, and so far away from the side that it does not count.
+    """
+    if len(of) == 1:
+        return []
+    if len(of) == 2:
+        return [nearest(-of[1] / of[0])]
+    if len(of) > 3:
+        from unilateral.formulas.symbolic import real_roots  # whose import takes longer than a small problem
+
+        return real_roots([c.rational or Fraction(0) for c in of])
+    a, b, c = of
+    if any(each.rational is None for each in of):
+        found = np.roots([nearest(each) for each in of])
+        return [float(root) for root in found[found.imag == 0].real]
+    square = b**2 - (a * c).scaled(4)
+    if sign(square) < 0:
+        return []
+    return [nearest(((square ** Fraction(1, 2)).scaled(i) - b) / a.scaled(2)) for i in (-1, 1)]

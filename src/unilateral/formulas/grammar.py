@@ -6,14 +6,14 @@ import ast
 import math
 from collections.abc import Callable, Iterable
 from decimal import Decimal, InvalidOperation
+from fractions import Fraction
 from itertools import accumulate
-from typing import Any, NamedTuple
-
-import sympy
+from typing import NamedTuple
 
 from unilateral.errors import InputError, shown
+from unilateral.formulas.constants import apply, rounded, sign
+from unilateral.formulas.expression import ZERO, Expression, hides_kink, number, variable
 from unilateral.formulas.hints import STEP, comma, not_called, offered
-from unilateral.formulas.positive import pos, rounded
 
 MAX_LENGTH = 2000
 MAX_NESTING = 30
@@ -31,23 +31,15 @@ MAX_DENOMINATOR = 20
 MAX_BITS = 1000
 """Of numerators and denominators, which then are finite in floating point."""
 
-FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
-    "pos": (pos, 2),
-    "sin": (sympy.sin, 1),
-    "cos": (sympy.cos, 1),
-    "exp": (sympy.exp, 1),
-    "log": (sympy.log, 1),
-    "sqrt": (sympy.sqrt, 1),
-    "sinh": (sympy.sinh, 1),
-    "cosh": (sympy.cosh, 1),
-    "tanh": (sympy.tanh, 1),
-}
-OPERATORS: dict[type, Callable[[sympy.Expr, sympy.Expr], sympy.Expr]] = {
+FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sinh", "cosh", "tanh"), 1)
+"""With the number of their arguments."""
+HALF = Fraction(1, 2)
+OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,
     ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b,
-    ast.Pow: lambda a, b: a**b,
+    ast.Pow: lambda a, b: a ** (b.rational or 0),
 }
 COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
 
@@ -55,7 +47,7 @@ COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
 class Part(NamedTuple):
     """The value of a part of a formula, at least its degree, and how many functions are nested in it."""
 
-    value: sympy.Expr
+    value: Expression
     degree: float = 0.0
     functions: int = 0
 
@@ -85,8 +77,8 @@ class Reader(ast.NodeVisitor):
 
     def __init__(self, source: str, variables: Iterable[str], where: str) -> None:
         self.source, self.where = source, where
-        self.names = {name: Part(sympy.Symbol(name, real=True), 1.0) for name in variables}
-        self.names["pi"] = Part(sympy.pi)
+        self.names = {name: Part(variable(name), 1.0) for name in variables}
+        self.names["pi"] = Part(variable("pi"))
 
     def refuse(self, node: ast.AST, why: str) -> InputError:
         return InputError(f"{self.where}: '{shown(self.text(node))}' {why}")
@@ -94,19 +86,24 @@ class Reader(ast.NodeVisitor):
     def text(self, node: ast.AST) -> str:
         return ast.get_source_segment(self.source, node) or self.source
 
-    def checked(self, node: ast.AST, value: sympy.Expr, degree: float, functions: int) -> Part:
+    def checked(
+        self, node: ast.AST, value: Callable[[], Expression], degree: float = 0.0, functions: int = 0
+    ) -> Part:
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
-        if any(max(n.p.bit_length(), n.q.bit_length()) > MAX_BITS for n in value.atoms(sympy.Rational)):
-            raise self.refuse(node, "has a number that is too large or too small")
         try:
-            finite = is_finite_and_real(value)
+            found = value()
+            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in _numbers(found)):
+                raise self.refuse(node, "has a number that is too large or too small")
+            finite = is_finite_and_real(found)
+            if not found.variables and finite and sign(found) == 0:
+                found = ZERO
+        except ArithmeticError:
+            finite = False
         except ValueError:
             raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
-        if value.has(sympy.Abs):
-            raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
-        return Part(value, degree, 0 if value.is_number else functions)
+        return Part(found, degree, functions if found.variables else 0)
 
     def generic_visit(self, node: ast.AST) -> Part:
         raise self.refuse(node, "is not allowed in a formula")
@@ -127,7 +124,7 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, "is not a decimal number") from None
         if abs(value.adjusted()) > MAX_BITS:
             raise self.refuse(node, "has a number that is too large or too small")
-        return self.checked(node, sympy.Rational(*value.as_integer_ratio()), 0.0, 0)
+        return self.checked(node, lambda: number(Fraction(value)))
 
     def visit_Name(self, node: ast.Name) -> Part:
         if node.id not in self.names:
@@ -157,31 +154,35 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, f"uses an operator that is not one of + - * / **{power}")
         degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
         if isinstance(node.op, ast.Pow):
-            exponent = right.value
-            if not (exponent.is_Rational and abs(exponent) <= MAX_DEGREE):
+            k = right.value.rational
+            if k is None or abs(k) > MAX_DEGREE:
                 raise self.refuse(node, f"needs a rational exponent between -{MAX_DEGREE} and {MAX_DEGREE}")
-            degree, functions = left.degree * abs(float(exponent)), functions + (not exponent.is_Integer)
+            self.check_kink(node, left.value, k)
+            degree, functions = left.degree * abs(float(k)), functions + (k.denominator > 1)
         elif isinstance(node.op, ast.Mult | ast.Div):
             degree = left.degree + right.degree
         self.check_limits(node, degree, functions)
-        return self.checked(node, OPERATORS[type(node.op)](left.value, right.value), degree, functions)
+        operator = OPERATORS[type(node.op)]
+        return self.checked(node, lambda: operator(left.value, right.value), degree, functions)
 
     def visit_Call(self, node: ast.Call) -> Part:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
             factor = isinstance(node.func, ast.Constant) or self.text(node.func) in self.names
             raise self.refuse(node, not_called(self.text(node.func), factor, FUNCTIONS))
-        function, arity = FUNCTIONS[node.func.id]
+        function, arity = node.func.id, FUNCTIONS[node.func.id]
         if len(node.args) != arity:
             mended = comma(self.text(node)) if len(node.args) > arity else ""
             raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{mended}")
         arguments = [self.visit(argument) for argument in node.args]
         values, degree = [part.value for part in arguments], arguments[0].degree
-        if function is pos:
-            self.check_pos(node, *arguments)
-            degree *= float(values[1])
+        if function == "pos":
+            degree *= self.checked_power(node, *arguments)
         functions = 1 + arguments[0].functions
         self.check_limits(node, degree, functions)
-        return self.checked(node, function(*values), degree, functions)
+        if function == "sqrt":
+            self.check_kink(node, values[0], HALF)
+            return self.checked(node, lambda: values[0] ** HALF, degree, functions)
+        return self.checked(node, lambda: apply(function, *values), degree, functions)
 
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
         if degree > MAX_DEGREE:
@@ -191,23 +192,32 @@ class Reader(ast.NodeVisitor):
         if functions > MAX_FUNCTIONS:
             raise self.refuse(node, f"has more than {MAX_FUNCTIONS} functions in each other")
 
-    def check_pos(self, node: ast.AST, argument: Part, power: Part) -> None:
-        k = power.value
-        if not (k.is_Rational and 0 <= k <= MAX_DEGREE and k.q <= MAX_DENOMINATOR):
+    def check_kink(self, node: ast.AST, base: Expression, k: Fraction) -> None:
+        if hides_kink(base, k):
+            raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
+
+    def checked_power(self, node: ast.AST, argument: Part, power: Part) -> float:
+        """That of pos, which is a number."""
+        k = power.value.rational
+        if k is None or not (0 <= k <= MAX_DEGREE and k.denominator <= MAX_DENOMINATOR):
             limits = f"between 0 and {MAX_DEGREE}, its denominator at most {MAX_DENOMINATOR}"
             raise self.refuse(node, f"needs a rational power {limits}")
         if argument.degree > MAX_KINK_DEGREE:
             raise self.refuse(node, f"needs an argument of a degree up to {MAX_KINK_DEGREE}")
+        return float(k)
 
 
-def is_finite_and_real(value: sympy.Expr) -> bool:
+def is_finite_and_real(value: Expression) -> bool:
     """Whether a number is; a function may still fail to be where it is evaluated.
 
     Raises ValueError for a number that cannot be told from 0.
     """
-    if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
-        return False
     try:
-        return not value.is_number or math.isfinite(float(rounded(value)))
-    except (OverflowError, TypeError):
+        return bool(value.variables) or math.isfinite(rounded(value))
+    except ArithmeticError:
         return False
+
+
+def _numbers(e: Expression) -> Iterable[Fraction]:
+    """The coefficients and exponents of its terms."""
+    return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]

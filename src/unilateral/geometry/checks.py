@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
@@ -62,6 +61,8 @@ def anticlockwise(points: Array, triangles: Index) -> Index:
 
 def check_distinct(polygon: Polygon, points: Array, where: str) -> None:
     """Raises InputError if two nodes coincide."""
+    from scipy.spatial import cKDTree  # which meshes that are made here do not need
+
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * polygon.diameter)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index, Int32
 from unilateral.errors import InputError
@@ -97,7 +96,7 @@ class Mesh:
     def boundary_triangles(self) -> Index:
         """(nb,) the triangle at each boundary edge."""
         of = self.triangulation
-        return of.sides[of.boundary].max(axis=1).astype(np.intp)
+        return of.sides[of.boundary, 0].astype(np.intp)
 
     def part(self, triangles: Index) -> Mesh:
         """Some of the triangles (k,), whose numbers of nodes stay; no mesh of the polygon."""
@@ -169,7 +168,9 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
     """
     edges = checks.boundary_edges(points, triangles, where)
     reach = checks.reach(polygon, points, triangles, edges)
-    distance, nearest = cKDTree(points[edges[:, 0]]).query(polygon.vertices)
+    starts = points[edges[:, 0]]
+    nearest = np.array([np.argmin(np.hypot(*(starts - vertex).T)) for vertex in polygon.vertices])
+    distance = np.hypot(*(starts[nearest] - polygon.vertices).T)
     missing = np.flatnonzero(distance > reach[edges[nearest, 0]])
     if missing.size:
         raise InputError(
@@ -268,8 +269,7 @@ def _refined(mesh: Mesh, chosen: Index | None) -> Mesh:
     start, end = (mesh.points[nodes] for nodes in step.ends.T)
     _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
-    ahead, ends = of.sides[of.boundary, 0] >= 0, of.ends[of.boundary]
-    boundary = np.where(ahead, ends[:, 0], ends[:, 1]).astype(np.intp)
+    boundary = of.ends[of.boundary, 0].astype(np.intp)
     k = np.flatnonzero(boundary >= step.n)
     before = k - np.arange(1, len(k) + 1)
     s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))

@@ -27,6 +27,8 @@ from unilateral.arrays import Array, Index, Int16, Int32, Mask
 
 Kind = TypeVar("Kind", Array, Int16, Int32, Mask)
 
+CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+"""A node of a triangle and the two after it."""
 CONGRUENT = 1e-13
 """Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
 LONGEST = 1e-12
@@ -40,8 +42,8 @@ class Triangulation:
     """Of n nodes: the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
 
     `sides` (E, 2) are the triangles at each edge, first the one in which it runs from its first end to its
-    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary. If all triangles are
-    `alike`, see `turned`.
+    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary, which run with it. If
+    all triangles are `alike`, see `turned`.
     """
 
     n: int
@@ -125,13 +127,9 @@ def _closure(of: Triangulation, chosen: Index) -> Int32:
 
 
 def _along(of: Triangulation, middle: Int32, second: Int32) -> Int32:
-    """The edges along the boundary. They run with it, as triangles do."""
+    """The edges along the boundary, the first half of one before the second."""
     halved = np.flatnonzero(middle[of.boundary] >= 0)
-    edge = of.boundary[halved]
-    ahead = of.sides[edge, 0] >= 0
-    found = of.boundary.copy()
-    found[halved] = np.where(ahead, edge, second[edge])
-    return np.insert(found, halved + 1, np.where(ahead, second[edge], edge))
+    return np.insert(of.boundary, halved + 1, second[of.boundary[halved]])
 
 
 WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))

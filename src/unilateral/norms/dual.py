@@ -29,12 +29,14 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
-from unilateral.norms.reference import EDGES_PER_CELL, ReferenceSpaces, reference_spaces
+from unilateral.norms.grading import EDGES_PER_CELL
 from unilateral.norms.ritz import h1_distance
-from unilateral.problems.case import Case
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from unilateral.norms.reference import ReferenceSpaces
+    from unilateral.problems.case import Case
 
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
@@ -168,6 +170,8 @@ def dual_norm(
     partition: Partition, cases: Iterable[Case] = (), edges_per_cell: int = EDGES_PER_CELL
 ) -> DualNorm:
     """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points."""
+    from unilateral.norms.reference import reference_spaces  # for true errors only
+
     polygon = partition.polygon
     singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()

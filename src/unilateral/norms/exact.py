@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces
 from unilateral.geometry.partition import Partition
 from unilateral.norms.ritz import RitzProjection, ritz_projection
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 
 @dataclass(frozen=True, eq=False)

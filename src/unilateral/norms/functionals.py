@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,8 +12,10 @@ from unilateral.arrays import Array, Index
 from unilateral.fem.quadrature import BoundaryRule, boundary_rule
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import oscillation_bound
-from unilateral.norms.reference import ReferenceSpaces
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.norms.reference import ReferenceSpaces
+    from unilateral.problems.case import Case
 
 
 class Functionals(NamedTuple):

@@ -12,6 +12,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.oscillation import distance_to_other_sides
 
+EDGES_PER_CELL = 8
 HALVINGS = 8
 SHORTEST = 5e-8
 """Edge, in diameters: gmsh tells points apart that are 1e-8 apart."""

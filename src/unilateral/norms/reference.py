@@ -23,9 +23,8 @@ from unilateral.fem.sparse import elimination_order, factorise, half_solved
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.grading import boundary_nodes
+from unilateral.norms.grading import EDGES_PER_CELL, boundary_nodes
 
-EDGES_PER_CELL = 8
 GROWTH = 0.45
 
 

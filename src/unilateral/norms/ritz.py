@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -19,7 +20,9 @@ from unilateral.fem.loads import parts
 from unilateral.fem.p1 import gradients, h1_load, load
 from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 SMALLEST, LARGEST = 1e-152, 1e152
 """Of u, so that squares of errors down to 1e-3 of it are normal numbers, and none overflows."""

@@ -9,6 +9,7 @@ in units of L, so that an atom's flux does not depend on L: u = L v(x / L), and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,8 +17,8 @@ import numpy as np
 import sympy
 
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.elementary import evaluate
-from unilateral.formulas.formula import Compiled, compile_numpy, kinks, pos
+from unilateral.formulas.formula import Compiled
+from unilateral.formulas.symbolic import compile_numpy, evaluate, kinks, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
@@ -193,7 +194,7 @@ class Tensor(Local):
         return self.local(centre)[1] - radius / self.length > float(self.cutoff)
 
     @cached_property
-    def _profile_kinks(self) -> list[tuple[float, sympy.Expr]]:
+    def _profile_kinks(self) -> list[tuple[float, Fraction]]:
         return kinks(self.profile, T)
 
     def kinks(self) -> list[Kink]:
@@ -205,4 +206,4 @@ class Tensor(Local):
         return lines
 
     def singular(self) -> list[Singular]:
-        return [Singular(self.side, t, int(k.q)) for t, k in self._profile_kinks]
+        return [Singular(self.side, t, k.denominator) for t, k in self._profile_kinks]

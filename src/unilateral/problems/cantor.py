@@ -19,8 +19,9 @@ import numpy as np
 import sympy
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.formulas.formula import Compiled, compile_numpy, pos
+from unilateral.formulas.formula import Compiled
 from unilateral.formulas.interval import total
+from unilateral.formulas.symbolic import compile_numpy, pos
 from unilateral.formulas.taylor import EPS, Model, settled
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity, T

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, reduce
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import inf, lcm
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import sympy
@@ -22,7 +23,9 @@ from unilateral import declarations
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.elementary import Steps
-from unilateral.formulas.formula import Compiled, compile_numpy, kinks
+from unilateral.formulas.expression import Atom as Part
+from unilateral.formulas.formula import Compiled
+from unilateral.formulas.symbolic import compile_numpy, kinks, plain
 from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
@@ -30,13 +33,14 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor import Cantor
 from unilateral.problems.case_parts import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
-from unilateral.problems.data import on_sides, places
+from unilateral.problems.data import Known, on_sides, places
 from unilateral.problems.flux import Flux, none
 from unilateral.problems.obstacle import Obstacle, enclosed
+from unilateral.problems.units import Units
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class Case(Known):
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
@@ -51,6 +55,7 @@ class Case:
     gaps: tuple[sympy.Expr, ...]
     free_sides: tuple[int, ...] = ()
     side: int = 0
+    units: ClassVar[Units] = Units()
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
@@ -71,7 +76,7 @@ class Case:
         return np.logical_and.reduce([atom.vanishes(centre, radius) for atom in self.atoms])
 
     @property
-    def jumps(self) -> dict[sympy.Expr, Kink]:
+    def jumps(self) -> dict[Part, Kink]:
         """f has none."""
         return {}
 
@@ -83,7 +88,7 @@ class Case:
         """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = places(self.polygon, side, t)
         u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
-        return u + on_sides([-gap for gap in self.gaps], side, {T: t})
+        return u + on_sides([plain(-gap) for gap in self.gaps], side, {T.name: t})
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -136,7 +141,7 @@ class Case:
         return [compile_numpy([gap], (T,)) for gap in self.gaps]
 
     @cached_property
-    def gap_kinks(self) -> list[list[tuple[float, sympy.Expr]]]:
+    def gap_kinks(self) -> list[list[tuple[float, Fraction]]]:
         """Per side, where the gap has a power of a positive part, t with the exponent."""
         return [kinks(gap, T) for gap in self.gaps]
 
@@ -182,7 +187,7 @@ class Case:
         found = [point for atom in self.atoms for point in atom.singular()]
         found += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
-            found += [Singular(side, t, int(exponent.q)) for t, exponent in points]
+            found += [Singular(side, t, exponent.denominator) for t, exponent in points]
         merged: dict[tuple[int, float], Singular] = {}
         for point in found:
             t = round(point.t, 12)

@@ -6,13 +6,16 @@ import keyword
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import sympy
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.formula import kinks, number, parse, pos, substituted
+from unilateral.formulas import formula
+from unilateral.formulas.expression import Expression
 from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
+from unilateral.formulas.symbolic import kinks, pos, symbolic
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
 from unilateral.problems.cantor import Cantor, Family
@@ -22,7 +25,7 @@ from unilateral.problems.polar import Polar
 
 RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
 Atom = Smooth | Tensor | Polar | Cantor
-Constants = dict[sympy.Symbol, sympy.Expr]
+Constants = dict[str, Expression]
 
 
 def constants_of(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> Constants:
@@ -33,7 +36,7 @@ def constants_of(declaration: Mapping[str, Any], polygon: Polygon, where: str) -
                 raise InputError(f"{where}: the constant '{name}' has no value for '{polygon.name}'")
             value = value[polygon.name]
         _check_name(name, where)
-        constants[sympy.Symbol(name, real=True)] = number(value, f"{where}, constant {name}")
+        constants[name] = formula.number(value, f"{where}, constant {name}")
     return constants
 
 
@@ -44,6 +47,10 @@ def _check_name(name: str, where: str) -> None:
         raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
 
 
+def _number(text: object, where: str) -> sympy.Expr:
+    return symbolic(formula.number(text, where))
+
+
 @dataclass(frozen=True)
 class Builder:
     where: str
@@ -52,17 +59,17 @@ class Builder:
     constants: Constants
 
     def formula(self, text: object, variables: tuple[sympy.Symbol, ...], where: str) -> sympy.Expr:
-        allowed = [symbol.name for symbol in (*variables, *self.constants)]
-        return substituted(parse(text, allowed, where), self.constants, where)
+        parsed = formula.parse(text, [*(symbol.name for symbol in variables), *self.constants], where)
+        return symbolic(formula.substituted(parsed, self.constants, where))
 
     def along_side(self, text: object, where: str) -> sympy.Expr:
         """A formula in t whose kinks can be found."""
-        formula = self.formula(text, (T,), where)
+        found = self.formula(text, (T,), where)
         try:
-            kinks(formula, T)
+            kinks(found, T)
         except ValueError as error:
             raise InputError(f"{where}: {error}") from None
-        return formula
+        return found
 
     def side(self, offset: int) -> int:
         return (self.base + offset) % self.polygon.n_sides
@@ -78,27 +85,27 @@ class Builder:
             raise InputError(
                 f"{where}, vertex: '{self.polygon.name}' has the vertices 0 to {self.polygon.n_sides - 1}"
             )
-        cutoff = number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
+        cutoff = _number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
         if cutoff is not None and cutoff <= 0:
             raise InputError(f"{where}, cutoff: {cutoff} must be positive")
         if entry["atom"] == "tensor":
             profile = self.along_side(entry["profile"], f"{where}, profile")
-            if any(k <= sympy.Rational(3, 2) for _, k in kinks(profile, T)):
+            if any(k <= Fraction(3, 2) for _, k in kinks(profile, T)):
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
             return Tensor(self.polygon, side, 0.0, profile, cutoff)
-        times = number(entry.get("times", 1), f"{where}, times")
+        times = _number(entry.get("times", 1), f"{where}, times")
         alpha = self._fraction(entry, "alpha", where) if "alpha" in entry else None
         if entry["atom"] == "cantor":
             return Cantor(self.polygon, side, 0.0, self.family(entry, where), alpha)
         if entry["atom"] == "corner":
             return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
-        at = number(entry["at"], f"{where}, at")
+        at = _number(entry["at"], f"{where}, at")
         if not 0 < at < 1:
             raise InputError(f"{where}, at: {at} must lie between 0 and 1")
         return harmonic(self.polygon, side, at, alpha, cutoff, times)
 
     def family(self, entry: Mapping[str, Any], where: str) -> Family:
-        keep, inset = (number(entry[name], f"{where}, {name}") for name in ("keep", "inset"))
+        keep, inset = (_number(entry[name], f"{where}, {name}") for name in ("keep", "inset"))
         for name, value in (("keep", keep), ("inset", inset)):
             if not 0 < value < sympy.Rational(1, 2):
                 raise InputError(f"{where}, {name}: {value} must lie between 0 and 1/2")
@@ -106,7 +113,7 @@ class Builder:
 
     def _fraction(self, entry: Mapping[str, Any], name: str, where: str) -> sympy.Expr:
         """An exponent."""
-        exponent = number(entry[name], f"{where}, {name}")
+        exponent = _number(entry[name], f"{where}, {name}")
         if not (exponent.is_Rational and exponent.q <= MAX_DENOMINATOR):
             limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
             raise InputError(f"{where}, {name}: {exponent} must be {limit}")
@@ -123,8 +130,8 @@ class Builder:
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
             if "cantor" in item:
-                formula = self._cantor_gap(item["cantor"], f"{place}, cantor")
+                gap = self._cantor_gap(item["cantor"], f"{place}, cantor")
             else:
-                formula = self.along_side(item["formula"], place)
-            result[self.side(item["side"])] = formula
+                gap = self.along_side(item["formula"], place)
+            result[self.side(item["side"])] = gap
         return tuple(result)

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, TypeGuard
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Index
 from unilateral.formulas.elementary import Steps, evaluate
+from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.taylor import Model, joined, number
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.flux import Flux
 from unilateral.problems.obstacle import Obstacle
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
+
+
+class Known:
+    """What cases are; their module takes longer to import than a small problem."""
+
+
+def is_case(problem: object) -> TypeGuard[Case]:
+    return isinstance(problem, Known)
 
 
 class Data(Protocol):
@@ -30,7 +41,7 @@ class Data(Protocol):
     def free_sides(self) -> tuple[int, ...]: ...
 
     @property
-    def jumps(self) -> dict[sympy.Expr, Kink]:
+    def jumps(self) -> dict[Atom, Kink]:
         """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
@@ -55,9 +66,9 @@ def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
     return x, y
 
 
-def on_sides(formulas: Sequence[sympy.Expr], side: Index, variables: Mapping[sympy.Expr, Model]) -> Model:
+def on_sides(formulas: Sequence[Expression], side: Index, variables: Mapping[str, Model]) -> Model:
     """One formula per side, on intervals of the sides (k,); equal ones are evaluated together."""
-    same: dict[sympy.Expr, list[int]] = {}
+    same: dict[Expression, list[int]] = {}
     for i in np.unique(side).tolist():
         same.setdefault(formulas[i], []).append(i)
     parts = [(formula, np.flatnonzero(np.isin(side, sides))) for formula, sides in same.items()]

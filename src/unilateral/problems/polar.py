@@ -14,8 +14,9 @@ import numpy as np
 import sympy
 
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.elementary import evaluate, real_power
-from unilateral.formulas.formula import Compiled, compile_numpy, pos
+from unilateral.formulas.elementary import real_power
+from unilateral.formulas.formula import Compiled
+from unilateral.formulas.symbolic import compile_numpy, evaluate, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 
-import sympy
-
 from unilateral.arrays import Index
+from unilateral.formulas.constants import magnitude, rounded, sign
 from unilateral.formulas.elementary import Steps, evaluate
-from unilateral.formulas.formula import pos
-from unilateral.formulas.positive import rounded
+from unilateral.formulas.expression import ZERO, Atom, Expression, atoms_in
+from unilateral.formulas.formula import coefficients
 from unilateral.formulas.taylor import EPS, Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import flux
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.data import on_sides, places
 from unilateral.problems.flux import Flux
 from unilateral.problems.obstacle import Obstacle, enclosed
@@ -25,6 +24,9 @@ from unilateral.problems.units import Units
 
 FAR = 1e-100
 """Coefficients that differ by that factor make a line that is nowhere near, or a circle that is too large."""
+
+WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
+"""Of the argument of a positive part in f."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,26 +39,26 @@ class Problem:
 
     name: str
     polygon: Polygon
-    f: sympy.Expr
-    g: tuple[sympy.Expr, ...]
+    f: Expression
+    g: tuple[Expression, ...]
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
-    q: tuple[sympy.Expr, ...] = ()
+    q: tuple[Expression, ...] = ()
 
     @cached_property
-    def jumps(self) -> dict[sympy.Expr, Kink]:
+    def jumps(self) -> dict[Atom, Kink]:
         """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
-        steps = sorted((power for power in self.f.atoms(pos) if power.args[1] == 0), key=str)
+        steps = (power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0)
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
         """f on the boxes of x and y, on which the steps have those values, NaN for both."""
-        return evaluate(self.f, {X: x, Y: y}, steps)
+        return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """g on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = places(self.polygon, side, t)
-        return on_sides(self.g, side, {X: x, Y: y})
+        return on_sides(self.g, side, {"x": x, "y": y})
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -70,12 +72,12 @@ class Problem:
     def flux_model(self, side: Index, t: Model) -> Model:
         """q on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = places(self.polygon, side, t)
-        return on_sides(self.q, side, {X: x, Y: y})
+        return on_sides(self.q, side, {"x": x, "y": y})
 
     @property
     def flux_sides(self) -> tuple[int, ...]:
         """Those on which q is not 0."""
-        return tuple(side for side, formula in enumerate(self.q) if formula != 0)
+        return tuple(side for side, formula in enumerate(self.q) if formula.rational != 0)
 
     @cached_property
     def enclosed_flux(self) -> Flux:
@@ -92,9 +94,9 @@ class Problem:
         """A guaranteed lower bound of u: inf f / c, see `idle_sides`; none where q may be below 0."""
         if self.enclosed_flux.least < 0:
             return -math.inf
-        if self.units.c == 1:
+        if self.units.c.rational == 1:
             return self.range_of_f[0]
-        quotient = self.range_of_f[0] / _rounded(self.units.c)
+        quotient = self.range_of_f[0] / rounded(self.units.c)
         return quotient - 4 * EPS * abs(quotient)
 
     def without_idle_sides(self) -> Problem:
@@ -115,46 +117,38 @@ class Problem:
         return tuple(side for side in sides if self.enclosed_obstacle.range(side)[1] < self.least)
 
 
-def curve(a: sympy.Expr) -> list[Kink]:
+def curve(a: Expression) -> list[Kink]:
     """The line or circle on which a formula is 0; ValueError if that is neither."""
-    wanted = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
-    if not a.is_polynomial(X, Y):
-        raise ValueError(wanted)
-    of = _scaled(sympy.Poly(a, X, Y))
-    for coefficient in of.coeffs():
-        rounded(coefficient)
-    square, c = of.coeff_monomial(X**2), of.coeff_monomial(1)
-    slope = [of.coeff_monomial(z) for z in (X, Y)]
-    others = of - sympy.Poly(square * (X**2 + Y**2), X, Y)
-    if others.total_degree() > 1:
-        raise ValueError(wanted)
-    if square == 0:
+    of = coefficients(a, "xy")
+    if of is None:
+        raise ValueError(WANTED)
+    of = _scaled(of)
+    *slope, c, square, other = (of.pop(at, ZERO) for at in ((1, 0), (0, 1), (0, 0), (2, 0), (0, 2)))
+    if of or sign(square - other):
+        raise ValueError(WANTED)
+    if square == ZERO:
         return _line(slope, c)
-    if abs(square) < FAR:
+    if abs(rounded(square)) < FAR:
         raise ValueError("is 0 on a circle that is too large; write it as a line")
-    centre = [-each / (2 * square) for each in slope]
-    radius = _rounded(sum(each**2 for each in centre) - c / square)
-    place = (_rounded(centre[0]), _rounded(centre[1]))
-    return [Kink(place, math.sqrt(radius), sign=1 if square > 0 else -1)] if radius > 0 else []
+    centre = [each / square.scaled(-2) for each in slope]
+    radius = rounded(centre[0] ** 2 + centre[1] ** 2 - c / square)
+    place = (rounded(centre[0]), rounded(centre[1]))
+    return [Kink(place, math.sqrt(radius), sign=1 if rounded(square) > 0 else -1)] if radius > 0 else []
 
 
-def _line(slope: list[sympy.Expr], c: sympy.Expr) -> list[Kink]:
-    size = math.hypot(*map(_rounded, slope))
-    if c == 0 and size == 0:
+def _line(slope: list[Expression], c: Expression) -> list[Kink]:
+    along = [rounded(each) for each in slope]
+    size = math.hypot(*along)
+    if c == ZERO and size == 0:
         raise ValueError("is 0 everywhere; leave it out")
-    if size <= FAR * abs(_rounded(c)):
+    if size <= FAR * abs(rounded(c)):
         return []
-    square = sum(each**2 for each in slope)
-    x, y = (_rounded(-c * each / square) for each in slope)
-    return [Kink((x, y), 0.0, (-_rounded(slope[1]) / size, _rounded(slope[0]) / size))]
+    square = slope[0] ** 2 + slope[1] ** 2
+    x, y = (rounded(-c * each / square) for each in slope)
+    return [Kink((x, y), 0.0, (-along[1] / size, along[0] / size))]
 
 
-def _rounded(number: sympy.Expr) -> float:
-    """The number nearest to an exact one, whatever cancels in it."""
-    return float(rounded(number))
-
-
-def _scaled(of: sympy.Poly) -> sympy.Poly:
-    """Times a power of 2, so that its coefficients, and what is made of them, are finite numbers."""
-    magnitudes = (int(sympy.log(abs(c.n(17))) / math.log(2)) for c in of.coeffs() if c != 0)
-    return of * sympy.Integer(2) ** -max(magnitudes, default=0)
+def _scaled(of: dict[tuple[int, ...], Expression]) -> dict[tuple[int, ...], Expression]:
+    """Times a power of 2, so that the coefficients, and what is made of them, are finite numbers."""
+    largest = max(map(magnitude, of.values()), default=0)
+    return {at: c.scaled(Fraction(2) ** -largest) for at, c in of.items()}

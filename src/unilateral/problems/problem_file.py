@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy
 
 from unilateral import declarations
 from unilateral.errors import InputError, shown
-from unilateral.formulas.formula import kinks, number, parse, pos, substituted
+from unilateral.formulas.constants import rounded
+from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
+from unilateral.formulas.formula import kinks, number, parse, substituted
 from unilateral.formulas.grammar import FUNCTIONS
 from unilateral.formulas.hints import NO_ROOT, offered
-from unilateral.formulas.positive import rounded
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
-from unilateral.problems import case as cases
-from unilateral.problems.atoms import T, X, Y
+from unilateral.problems import catalogue
 from unilateral.problems.problem import Problem, curve
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.units import Units
@@ -29,7 +28,7 @@ SMALLEST, LARGEST = 1e-140, 1e140
 """Of |f| and |g|, so that squares of data are normal numbers; of those of errors see `misfit.underflow`."""
 POWER = 2
 """Of the root of the polygon's area, in units of (k/c)^{1/2}: what data on larger ones are multiplied by."""
-ZERO = 1e-320
+ALMOST_ZERO = 1e-320
 """What interval arithmetic makes of 0, at most, in the user's units."""
 ROUND_OFF = 1e-12
 NOTHING = ("none", "null", "nil")
@@ -40,7 +39,7 @@ MOST_COEFFICIENT = 1e30
 
 def is_declared_in(name: str) -> bool:
     """Whether this is a YAML file with a field that only problems have, not a case."""
-    if name in cases.names():
+    if name in catalogue.names():
         return False
     file = declarations.file_of(name)
     if file is None:
@@ -88,7 +87,7 @@ def made(declaration: Any, name: str) -> Problem:
         for i, vertex in enumerate(declaration["polygon"])
     ]
     try:
-        polygon = Polygon(np.array(exact, dtype=float), Path(name).stem)
+        polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in exact]), Path(name).stem)
     except InputError as error:
         raise InputError(f"{name}, field polygon: {error}") from None
     units = Units(*(_coefficient(declaration.get(field, 1), f"{name}, field {field}") for field in "kc"))
@@ -105,10 +104,10 @@ def made(declaration: Any, name: str) -> Problem:
     return problem
 
 
-def _coefficient(given: object, where: str) -> sympy.Expr:
+def _coefficient(given: object, where: str) -> Expression:
     """An exact number that is positive and of a size that leaves room for those of the data."""
     found = number(given, where)
-    if not 1 / MOST_COEFFICIENT <= float(rounded(found)) <= MOST_COEFFICIENT:
+    if not 1 / MOST_COEFFICIENT <= rounded(found) <= MOST_COEFFICIENT:
         raise InputError(
             f"{where}: it is {shown(given)}; it has to be a positive number, "
             f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}"
@@ -130,8 +129,8 @@ def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tup
 
 
 def _obstacles(
-    given: Any, vertices: list[list[sympy.Expr]], free: tuple[int, ...], where: str
-) -> tuple[sympy.Expr, ...]:
+    given: Any, vertices: list[list[Expression]], free: tuple[int, ...], where: str
+) -> tuple[Expression, ...]:
     """g on every side as a formula in x, y; 0 on free sides."""
     n = len(vertices)
     if isinstance(given, list) and len(given) != n:
@@ -145,17 +144,18 @@ def _obstacles(
                 "write one, or name the side in free_sides"
             )
         _check_given(text, place, "in a list write null for a side that is named in free_sides")
-        formula = parse(0 if text is None else text, ("x", "y"), place)
+        formula = _plain(0 if text is None else text, place)
         if side in free:
-            found.append(sympy.Integer(0))
+            found.append(ZERO)
             continue
         found.append(formula)
-        if not formula.has(pos, sympy.log) and not _fractional(formula):
+        if not atoms_in(formula, "pos"):
             continue
-        on_side = {X: x0 + T * (x1 - x0), Y: y0 + T * (y1 - y0)}
+        t = variable("t")
+        on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}
         along = substituted(formula, on_side, f"{place}, on side {side}")
         try:
-            powers = [k for t, k in kinks(along, T) if 0 <= t <= 1]
+            powers = [k for t, k in kinks(along, "t") if 0 <= t <= 1]
         except ValueError as error:
             raise InputError(f"{place}: {error}") from None
         if any(k < 1 for k in powers):
@@ -163,15 +163,15 @@ def _obstacles(
     return tuple(found)
 
 
-def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[sympy.Expr, ...]:
+def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[Expression, ...]:
     """q on every side as a formula in x, y; 0 where there is none. One formula is for all free sides."""
     if isinstance(given, list) and len(given) != n:
         raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
     if not isinstance(given, list):
         formula = _flux(given, where)
-        if formula != 0 and not free:
+        if formula.rational != 0 and not free:
             raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
-        return tuple(formula if side in free else sympy.Integer(0) for side in range(n))
+        return tuple(formula if side in free else ZERO for side in range(n))
     held = [side for side, text in enumerate(given) if text is not None and side not in free]
     if held:
         raise InputError(
@@ -180,7 +180,7 @@ def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[symp
     return tuple(_flux(text, f"{where}[{side}]") for side, text in enumerate(given))
 
 
-def _flux(text: object, where: str) -> sympy.Expr:
+def _flux(text: object, where: str) -> Expression:
     """A formula in x, y that may jump; 0 where there is none."""
     _check_given(text, where, "write 0 where there is none, or in a list null")
     return _plain(0 if text is None else text, where)
@@ -192,31 +192,26 @@ def _check_given(text: object, where: str, instead: str) -> None:
         raise InputError(f"{where}: '{text}' is no formula; {instead}")
 
 
-def _plain(text: object, where: str) -> sympy.Expr:
+def _plain(text: object, where: str) -> Expression:
     """A formula in x, y without logarithms and roots."""
     found = parse(text, ("x", "y"), where)
-    if found.has(sympy.log):
+    if atoms_in(found, "log"):
         raise InputError(f"{where}: log is not allowed here; known are {offered(FUNCTIONS)}")
-    if _fractional(found):
+    if has_root(found):
         raise InputError(f"{where}: {NO_ROOT}")
     return found
 
 
-def _formula(text: object, where: str) -> sympy.Expr:
+def _formula(text: object, where: str) -> Expression:
     """A formula in x, y whose kinks can be found."""
     _check_given(text, where, "write 0 where there is none")
     f = _plain(text, where)
-    for power in sorted(f.atoms(pos), key=str):
+    for power in atoms_in(f, "pos"):
         try:
             curve(power.args[0])
         except ValueError as error:
             raise InputError(f"{where}: the argument of {power} {error}") from None
     return f
-
-
-def _fractional(formula: sympy.Expr) -> bool:
-    """Whether it has a power whose exponent is no whole number."""
-    return any(not power.is_number and not power.exp.is_Integer for power in formula.atoms(sympy.Pow))
 
 
 def _check(problem: Problem, name: str) -> None:
@@ -252,7 +247,7 @@ def _check_size(given: float, one: float, unit: float, where: str, place: str, l
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
     smallest, largest = SMALLEST / min(unit, 1.0), LARGEST / max(unit, 1.0) ** POWER
-    if size > largest or (given > ZERO and size < smallest and least):
+    if size > largest or (given > ALMOST_ZERO and size < smallest and least):
         of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
             f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Mask
 from unilateral.formulas.elementary import evaluate
+from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.atoms import X, Y
 
 ORDER = 3
 SHARP = 1e-3
@@ -27,11 +26,11 @@ MOST_DISTANCES = 1 << 20
 """At once, of boxes from sides."""
 
 
-def range_in(polygon: Polygon, formula: sympy.Expr) -> tuple[float, float]:
+def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
     """A lower and an upper bound of the formula in x, y in the polygon, infinite where none is found."""
     v = polygon.vertices
     boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
-    value = compile_numpy([formula], (X, Y))
+    value = compile_numpy([formula], "xy")
     found, met = (np.inf, -np.inf), (np.inf, -np.inf)
     for _ in range(MOST_LEVELS):
         meets, inside = _part(polygon, boxes)
@@ -55,12 +54,12 @@ def range_in(polygon: Polygon, formula: sympy.Expr) -> tuple[float, float]:
     return float(min(found[0], lower.min(initial=np.inf))), float(max(found[1], upper.max(initial=-np.inf)))
 
 
-def _bounds(formula: sympy.Expr, boxes: Array) -> Interval:
+def _bounds(formula: Expression, boxes: Array) -> Interval:
     """(k,), (k,) of the formula on the boxes (k, 2, 2)."""
     found = [(np.zeros(0), np.zeros(0))]
     for start in range(0, len(boxes), BLOCK):
         block = boxes[start : start + BLOCK]
-        found.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate((X, Y))}).range)
+        found.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate("xy")}).range)
     lower, upper = (np.concatenate(ends) for ends in zip(*found, strict=True))
     return lower, upper
 

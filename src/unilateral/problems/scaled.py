@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Index
 from unilateral.formulas.elementary import Steps
+from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS, Model
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import flux
-from unilateral.problems.case import Case
 from unilateral.problems.data import Data
 from unilateral.problems.flux import Flux
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
-from unilateral.problems.units import Units
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class Scaled:
         return scaled_polygon(self.of)
 
     @cached_property
-    def jumps(self) -> dict[sympy.Expr, Kink]:
+    def jumps(self) -> dict[Atom, Kink]:
         """Those of f, where they are now."""
         length = self.of.units.length
         return {
@@ -93,19 +94,17 @@ def scaled_polygon(of: Problem | Sampled) -> Polygon:
     return Polygon(vertices, of.polygon.name, doubt=4 * EPS * float(np.abs(vertices).max() + perimeter))
 
 
-def units_of(problem: Case | Problem | Sampled) -> Units:
-    return Units() if isinstance(problem, Case) else problem.units
-
-
 @overload
 def scaled(problem: Case | Problem) -> Data: ...
 @overload
 def scaled(problem: Sampled) -> Sampled: ...
 def scaled(problem: Case | Problem | Sampled) -> Data | Sampled:
     """The problem for v; the problem itself if k = c = 1, as for cases."""
-    if isinstance(problem, Case) or problem.units.trivial:
-        return problem
-    return _scaled_functions(problem) if isinstance(problem, Sampled) else Scaled(problem)
+    if isinstance(problem, Problem) and not problem.units.trivial:
+        return Scaled(problem)
+    if isinstance(problem, Sampled) and not problem.units.trivial:
+        return _scaled_functions(problem)
+    return problem
 
 
 def _scaled_functions(of: Sampled) -> Sampled:

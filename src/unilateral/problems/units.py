@@ -12,44 +12,46 @@ that is dual to it. Errors, bounds and accuracies are therefore the same numbers
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
-import sympy
+from unilateral.formulas.constants import rounded
+from unilateral.formulas.expression import ONE, Expression
 
-from unilateral.formulas.positive import rounded
+HALF = Fraction(1, 2)
 
 
 @dataclass(frozen=True)
 class Units:
     """What 1 of the paper's equation is in the user's, for exact k > 0 and c > 0; each rounded once."""
 
-    k: sympy.Expr = sympy.S.One
-    c: sympy.Expr = sympy.S.One
+    k: Expression = ONE
+    c: Expression = ONE
 
     @property
     def trivial(self) -> bool:
-        return bool(self.k == 1 and self.c == 1)
+        return self.k == ONE and self.c == ONE
 
     @cached_property
     def length(self) -> float:
-        return float(rounded(sympy.sqrt(self.k / self.c)))
+        return rounded((self.k / self.c) ** HALF)
 
     @cached_property
     def value(self) -> float:
         """Of u and g."""
-        return float(rounded(1 / sympy.sqrt(self.k)))
+        return rounded(self.k**-HALF)
 
     @cached_property
     def load(self) -> float:
         """Of f."""
-        return float(rounded(self.c / sympy.sqrt(self.k)))
+        return rounded(self.c * self.k**-HALF)
 
     @cached_property
     def flux(self) -> float:
         """Of lambda."""
-        return float(rounded(sympy.sqrt(self.c)))
+        return rounded(self.c**HALF)
 
     @cached_property
     def force(self) -> float:
         """Of the integral of lambda."""
-        return float(rounded(sympy.sqrt(self.k)))
+        return rounded(self.k**HALF)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
+from unilateral.formulas.constants import sign
 from unilateral.formulas.formula import number, real
 
 
@@ -22,7 +24,9 @@ def normed(scene: Mapping[str, Any]) -> list[int]:
     They are coarser than the finest mesh, since beta is 0 on others, and no coarser than `H_over_h` allows.
     """
     coarsest = number(scene["mesh"]["h"], "mesh.h")
-    finest = coarsest / 2 ** (scene["mesh"]["levels"] - 1)
+    finest = coarsest.scaled(Fraction(1, 2 ** (scene["mesh"]["levels"] - 1)))
     given = scene["H_over_h"]
-    largest = coarsest * number(given["max"], "H_over_h.max") if "max" in given else math.inf
-    return [k for k, H in enumerate(scene["H"]) if finest < number(H, "H") <= largest]
+    largest = coarsest * number(given["max"], "H_over_h.max") if "max" in given else None
+    sizes = [number(H, "H") for H in scene["H"]]
+    small = [largest is None or sign(H - largest) <= 0 for H in sizes]
+    return [k for k, H in enumerate(sizes) if small[k] and sign(H - finest) > 0]

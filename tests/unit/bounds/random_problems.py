@@ -15,7 +15,9 @@ from conftest import case_file
 from random_polygons import columns, distances, over_a_base, star, wedge
 from test_adversarial import Feature, flux_moments, true_errors
 
-from unilateral.formulas.formula import compile_numpy, pos
+from unilateral.formulas import formula
+from unilateral.formulas.expression import ZERO
+from unilateral.formulas.symbolic import compile_numpy, plain, pos
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.ritz import flux_load, h1_distance
@@ -50,10 +52,10 @@ class Known(NamedTuple):
         polygon, problem = self.problem.polygon, self.problem
         x, y = polygon.at(side, s).T
         u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
-        gap = np.choose(side, compile_numpy([self.u - g for g in problem.g], (X, Y))(x, y))
+        gap = np.choose(side, formula.compile_numpy([plain(self.u) - g for g in problem.g], "xy")(x, y))
         flux = np.sum(np.column_stack([u_x, u_y]) * polygon.normals[side], axis=1)
         if problem.q:
-            flux = flux - np.choose(side, compile_numpy(problem.q, (X, Y))(x, y))
+            flux = flux - np.choose(side, formula.compile_numpy(problem.q, "xy")(x, y))
         return u, flux, np.where(np.isin(side, problem.free_sides), 1.0, gap)
 
 
@@ -88,8 +90,8 @@ def known(number):
     A = sympy.Integer(10) ** int(rng.choice([0, 0, -8, 8]))
     place = {X: (X - a[0] * S) / S, Y: (Y - a[1] * S) / S}
     u = sum(part.u for part in parts)
-    f = A * (u - laplacian(u) / S**2).xreplace(place)
-    g = tuple((A * (u - each)).xreplace(place) for each in gap)
+    f = plain(A * (u - laplacian(u) / S**2).xreplace(place))
+    g = tuple(plain((A * (u - each)).xreplace(place)) for each in gap)
     features = [each for part in parts for each in part.features]
     moved = tuple(Feature((S * level).xreplace(place), float(S * width)) for level, width in features)
     polygon = Polygon((vertices + np.array(a, dtype=float)) * float(S), f"{family.__name__}_{number}")
@@ -104,7 +106,7 @@ def with_fluxes(number):
     some = rng.choice(held, rng.integers(1, len(held)) if len(held) > 1 else 0, replace=False).tolist()
     edges = [[exact(c) for c in edge] for edge in np.roll(vertices, -1, axis=0) - vertices]
     q = tuple(
-        (y * of.u.diff(X) - x * of.u.diff(Y)) / sympy.sqrt(x**2 + y**2) if side in some else sympy.S.Zero
+        plain((y * of.u.diff(X) - x * of.u.diff(Y)) / sympy.sqrt(x**2 + y**2)) if side in some else ZERO
         for side, (x, y) in enumerate(edges)
     )
     return of._replace(problem=replace(of.problem, free_sides=tuple(sorted([*free, *some])), q=q))

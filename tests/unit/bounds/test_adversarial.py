@@ -18,7 +18,7 @@ from unilateral.bounds import source
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
-from unilateral.formulas.formula import compile_numpy, pos
+from unilateral.formulas.symbolic import compile_numpy, pos
 from unilateral.problems import problem_file
 from unilateral.problems.atoms import X, Y
 

@@ -24,6 +24,8 @@ from unilateral.bounds.sharp import sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
 from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
+from unilateral.formulas.expression import number as exact_number
+from unilateral.formulas.symbolic import plain
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry import refinement
@@ -99,8 +101,9 @@ def linear(polygon, k=1, c=1):
     q = tuple(k * (q * a - p * b) / sympy.sqrt(p**2 + q**2) for p, q in edges)
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
-    units = Units(sympy.sympify(k), sympy.sympify(c))
-    return Linear(Problem("linear", polygon, units.c * u, g, free, units, q), (a, b))
+    units = Units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))
+    f, g, q = plain(c * u), tuple(map(plain, g)), tuple(map(plain, q))
+    return Linear(Problem("linear", polygon, f, g, free, units, q), (a, b))
 
 
 def exact_nodes(mesh):
@@ -122,7 +125,7 @@ def true_error(of, mesh, u_h):
     twice = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
     squares = ((off * f).sum(axis=1) ** 2 + (off * e).sum(axis=1) ** 2) / twice / 2
     values = ((off**2).sum(axis=1) + off.sum(axis=1) ** 2) * twice / 24
-    k, c = (mpf(each.p) / mpf(each.q) for each in (units.k, units.c))
+    k, c = (mpf(x.numerator) / mpf(x.denominator) for x in (units.k.rational, units.c.rational))
     return float(mp.sqrt(k * squares.sum() + c * values.sum()))
 
 
@@ -242,8 +245,8 @@ def test_f_is_enclosed_where_displaced_nodes_put_it():
     """f = 3 x is off by 3 times the doubt where all nodes are moved in x by that much."""
     polygon = Polygon(KITE, doubt=1e-3)
     mesh = meshes.unstructured(polygon, 0.3)
-    g = (sympy.S(-9),) * polygon.n_sides
-    source = enclosed(mesh, Problem("moved", polygon, 3 * X, g, ()))
+    g = (exact_number(-9),) * polygon.n_sides
+    source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()))
     assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
 
 
@@ -251,7 +254,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     """curl phi makes q larger, and so what the exact mesh may do to it: eps |curl phi| on a triangle."""
     polygon = Polygon(KITE, doubt=1e-6)
     mesh, rng = meshes.unstructured(polygon, 0.3), np.random.default_rng(9)
-    problem = Problem("waves", polygon, sympy.sin(3 * X) * Y, (sympy.S(-9),) * 4, ())
+    problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source, sigma = enclosed(mesh, problem), np.zeros((len(mesh.boundary), 2))
     away = sharp._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)
     phi = rng.uniform(-1, 1, away.spaces.size)
@@ -263,7 +266,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
 def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
     """And what is known of the force: an upper bound by it, too."""
     mesh, cells = meshes.unstructured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
-    problem = Problem("bowl", square(), X**2 + Y**2, (sympy.S.Zero,) * 4, ())
+    problem = Problem("bowl", square(), plain(X**2 + Y**2), (exact_number(0),) * 4, ())
     source, pair = enclosed(mesh, problem), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
     found = []
     for growth in (1.0, 1.5):

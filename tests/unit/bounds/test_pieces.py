@@ -8,7 +8,7 @@ from test_whole import mean_of
 
 from unilateral.bounds import jumps, pieces
 from unilateral.bounds.projection import ORDER, hat_means
-from unilateral.formulas.formula import pos
+from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import Model, basis
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
@@ -69,8 +69,8 @@ def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     """Points on a circle far from the origin but for rounding, each a piece; it puts them on either side."""
     kink, angle = Kink((1e6 / 3, 1e6 / 7), 0.3), np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
     points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
-    _, wrong = jumps.sides(np.repeat(points[:, None], 3, axis=1), {pos(1, 1): kink}, 1e6)
-    assert not np.isnan(wrong[pos(1, 1)]).any()
+    _, wrong = jumps.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
+    assert not np.isnan(wrong[Atom("step")]).any()
     level = kink.level(points)
     assert (level > 0).any()
     assert (level < 0).any()

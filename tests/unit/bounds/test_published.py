@@ -16,6 +16,8 @@ from skfem.helpers import dot, grad
 from test_adversarial import true_error
 
 from unilateral.choice import condensed
+from unilateral.formulas.expression import number
+from unilateral.formulas.symbolic import plain
 from unilateral.geometry.mesh import from_arrays
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
@@ -141,7 +143,7 @@ def index(points, triangles, n):
     """Of the cheap bound, H = 2h, for u from above an obstacle far below."""
     of, mesh = Moved(), from_arrays(square(), points, triangles)
     f = of.u - of.u.diff(X, 2) - of.u.diff(Y, 2)
-    problem = Problem("moved", square(), f, (sympy.Integer(-10),) * 4, ())
+    problem = Problem("moved", square(), plain(f), (number(-10),) * 4, ())
     solved = condensed(problem, mesh, uniform(square(), 2 / n)).solved(Stop())
     return solved.bound().u / true_error(of, mesh, solved.u_h)
 

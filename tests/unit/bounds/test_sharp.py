@@ -24,7 +24,7 @@ from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm, load
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.formulas.elementary import evaluate
+from unilateral.formulas.symbolic import evaluate
 from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions

@@ -14,13 +14,13 @@ from unilateral.bounds import jumps, source
 from unilateral.bounds import pieces as pieces_of
 from unilateral.bounds.source import J, enclosed, poincare
 from unilateral.formulas.elementary import evaluate
-from unilateral.formulas.formula import compile_numpy, parse, pos
+from unilateral.formulas.expression import Atom, atoms_in
+from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import curve
 
 
@@ -29,12 +29,12 @@ class Source:
 
     def __init__(self, text):
         self.f = parse(text, ("x", "y"), "here")
-        steps = [power for power in self.f.atoms(pos) if power.args[1] == 0]
+        steps = [power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0]
         self.jumps = {step: curve(step.args[0])[0] for step in steps}
-        self.value = compile_numpy([self.f], (X, Y))
+        self.value = compile_numpy([self.f], "xy")
 
     def source_model(self, x, y, steps):
-        return evaluate(self.f, {X: x, Y: y}, steps)
+        return evaluate(self.f, {"x": x, "y": y}, steps)
 
 
 def left(of, found, times=40):
@@ -202,7 +202,7 @@ def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
     mesh = structured(square(), 1 / 64)
     corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
-    pieces, owner = jumps.cut(mesh, corners, np.arange(len(corners)), {X: kink})
+    pieces, owner = jumps.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
     shares = np.abs(np.linalg.det(pieces))
     np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
     assert len(pieces) > len(corners)

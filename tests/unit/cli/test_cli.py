@@ -899,7 +899,7 @@ def test_a_file_s_name_that_is_no_text_is_printed(tmp_path, problem_file_of):
 
 SLOW = {
     *("numpy", "scipy", "sympy", "gmsh", "skfem", "xarray", "pandas", "matplotlib", "jsonschema", "yaml"),
-    "importlib.metadata",
+    *("pyamg", "meshio", "netCDF4", "scipy.spatial", "scipy.optimize", "importlib.metadata"),
 }
 """What takes long to import."""
 
@@ -919,10 +919,18 @@ def test_what_comes_at_once_imports_next_to_nothing(imported, run):
     assert found_imported(imported, run) == set()
 
 
+def test_a_small_problem_of_one_s_own_imports_what_it_needs(problem_file_of):
+    """Neither what derives cases nor what draws, meshes, refines, tabulates or solves large systems."""
+    formulas = {"f": "3 - 8*x*y - pi**2*sin(3*pi*x) + pos(x - 1/3, 0)", "g": "x*(1 - x)/3 - y*(1 - y)/5"}
+    solve = ["solve", str(problem_file_of(**formulas)), *SIZES]
+    found = found_imported("unilateral.cli", f"unilateral.cli.main({solve})")
+    assert found - {"importlib.metadata"} == {"numpy", "scipy", "jsonschema", "yaml"}  # which numpy imports
+
+
 def test_what_needs_it_is_imported():
     """Control: a command that runs imports what it works with, here to refuse a name."""
-    found = found_imported("unilateral.cli", "unilateral.cli.main(['init', 'own.txt'])")
-    assert {"numpy", "sympy", "matplotlib", "yaml"} <= found
+    found = found_imported("unilateral.cli", "unilateral.cli.main(['cases', 'naturall'])")
+    assert {"numpy", "sympy", "yaml"} <= found
 
 
 def found_imported(imported, run):

@@ -7,7 +7,7 @@ import numpy as np
 import sympy
 from flint import arb, ctx, fmpq
 
-from unilateral.formulas.formula import pos
+from unilateral.formulas.symbolic import pos
 
 PRECISIONS = (128, 512, 2048, 8192)
 """Bits."""

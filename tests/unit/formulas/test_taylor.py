@@ -1,5 +1,7 @@
 """Taylor models: formulas against 40 digits at random points, their sharpness, and each bound's necessity."""
 
+from fractions import Fraction
+
 import mpmath
 import numpy as np
 import pytest
@@ -8,8 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from unilateral.formulas import elementary, taylor
+from unilateral.formulas.constants import apply
 from unilateral.formulas.elementary import evaluate, real_power
-from unilateral.formulas.formula import parse, pos
+from unilateral.formulas.expression import atoms_in, variable
+from unilateral.formulas.expression import number as exact
+from unilateral.formulas.formula import parse
+from unilateral.formulas.symbolic import symbolic
 from unilateral.formulas.taylor import EPS, affine, basis, constant, joined, number
 from unilateral.problems.atoms import X, Y
 
@@ -35,13 +41,13 @@ def box(order, centre, arms):
     for c, of in zip(centre, np.asarray(arms, dtype=float), strict=True):
         size, at = np.abs(of).sum(), np.array([c])
         found.append(affine(basis(2, order), at, of[:, None], (at - size, at + size)))
-    return dict(zip((X, Y), found, strict=True))
+    return dict(zip("xy", found, strict=True))
 
 
 def outside(formula, centre, arms, order=4, points=12, seed=0):
     """By how much values with 40 digits lie beyond the model, at random points and at corners; at most 0."""
     model = evaluate(formula, box(order, centre, arms))
-    value = sympy.lambdify((X, Y), formula, [IN_40_DIGITS, "mpmath"])
+    value = sympy.lambdify((X, Y), symbolic(formula), [IN_40_DIGITS, "mpmath"])
     rng, worst = np.random.default_rng(seed), -mpmath.inf
     sigma = np.concatenate([rng.uniform(-1, 1, (points, 2)), [[1, 1], [1, -1], [-1, 1], [-1, -1]]])
     with mpmath.workdps(40):
@@ -162,10 +168,10 @@ def test_the_harmonic_power(beta, omega):
 
 
 def test_a_jump_has_the_value_that_is_given_or_both():
-    step, models = pos(X - Y, 0), box(4, (0.5, 0.5), 0.1 * np.eye(2))
+    f, models = parse("3*pos(x - y, 0) + x", ("x", "y"), "here"), box(4, (0.5, 0.5), 0.1 * np.eye(2))
+    (step,) = atoms_in(f, "pos")
     both, one, unknown = (
-        evaluate(3 * step + X, models, steps)
-        for steps in (None, {step: np.array([1.0])}, {step: np.array([np.nan])})
+        evaluate(f, models, steps) for steps in (None, {step: np.array([1.0])}, {step: np.array([np.nan])})
     )
     assert [both.range[0][0], both.range[1][0]] == pytest.approx([0.4, 3.6])
     assert (one.c[0, 0], one.rad[0]) == (pytest.approx(3.5), pytest.approx(0, abs=1e-14))
@@ -212,7 +218,7 @@ def test_models_are_joined_in_the_boxes_order():
 @pytest.mark.parametrize("x", [1e-200, 1e-100, 1e-3, 1e100])
 def test_fractional_exponents_are_rounded(x):
     """float(1/3) is not 1/3, which counts log x times: |f - p| was 3.4 times the remainder."""
-    model = evaluate(pos(X, sympy.Rational(1, 3)), box(4, (x, 0.0), np.zeros((2, 2))))
+    model = evaluate(apply("pos", variable("x"), exact(Fraction(1, 3))), box(4, (x, 0.0), np.zeros((2, 2))))
     with mpmath.workdps(40):
         f = mpmath.mpf(x) ** (mpmath.mpf(1) / 3)
         assert abs(f - mpmath.mpf(float(model.c[0, 0]))) <= mpmath.mpf(float(model.rad[0]))

@@ -9,7 +9,7 @@ from conftest import certified, load
 from sympy import Rational as Q
 
 from unilateral.errors import InputError
-from unilateral.formulas.formula import compile_numpy
+from unilateral.formulas.symbolic import compile_numpy
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along

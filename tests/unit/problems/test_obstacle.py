@@ -10,6 +10,7 @@ from conftest import load
 
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import parse
+from unilateral.formulas.symbolic import symbolic
 from unilateral.geometry.polygon import square
 from unilateral.problems import obstacle, piecewise, problem_file
 from unilateral.problems.atoms import T
@@ -24,7 +25,7 @@ class OnBottom:
         self.formula = parse(text, ("t",), "here")
 
     def obstacle_model(self, side, t):
-        found = evaluate(self.formula, {T: t})
+        found = evaluate(self.formula, {"t": t})
         assert np.all(side == 0)
         return found
 
@@ -57,7 +58,9 @@ def test_g_is_within_its_doubt_of_the_polynomials(text):
     s = np.concatenate([np.random.default_rng(1).random(200), inner[:100] - 1e-12, inner[:100] + 1e-12])
     piece = found.on(s)
     p, _ = found.at(piece, s)
-    value = sympy.lambdify(T, of.formula, [{"pos": lambda a, k: a**k if a > 0 else mpmath.mpf(0)}, "mpmath"])
+    value = sympy.lambdify(
+        T, symbolic(of.formula), [{"pos": lambda a, k: a**k if a > 0 else mpmath.mpf(0)}, "mpmath"]
+    )
     with mpmath.workdps(40):
         pairs = zip(s.tolist(), p.tolist(), strict=True)
         g = np.array([float(value(mpmath.mpf(at)) - mpmath.mpf(of_p)) for at, of_p in pairs])

@@ -13,7 +13,7 @@ import sympy
 import xarray as xr
 
 from unilateral.fem.condense import condense
-from unilateral.formulas.formula import pos
+from unilateral.formulas.symbolic import pos
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon

@@ -18,7 +18,7 @@ from unilateral.discrete import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.formula import pos
+from unilateral.formulas.symbolic import pos
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import dual_norm

@@ -1,0 +1,115 @@
+"""Functions of formulas, and numbers such as sqrt(2) or sin(1): their values and signs, whatever cancels."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import Any
+
+from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
+from unilateral.formulas.reading import Reading
+
+BITS = 160
+SHARP = 2.0**-62
+"""Relatively: the width of an interval whose middle has 17 digits."""
+AT_ZERO = {"sin": 0, "cos": 1, "exp": 1, "sinh": 0, "cosh": 1, "tanh": 0}
+SQUARES = {Fraction(n): Fraction(square, 4) for n, square in ((0, 0), (2, 1), (3, 2), (4, 3), (6, 4))}
+"""Of sin(n pi/12)."""
+
+
+def rounded(e: Expression) -> float:
+    """The value of an expression without variables to 17 digits.
+
+    Raises OverflowError or is infinite where it is too large. Raises ArithmeticError where it is no real
+    number, and ValueError where it cannot be told from 0.
+    """
+    return float(e.rational if e.rational is not None else _value(e))
+
+
+def nearest(e: Expression) -> float:
+    """The same; infinite if it is too large."""
+    try:
+        return rounded(e)
+    except OverflowError:
+        return sign(e) * math.inf
+
+
+def sign(e: Expression) -> int:
+    """-1, 0 or 1; raises as `rounded`."""
+    value = e.rational if e.rational is not None else _value(e)
+    return int(value > 0) - int(value < 0)
+
+
+def magnitude(e: Expression) -> int:
+    """That of a number that is not 0, as a power of 2, up to 1; raises as `rounded`."""
+    if e.rational is not None:
+        return e.rational.numerator.bit_length() - e.rational.denominator.bit_length()
+    return int(math.log2(math.e) * float(_intervals().log(abs(_value(e)))))
+
+
+@lru_cache(maxsize=1024)
+def _value(e: Expression) -> Any:
+    """As a number of any size: the middle of an interval that contains it; by sympy if that is wide."""
+    iv, found = _intervals(), _Intervals((e,), {}).of(e)
+    if abs(found).a > 0 and found.delta <= SHARP * abs(found).a:
+        return found.mid
+    from unilateral.formulas import symbolic  # whose import takes longer than a small problem
+
+    return symbolic.value(e, iv)
+
+
+@cache
+def _intervals() -> Any:
+    from mpmath.ctx_iv import MPIntervalContext  # which most formulas can do without
+
+    context = MPIntervalContext()
+    context.prec = BITS
+    return context
+
+
+class _Intervals(Reading[Any]):
+    """Every result contains the number."""
+
+    def number(self, value: Fraction) -> Any:
+        return _intervals().mpf(value.numerator) / value.denominator
+
+    def power(self, base: Any, k: Fraction) -> Any:
+        return base ** int(k) if k.denominator == 1 else _intervals().exp(self._log(base) * self.number(k))
+
+    def function(self, of: Atom) -> Any:
+        iv = _intervals()
+        if of.name == "pi":
+            return +iv.pi
+        a = self.of(of.args[0])
+        if of.name == "log":
+            return self._log(a)
+        if of.name in ("sin", "cos", "exp"):
+            return getattr(iv, of.name)(a)
+        up, down = iv.exp(a), iv.exp(-a)
+        total = up + down
+        return {"sinh": (up - down) / 2, "cosh": total / 2, "tanh": 1 - 2 * down / total}[of.name]
+
+    def _log(self, a: Any) -> Any:
+        if a.b <= 0:
+            raise ArithmeticError("no real number")
+        return _intervals().log(a) if a.a > 0 else _intervals().mpf(["-inf", "inf"])
+
+
+def apply(name: str, *args: Expression) -> Expression:
+    """A function of the grammar; its value where that is known. Raises as `sign` for the sign of a number."""
+    a = args[0]
+    if name == "pos" and not a.variables:
+        (k,) = (each.rational for each in args[1:])
+        return a**k if k is not None and sign(a) > 0 else ZERO
+    if a.rational == 0 and name in AT_ZERO:
+        return number(AT_ZERO[name])
+    if a.rational == 1 and name == "log":
+        return ZERO
+    turns = (a / variable("pi")).rational
+    if name in ("sin", "cos") and turns is not None:
+        n = 12 * turns + (6 if name == "cos" else 0)
+        if min(n % 12, -n % 12) in SQUARES:
+            root = number(SQUARES[min(n % 12, -n % 12)]) ** Fraction(1, 2)
+            return root.scaled(-1 if n % 24 > 12 else 1)
+    return expression(Atom(name, args))

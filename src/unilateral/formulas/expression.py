@@ -1,0 +1,252 @@
+"""Formulas as data: sums of products of powers, whose numbers are exact.
+
+An `Expression` is a sum of terms, each a rational number times a product. A product has powers of variables,
+functions and other sums, with rational exponents. Like terms and powers of one base are collected, and a
+rational number multiplies every term of a sum; nothing else is multiplied out. Numbers that are not
+rational, such as pi or sqrt(2), are expressions without variables.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+
+Number = int | Fraction
+SMALL = 1 << 10
+"""The root of a whole number is the product of those of its prime factors below this, and of what is left."""
+
+
+class Node(ABC):
+    """A part of a formula. Parts are equal if their keys are."""
+
+    @property
+    @abstractmethod
+    def key(self) -> str: ...
+
+    @property
+    @abstractmethod
+    def variables(self) -> frozenset[str]:
+        """The names of those in it."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Node) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+@dataclass(frozen=True, eq=False)
+class Atom(Node):
+    """A variable, pi, or a function of expressions."""
+
+    name: str
+    args: tuple[Expression, ...] = ()
+
+    @cached_property
+    def key(self) -> str:
+        return f"{self.name}({', '.join(arg.key for arg in self.args)})" if self.args else self.name
+
+    @cached_property
+    def variables(self) -> frozenset[str]:
+        if self.args or self.name == "pi":
+            return frozenset().union(*(arg.variables for arg in self.args))
+        return frozenset([self.name])
+
+    def __str__(self) -> str:
+        return str(expression(self))
+
+
+@dataclass(frozen=True, eq=False)
+class Expression(Node):
+    """The sum of products times numbers; made by the functions below and by arithmetic."""
+
+    terms: tuple[tuple[Product, Fraction], ...]
+
+    @cached_property
+    def key(self) -> str:
+        return " + ".join(f"{c}{_key(of)}" for of, c in self.terms)
+
+    @cached_property
+    def variables(self) -> frozenset[str]:
+        return frozenset().union(*(base.variables for of, _ in self.terms for base, _ in of))
+
+    def __str__(self) -> str:
+        """As sympy writes it."""
+        from unilateral.formulas.symbolic import symbolic  # whose import takes longer than a small problem
+
+        return str(symbolic(self))
+
+    @cached_property
+    def rational(self) -> Fraction | None:
+        """Its value if it is a rational number."""
+        c, of = self.factors
+        return None if of else c
+
+    @property
+    def factors(self) -> tuple[Fraction, Product]:
+        """A number and powers of which it is the product: the sum itself if it has several terms."""
+        if len(self.terms) > 1:
+            return Fraction(1), ((self, Fraction(1)),)
+        return next(((c, of) for of, c in self.terms), (Fraction(0), ()))
+
+    @cached_property
+    def split(self) -> tuple[Expression, list[tuple[Expression, Product]]]:
+        """The terms without variables; of every other the factors without and those with variables."""
+        fixed, varying = [], []
+        for of, c in self.terms:
+            known = tuple(power for power in of if not power[0].variables)
+            rest = tuple(power for power in of if power[0].variables)
+            fixed += [] if rest else [(of, c)]
+            varying += [(Expression(((known, c),)), rest)] if rest else []
+        return Expression(tuple(fixed)), varying
+
+    def scaled(self, c: Number) -> Expression:
+        return total((of, c * each) for of, each in self.terms)
+
+    def __add__(self, other: Expression) -> Expression:
+        return total([*self.terms, *other.terms])
+
+    def __neg__(self) -> Expression:
+        return self.scaled(-1)
+
+    def __sub__(self, other: Expression) -> Expression:
+        return self + -other
+
+    def __mul__(self, other: Expression) -> Expression:
+        (a, of_a), (b, of_b) = self.factors, other.factors
+        return product(a * b, [*of_a, *of_b])
+
+    def __truediv__(self, other: Expression) -> Expression:
+        return self * other**-1
+
+    def __pow__(self, k: Number) -> Expression:
+        """Raises ArithmeticError for a negative power of 0, and for a root of a negative rational number."""
+        c, of = self.factors
+        if Fraction(k).denominator == 1:
+            return product(c ** int(k), [(base, e * k) for base, e in of])
+        if not of and (c < 0 or c == 0 > k):
+            raise ArithmeticError("no real number")
+        if c > 0 and ([e for _, e in of] == [1] or all(_is_square(e, e * k) for _, e in of)):
+            return product(1, [*_root(c, Fraction(k)), *((base, e * k) for base, e in of)])
+        return product(1, [(self, Fraction(k))]) if c else self
+
+
+Power = tuple[Atom | Expression, Fraction]
+Product = tuple[Power, ...]
+Part = Expression | Power
+
+
+def number(value: Number) -> Expression:
+    return total([((), Fraction(value))])
+
+
+def expression(atom: Atom) -> Expression:
+    return product(1, [(atom, Fraction(1))])
+
+
+def variable(name: str) -> Expression:
+    return expression(Atom(name))
+
+
+def total(terms: Iterable[tuple[Product, Fraction]]) -> Expression:
+    """The sum of products times numbers, in an order that does not depend on theirs."""
+    collected: dict[Product, Fraction] = {}
+    for of, c in terms:
+        collected[of] = collected.get(of, Fraction(0)) + c
+    found = [(of, c) for of, c in collected.items() if c]
+    return Expression(tuple(sorted(found, key=lambda term: _key(term[0]))))
+
+
+def _key(of: Product) -> str:
+    return "".join(f" ({base.key})^{k}" for base, k in of)
+
+
+def product(c: Number, powers: Iterable[Power]) -> Expression:
+    """A number times powers; whole powers of roots and of single terms are carried out."""
+    collected: dict[Atom | Expression, Fraction] = {}
+    c, waiting = Fraction(c), list(powers)
+    while waiting:
+        base, k = waiting.pop()
+        k += collected.pop(base, 0)
+        if isinstance(base, Expression) and len(base.terms) == 1:
+            times, of = base.factors
+            if not of:
+                c, k = c * times ** (k // 1), k % 1
+            elif k.denominator == 1:
+                c *= times ** int(k)
+                waiting += [(each, e * k) for each, e in of]
+                continue
+        if k:
+            collected[base] = k
+    if len(collected) == 1 and c:
+        ((base, k),) = collected.items()
+        if k == 1 and isinstance(base, Expression) and len(base.terms) > 1:
+            return base.scaled(c)
+    return total([(tuple(sorted(collected.items(), key=lambda power: power[0].key)), c)])
+
+
+ZERO, ONE = number(0), number(1)
+
+
+@lru_cache(maxsize=1024)
+def parts_in(formulas: tuple[Expression, ...]) -> dict[Part, int]:
+    """Sums and powers that they are made of, outer ones first, and how often each occurs."""
+    found: dict[Part, int] = {}
+    waiting: list[Part] = [*formulas]
+    for part in waiting:
+        found[part] = found.get(part, 0) + 1
+        if found[part] == 1:
+            waiting += _made_of(part)
+    return found
+
+
+def _made_of(part: Part) -> list[Part]:
+    if isinstance(part, Expression):
+        return [power for of, _ in part.terms for power in of]
+    base, k = part
+    if k != 1:
+        return [(base, Fraction(1))]
+    return [base] if isinstance(base, Expression) else [*base.args]
+
+
+def atoms_in(e: Expression, name: str) -> list[Atom]:
+    """The functions of that name."""
+    bases = (part[0] for part in parts_in((e,)) if not isinstance(part, Expression))
+    return list(dict.fromkeys(base for base in bases if isinstance(base, Atom) and base.name == name))
+
+
+def has_root(e: Expression) -> bool:
+    """Whether it has a power with variables whose exponent is no whole number."""
+    powers = (part for part in parts_in((e,)) if not isinstance(part, Expression))
+    return any(k.denominator > 1 and base.variables for base, k in powers)
+
+
+def hides_kink(e: Expression, k: Fraction) -> bool:
+    """Whether its power with that exponent is that of an absolute value."""
+    whole = [power * k for _, power in e.factors[1] if power % 2 == 0]
+    return bool(e.variables) and len(whole) == len(e.factors[1]) and not all(each % 2 == 0 for each in whole)
+
+
+def _is_square(e: Fraction, result: Fraction) -> bool:
+    """Whether a root with that resulting exponent can be taken of a base to the power e."""
+    return e.denominator > 1 or (e % 2 == 0 and result % 2 == 0)
+
+
+def _root(c: Fraction, k: Fraction) -> list[Power]:
+    """c^k for c > 0 as powers of whole numbers."""
+    parts = [(n, sign * k) for n, sign in ((c.numerator, 1), (c.denominator, -1))]
+    return [(number(p), e * times) for n, e in parts for p, times in _prime_factors(n)]
+
+
+def _prime_factors(n: int) -> Iterator[tuple[int, int]]:
+    for p in range(2, SMALL):
+        times = 0
+        while n % p == 0:
+            n, times = n // p, times + 1
+        if times:
+            yield p, times
+    if n > 1:
+        yield n, 1

@@ -1,0 +1,68 @@
+"""In which triangles of a mesh points lie, by boxes about 1, 2, 4, .. triangles that are neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import cross
+
+BLOCK = 1 << 16
+"""Points at once."""
+BITS = 26
+"""Of a coordinate: triangles that are nearer are in any order."""
+ROUNDING = 2.0**-48
+"""Of the largest coordinate: how far rounding may move a point out of its triangle."""
+
+
+def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
+    """Pairs of points (k, 2) and triangles in which they lie: (p,), (p,) and barycentric coordinates (p, 3).
+
+    A point on an edge, up to rounding, has a pair with each triangle there; one outside has none.
+    """
+    corners, reach = mesh.points[mesh.triangles], ROUNDING * float(np.abs(mesh.points).max())
+    order = _along_plane(corners.mean(axis=1))
+    boxes = [(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)]
+    while len(boxes[-1][0]) > 1:
+        low, high = boxes[-1]
+        pairs = np.arange(0, len(low), 2)
+        boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
+    blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
+    found = [_in_boxes(boxes, points[block]) for block in blocks]
+    at = np.concatenate([block[of] for block, (of, _) in zip(blocks, found, strict=True)])
+    triangle = order[np.concatenate([box for _, box in found])]
+    weights, height = _barycentric(corners[triangle], points[at])
+    inside = (weights >= -reach / height).all(axis=1)
+    return at[inside], triangle[inside], weights[inside]
+
+
+def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
+    """The pairs of a point and a first box that contains it, as do all boxes about that one."""
+    at, box = np.arange(len(points)), np.zeros(len(points), dtype=np.intp)
+    for low, high in boxes[::-1]:
+        at, box = at[box < len(low)], box[box < len(low)]
+        within = ((points[at] >= low[box]) & (points[at] <= high[box])).all(axis=1)
+        at, box = at[within], box[within]
+        if low is not boxes[0][0]:
+            at, box = np.tile(at, 2), np.concatenate([2 * box, 2 * box + 1])
+    return at, box
+
+
+def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
+    """(p, 3) of points (p, 2) in triangles with corners (p, 3, 2), and the triangles' heights (p, 3)."""
+    edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
+    twice = cross(edges[:, 0], edges[:, 1])[:, None]
+    away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))
+    return away / twice, twice / np.linalg.norm(edges, axis=2)
+
+
+def _along_plane(points: Array) -> Index:
+    """(m,) the points in the order of Z curves: by the bits of both coordinates in turn."""
+    low, size = points.min(axis=0), np.ptp(points, axis=0).max() or 1.0
+    cells = ((points - low) / size * (2**BITS - 1)).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(BITS):
+        for axis in range(2):
+            code |= ((cells[:, axis] >> bit) & 1) << (2 * bit + axis)
+    return np.argsort(code, kind="stable")
