@@ -14,7 +14,7 @@ w is continuous, and linear on the triangles of a `small_mesh` of its own. There
 it is |v|_S if w is extended as S has it; `least` finds v. What is guaranteed does not rest on that. v is
 not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest only at
 vertices, which are nodes. And ||w||_1 is computed from all values of w. On the exact mesh, see
-`geometry.exact`, it and <lambda_H, w> are at most `growth` times as large.
+`geometry.exact`, it is at most `growth` times as large.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.least import least
 
-LEAST, TINY = 1e-12, 1e-300
+LEAST, TINY = 1e-100, 1e-300
 """E at least, as w is chosen: in forces, and at all."""
 
 
@@ -126,10 +126,10 @@ class Best:
     def _most(self, w: Array) -> Array:
         """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
 
-        Places on edges are rounded like the perimeter.
+        What is paired is off by the `stretch` of sides, and by places on edges, rounded like the perimeter.
         """
-        trace, shortest = w[self.mesh.boundary], float(np.diff(self.mesh.s).min())
-        grown = (1 + SUMS + EPS * self.mesh.polygon.perimeter / shortest) * self.mesh.growth
-        off = (grown - 1) * float(self.pairing.sum()) * np.abs(trace).max(axis=0)
+        trace, polygon = w[self.mesh.boundary], self.mesh.polygon
+        of_places = EPS * polygon.perimeter / float(np.diff(self.mesh.s).min())
+        off = (SUMS + of_places + polygon.stretch.max()) * self.pairing.sum() * np.abs(trace).max(axis=0)
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each) for each in w.T])
-        return np.asarray(self.pairing @ trace + off + grown * self.bound * norms)
+        return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

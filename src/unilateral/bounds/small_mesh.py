@@ -73,10 +73,9 @@ def small_mesh(mesh: Mesh, cells: Partition, load: Array) -> Mesh:
     Raises InputError where gmsh has to make one, and it is not sound.
     """
     found = _first(mesh)
-    while found.n_nodes < FEW and _may_be_halved(found):
-        found = meshes.refine(found)
-    while len(chosen := _chosen(found, cells, load)) and _may_be_halved(found):
-        finer = meshes.refine_some(found, chosen)
+    while found.n_nodes < FEW and (finer := _halved(found)):
+        found = finer
+    while len(chosen := _chosen(found, cells, load)) and (finer := _halved(found, chosen)):
         if len(finer.boundary) > MOST:
             break
         found = finer
@@ -94,8 +93,14 @@ def _first(mesh: Mesh) -> Mesh:
     return meshes.with_boundary(polygon, edges.points[:-1], GROWTH)
 
 
-def _may_be_halved(mesh: Mesh) -> bool:
-    return float(mesh.distortion.max()) <= DISTORTED
+def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
+    """With all triangles halved, or those that are chosen; None where rounding would show."""
+    if mesh.distortion.max() > DISTORTED:
+        return None
+    try:
+        return meshes.refine(mesh) if chosen is None else meshes.refine_some(mesh, chosen)
+    except InputError:
+        return None
 
 
 def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
