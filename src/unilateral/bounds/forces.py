@@ -5,29 +5,38 @@ Let E bound ||lambda - lambda_H||_{-1/2}. lambda is not negative, so for every w
     int_P lambda <= <lambda, w> <= <lambda_H, w> + E ||w||_1,   if w >= 1 on P, w >= 0 on the rest,
     int_P lambda >= <lambda, w> >= <lambda_H, w> - E ||w||_1,   if w <= 1 on P, w <= 0 on the rest.
 
-w is continuous and linear on triangles. It has to be steep only where contact on P meets the rest, or P meets
-contact on the rest: elsewhere it falls from 1 to 0 along the boundary. Inside, where any values are allowed,
-it makes ||w||_1 nearly least. On sides that are free lambda is 0, and w is free, too: a flux
-that is given there is no part of lambda, in E neither.
+With -w in the place of w the second one is like the first: in both <lambda_H, w> + E ||w||_1 is to be
+small, and w not below a bound c. On sides that are free lambda is 0, and w is free, too: a flux that is
+given there is no part of lambda, in E neither.
+
+w is continuous, and linear on the triangles of a `small_mesh` of its own. There the best one is known:
+||w||_1 is not below |v|_S, for v its values at the boundary nodes and S the Schur complement on these, and
+it is |v|_S if w is extended as S has it; `least` finds v. What is guaranteed does not rest on that. v is
+not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest only at
+vertices, which are nodes. And ||w||_1 is computed from all values of w. On the exact mesh, see
+`geometry.exact`, it is at most `growth` times as large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
-from unilateral.arrays import Array, Mask
+from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.edge_flux import SUMS
-from unilateral.fem.p1 import coupling, h1_norm, stiffness_and_mass
+from unilateral.bounds.small_mesh import condensed, extended
+from unilateral.fem.condense import Condensed
+from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.geometry.exact import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.solvers.descent import MOST_STEPS, Descent, rough_inverse
+from unilateral.solvers.least import least
 
-ENOUGH = 1e-3
-"""Of ||w||_1^2: a step that takes off less is the last."""
+LEAST, TINY = 1e-100, 1e-300
+"""E at least, as w is chosen: in forces, and at all."""
 
 
 class Force(NamedTuple):
@@ -49,68 +58,78 @@ def forces(
     """The force over each of the `parts`, which are numbers of sides.
 
     lambda_H (m,) >= 0 is that on the cells, `bound` that of ||lambda - lambda_H||_{-1/2}; `free` sides have
-    no constraint. An infinite bound leaves every force without an upper bound.
+    no constraint. An infinite bound leaves every force without an upper bound. Of the `mesh` that lambda_H
+    was computed on only the coarsest level is used.
     """
-    pressed = coupling(mesh, cells).T @ lambda_H
-    held = ~np.isin(mesh.side, [*free])
-    extended, grown = _extensions(mesh), (1 + SUMS) * mesh.growth
-    found = []
-    for part in parts:
-        on = np.isin(mesh.side, [*part]) & held
-        value = float(cells.lengths @ (lambda_H * np.isin(cells.side, [*part])))
-        over, under = _traces(mesh, on, held & ~on, pressed > 0)
-        upper = grown * (float(pressed @ over) + bound * extended(over)) if on.any() else 0.0
-        lower = float(pressed @ under) / grown - grown * bound * extended(under) if under.any() else 0.0
-        found.append(Force(value, max(lower, 0.0), upper))
-    return found
+    held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
+    sides = [np.intersect1d(held, [*part]) for part in parts]
+    values = [float(cells.lengths @ (lambda_H * np.isin(cells.side, [*part]))) for part in parts]
+    some = [k for k, part in enumerate(sides) if part.size]
+    lower, upper = np.zeros((2, len(parts)))
+    if some and bound < np.inf:
+        ends = _ends(mesh, cells, lambda_H, bound, held, [sides[k] for k in some])
+        lower[some], upper[some] = np.maximum(ends[0], 0.0), ends[1]
+    elif some:
+        upper[some] = np.inf
+    return [Force(*each) for each in zip(values, lower.tolist(), upper.tolist(), strict=True)]
 
 
-def _traces(mesh: Mesh, on: Mask, off: Mask, pressed: Mask) -> tuple[Array, Array]:
-    """(nb,), (nb,) w at the boundary nodes for the edges (nb,) `on` a part and `off` it, above and below.
+def _ends(
+    mesh: Mesh, cells: Partition, lambda_H: Array, bound: float, held: Index, parts: list[Index]
+) -> tuple[Array, Array]:
+    """(k,), (k,) numbers below and above the forces over k parts, each some of the sides `held`."""
+    load = lambda_H / max(bound, LEAST * float(cells.lengths @ lambda_H), TINY)
+    of, space = condensed(mesh, cells, load)
+    pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
+    best = Best(of, space, pairing, bound, load)
+    above, below = (
+        np.column_stack(c) for c in zip(*(_limits(of, held, each) for each in parts), strict=True)
+    )
+    begin = (above > 0) | (above == 0) & (load > 0)[:, None]
+    return -best.of(below, np.isfinite(below)), best.of(above, begin)
 
-    `pressed` are the nodes with contact. No number lies outside of 0 and 1.
+
+def _limits(mesh: Mesh, held: Index, part: Index) -> tuple[Array, Array]:
+    """(nb,), (nb,) c at the boundary nodes for w above, and for -w below; -inf where w is free."""
+    on, off = np.isin(mesh.side, part), np.isin(mesh.side, np.setdiff1d(held, part))
+    at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
+    c = np.where(at_on | at_off, 0.0, -np.inf)
+    return c + at_on, c - ~at_off
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The least of <lambda_H, w> + E ||w||_1 on a mesh with its `space`, or among constants without one.
+
+    `pairing` (nb,) is lambda_H against the hats of the boundary nodes, `load` (nb,) about that over E.
     """
-    on, off = on | np.roll(on, 1), off | np.roll(off, 1)  # the nodes of those edges
-    above = _between(mesh, off & pressed & ~on, on)
-    return above, _between(mesh, off, on & pressed & ~off)
 
+    mesh: Mesh
+    space: Condensed | None
+    pairing: Array
+    bound: float
+    load: Array
 
-def _between(mesh: Mesh, zeros: Mask, ones: Mask) -> Array:
-    """(nb,) 1 at the `ones`, 0 at the `zeros`, and by the distances from both on the way."""
-    if not ones.any():
-        return np.zeros(len(ones))
-    if not zeros.any():
-        return np.ones(len(ones))
-    of_zeros, of_ones = _distance(mesh.s, zeros), _distance(mesh.s, ones)
-    return of_zeros / (of_zeros + of_ones)
+    def of(self, c: Array, begin: Mask) -> Array:
+        """(k,) for w >= c, each column of c (nb, k), whose largest number is -1, 0 or 1.
 
+        `least` begins with the active sets (nb, k).
+        """
+        constants = self._most(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
+        found = constants[1 + c.max(axis=0).astype(int)]
+        if self.space:
+            v = least(self.space.A_3, self.load, c, begin)
+            other = v.any(axis=0)
+            found[other] = np.minimum(found[other], self._most(extended(self.space, v[:, other])))
+        return found
 
-def _distance(s: Array, nodes: Mask) -> Array:
-    """(nb,) along the boundary, of the nodes at arc lengths s (nb + 1,), from the next of some of them."""
-    at, round_ = s[:-1], s[-1]
-    some = at[nodes]
-    some = np.concatenate([some[-1:] - round_, some, some[:1] + round_])
-    after = np.searchsorted(some, at)
-    return np.minimum(some[after] - at, at - some[after - 1])
+    def _most(self, w: Array) -> Array:
+        """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
 
-
-def _extensions(mesh: Mesh) -> Callable[[Array], float]:
-    """||w||_1, rounding included, for a w with the values (nb,) at the boundary nodes, near the least."""
-    K, M = stiffness_and_mass(mesh)
-    A = sp.csr_array(K + M)
-    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    from_inside = A[inside]
-    A_inside = sp.csr_array(from_inside[:, inside])
-    inverse = rough_inverse(A_inside)
-
-    def norm(trace: Array) -> float:
-        w = np.zeros(mesh.n_nodes)
-        w[mesh.boundary] = trace
-        run = Descent(A_inside, -(from_inside @ w), w[inside], inverse)
-        for _ in range(MOST_STEPS):
-            if not run.step() > ENOUGH * max(float(w @ (A @ w)), 0.0):
-                break
-            w[inside] = run.x
-        return (1 + SUMS) * h1_norm(mesh, w)
-
-    return norm
+        What is paired is off by the `stretch` of sides, and by places on edges, rounded like the perimeter.
+        """
+        trace, polygon = w[self.mesh.boundary], self.mesh.polygon
+        of_places = EPS * polygon.perimeter / float(np.diff(self.mesh.s).min())
+        off = (SUMS + of_places + polygon.stretch.max()) * self.pairing.sum() * np.abs(trace).max(axis=0)
+        norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each) for each in w.T])
+        return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

@@ -1,0 +1,90 @@
+"""The least of l . v + |v|_S, v above a bound in some unknowns, by primal-dual active sets.
+
+With v = c in the active unknowns it is least for v = q + t p, where
+
+    q = c in the active unknowns,    (S q)_i = 0 in the others,
+    p = 0 in the active unknowns,    (S p)_i = -l_i in the others.
+
+q . S p = 0, so t = |v|_S means t^2 = |q|_S^2 / (1 - |p|_S^2). For |p|_S >= 1 there is no least value, and as
+t grows every v_i with p_i < 0 reaches its bound. Active unknowns stay so while l_i + (S v)_i / t >= 0, and
+others become so if v_i < c_i (M. Hintermueller, K. Ito and K. Kunisch, SIAM J. Optim. 13, 2002).
+
+Many such problems with one S and l are solved at once. S is inverted once, on the unknowns that most of them
+leave free. Then each has to solve a system only for those unknowns in which it is not like most.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array, Mask
+
+MOST_STEPS = 10
+NEAR, FAR = 1e-300, 1e8
+"""t where q is 0, and, where nothing bounds it, over 1 or |q|_S."""
+
+
+def least(S: Array, l: Array, c: Array, active: Mask) -> Array:  # noqa: E741
+    """(n, k) v >= c for each column of c (n, k), which is -inf where there is no bound.
+
+    S (n, n) is positive definite, l is (n,), and the `active` sets (n, k) are those to begin with. Where
+    these do not settle, v is the best one that was met. A constant is never better.
+    """
+    active, usual = active.copy(), 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
+    T, found, left = _pivoted(S, usual), np.ones_like(c) * c.max(axis=0), np.arange(c.shape[1])
+    values = _values(S, l, found)
+    for _ in range(MOST_STEPS):
+        of, bound = active[:, left], c[:, left]
+        v, push = _stationary(T, usual, of, bound, l)
+        cut = np.maximum(v, bound)
+        now = _values(S, l, cut)
+        better = now < values[left]
+        found[:, left[better]], values[left[better]] = cut[:, better], now[better]
+        active[:, left] = np.where(of, push >= 0, v < bound)
+        left = left[(active[:, left] != of).any(axis=0)]
+        if not left.size:
+            break
+    return found
+
+
+def _stationary(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> tuple[Array, Array]:  # noqa: E741
+    """v (n, k) for the `active` sets (n, k), and l + S v / |v|_S."""
+    (q, S_q), (p, S_p) = _parts(T, usual, active, c, l)
+    of_q, left = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0)), 1 + l @ p
+    bounded = left > 0
+    t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), FAR * np.maximum(of_q, 1))
+    t = np.maximum(t, NEAR)
+    return q + t * p, l[:, None] + S_q / t + S_p
+
+
+def _values(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
+    """(k,) l . v + |v|_S for the columns of v (n, k)."""
+    return np.asarray(l @ v + np.sqrt(np.maximum(np.sum(v * (S @ v), axis=0), 0.0)))
+
+
+def _pivoted(S: Array, usual: Mask) -> Array:
+    """T (n, n): for r = S v it takes r in the `usual` unknowns, v in the others, to v there, r here."""
+    F, A = np.flatnonzero(usual), np.flatnonzero(~usual)
+    inverse = np.linalg.inv(S[np.ix_(F, F)])
+    across = inverse @ S[np.ix_(F, A)]
+    T = np.empty_like(S)
+    T[np.ix_(F, F)], T[np.ix_(F, A)] = inverse, -across
+    T[np.ix_(A, F)], T[np.ix_(A, A)] = across.T, S[np.ix_(A, A)] - S[np.ix_(A, F)] @ across
+    return T
+
+
+def _parts(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> list[tuple[Array, Array]]:  # noqa: E741
+    """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
+    n, k = active.shape
+    known, none = np.zeros((n, 2, k)), np.zeros_like(c)
+    given = np.stack([np.where(active, c, none), np.where(active, none, -l[:, None])], axis=1)
+    for j in range(k):
+        other = np.flatnonzero(active[:, j] == usual)
+        known[:, :, j] = given[:, :, j]
+        known[other, :, j] = 0
+        rest = given[other, :, j] - T[other] @ known[:, :, j]
+        known[other, :, j] = np.linalg.solve(T[np.ix_(other, other)], rest)
+    out = (T @ known.reshape(n, -1)).reshape(known.shape)
+    here = usual[:, None, None]
+    v, S_v = np.where(here, out, known), np.where(here, known, out)
+    return [(v[:, i], S_v[:, i]) for i in (0, 1)]
