@@ -181,15 +181,7 @@ def test_a_jump_leaves_next_to_nothing_unknown():
 def test_a_flux_without_bounds_is_not_taken_for_one():
     """1/x on a side that ends at 0, which a file refuses: nothing is known."""
     problem = ul.Problem(SQUARE, f=0, g=0, free_sides=[0], q="x")
-    worse = type(problem)(
-        "own",
-        problem.polygon,
-        problem.f,
-        problem.g,
-        (0,),
-        problem.units,
-        (problem.q[0] ** -1, *problem.q[1:]),
-    )
+    worse = replace(problem, q=(problem.q[0] ** -1, *problem.q[1:]))
     assert given(worse.enclosed_flux, structured(named("square"), 1 / 2)).distance == np.inf
 
 

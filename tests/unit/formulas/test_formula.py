@@ -35,6 +35,14 @@ X, Y, T = (sympy.Symbol(name, real=True) for name in "xyt")
         ("sqrt(3)/9", sympy.sqrt(3) / 9),
         ("pos(4, 1/2) + pos(-4, 1/2)", sympy.Integer(2)),
         ("pos(2, 0) + pos(0, 0)", sympy.Integer(1)),
+        ("sqrt(8) - 2*sqrt(2)", sympy.Integer(0)),
+        ("sqrt(2)*sqrt(3) - sqrt(6)", sympy.Integer(0)),
+        ("sin(pi/5)**2 - (5 - sqrt(5))/8", sympy.Integer(0)),
+        *(
+            (f"{f}({k}*pi/12)", getattr(sympy, f)(k * sympy.pi / 12))
+            for f in ("sin", "cos")
+            for k in (-3, 2, 8, 30)
+        ),
     ],
 )
 def test_numbers_are_exact(text, value):
