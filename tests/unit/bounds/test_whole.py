@@ -20,6 +20,7 @@ from unilateral.fem.quadrature import symmetric
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS, basis
 from unilateral.geometry import mesh as meshes
+from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 
@@ -136,18 +137,18 @@ def doubled(corners):
 
 @pytest.mark.parametrize("name", NEAR)
 def test_p_of_an_ancestor_holds_on_every_triangle(name):
-    """|f - p| <= rad at 12 random points of every triangle; f itself is computed up to 16 units.
+    """|f - p| <= rad at 6 random points of every triangle; f itself is computed up to 16 units.
 
     Control: with p of the next triangle it does not hold.
     """
     mesh, rng, controls = mesh_of(name), np.random.default_rng(1), []
-    barycentric = rng.dirichlet([1, 1, 1], 12)
-    at = points(mesh, barycentric)
+    barycentric = rng.dirichlet([1, 1, 1], 6)
+    at, all_levels = points(mesh, barycentric), levels(mesh)[::2]
     for text in formulas(rng):
         of = Source(text)
         value = of.value(*np.moveaxis(at, 2, 0))[0]
         slack = 16 * EPS * np.abs(value).max()
-        for frame, number, *_ in levels(mesh):
+        for frame, number, *_ in all_levels:
             found = whole(frame, rounded_size(mesh), of)
             p = values(found, number, at)
             assert np.all(np.abs(value - p) <= found.rad[number][:, None] + slack), text
@@ -162,11 +163,16 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
 
 def values(found, number, at):
     """(m, q) p of those numbers (m,) at points (m, q, 2)."""
-    corners = found.corners[number]
-    edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
-    share = np.linalg.solve(edges[:, None], (at - corners[:, :1])[..., None])[..., 0]
-    monomials = np.prod((2 * share - 1)[..., None, :] ** basis(2, 4).exponents, axis=3)
-    return np.einsum("mqk,km->mq", monomials, found.c[:, number])
+    a, b, c = np.moveaxis(found.corners[number], 1, 0)[..., None, :]
+    x, y = (cross(at - a, c - a) / cross(b - a, c - a), cross(b - a, at - a) / cross(b - a, c - a))
+    powers = [[1.0], [1.0]]
+    for of, sigma in zip(powers, (2 * x - 1, 2 * y - 1), strict=True):
+        for _ in range(4):
+            of.append(of[-1] * sigma)
+    return sum(
+        found.c[k, number, None] * powers[0][i] * powers[1][j]
+        for k, (i, j) in enumerate(basis(2, 4).exponents.tolist())
+    )
 
 
 def times(p, q):
@@ -444,8 +450,9 @@ def test_only_where_triangles_were_cut_f_is_looked_at(text):
 
 
 def containing(mesh, places):
-    """The triangles in which those places lie."""
+    """The triangles in which those places lie, or 500 of them."""
     at = np.concatenate([np.zeros((0, 2)), *places])
+    at = at[np.linspace(0, len(at), 500, endpoint=False, dtype=int)] if len(at) > 500 else at
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
     share = np.linalg.solve(np.stack([b - a, c - a], axis=2)[:, None], (at[None] - a[:, None])[..., None])[
         ..., 0
