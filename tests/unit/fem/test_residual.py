@@ -113,7 +113,7 @@ def test_hats_have_at_least_the_stated_energy(children: int) -> None:
 
 
 @pytest.mark.parametrize("halvings", [1, 2, 3, 5, 6, 7])
-def test_they_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> None:
+def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> None:
     """However triangles are cut, each in two or four: of 2 k + 1 halvings it is M_k, and of 2 k no more."""
     rng, most = np.random.default_rng(halvings), residual.GROWTH[halvings // 2]
     for _ in range(30):
