@@ -128,8 +128,9 @@ class Best:
 
         What is paired is off by the `stretch` of sides, and by places on edges, rounded like the perimeter.
         """
-        trace, polygon = w[self.mesh.boundary], self.mesh.polygon
-        of_places = EPS * polygon.perimeter / float(np.diff(self.mesh.s).min())
-        off = (SUMS + of_places + polygon.stretch.max()) * self.pairing.sum() * np.abs(trace).max(axis=0)
+        trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
+        on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
+        of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
+        off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

@@ -27,8 +27,8 @@ NEAR, FAR = 1e-300, 1e8
 def least(S: Array, l: Array, c: Array, active: Mask) -> Array:  # noqa: E741
     """(n, k) v >= c for each column of c (n, k), which is -inf where there is no bound.
 
-    S (n, n) is positive definite, l is (n,), and the `active` sets (n, k) are those to begin with. Where
-    these do not settle, v is the best one that was met. A constant is never better.
+    S (n, n) is positive definite, l is (n,), and the `active` sets (n, k), where c is finite, are those to
+    begin with. Where they do not settle, v is the best one that was met. A constant is never better.
     """
     active, usual = active.copy(), 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
     T, found, left = _pivoted(S, usual), np.ones_like(c) * c.max(axis=0), np.arange(c.shape[1])

@@ -4,22 +4,27 @@ import math
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
+import scipy.optimize
 from test_sharp import CASES, pair
 
 import unilateral as ul
 from unilateral.bounds import forces as of_forces
+from unilateral.bounds import small_mesh
 from unilateral.bounds.forces import forces
-from unilateral.fem.p1 import h1_norm, stiffness_and_mass
+from unilateral.bounds.small_mesh import extended
+from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import cell_means
-from unilateral.solvers import descent
+from unilateral.solvers import least
 
 SMOOTH = [(name, polygon) for name, polygon in CASES if name not in ("rough", "singular", "violates_jj")]
 """Whose lambda is integrated by quadrature up to rounding."""
+SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def exact_forces(case, cells):
@@ -53,56 +58,135 @@ def test_a_bound_that_is_too_small_is_seen():
     assert not force.lower <= exact <= force.upper
 
 
+@pytest.fixture
+def traces(monkeypatch):
+    """The meshes of w, and its values at the boundary nodes: of -w below the force, then of w above."""
+    found = []
+
+    def recorded(space, v):
+        found.append((space.mesh, v))
+        return extended(space, v)
+
+    monkeypatch.setattr(of_forces, "extended", recorded)
+    return found
+
+
+@pytest.mark.parametrize("steps", [1, 2, least.MOST_STEPS])
 @pytest.mark.parametrize("kind", ["square", "lshape"])
-def test_w_is_above_and_below_the_indicator_of_a_side(kind):
+def test_w_is_above_and_below_the_indicator_of_a_side(kind, steps, traces, monkeypatch):
+    """At the middles of edges, too, and wherever the iteration ends."""
+    monkeypatch.setattr(least, "MOST_STEPS", steps)
     polygon = named(kind)
-    mesh, rng = meshes.unstructured(polygon, 1 / 4), np.random.default_rng(1)
+    mesh, cells = structured(polygon, 1 / 8), partitions.uniform(polygon, 1 / 4)
+    rng = np.random.default_rng(1)
     for side in range(polygon.n_sides):
-        pressed = rng.random(len(mesh.boundary)) < 0.5
-        on = mesh.side == side
-        of_side = on | np.roll(on, 1)
-        over, under = of_forces._traces(mesh, on, ~on, pressed)
-        assert np.all(over[of_side] == 1)
-        assert np.all(over >= 0)
-        assert np.all(over[pressed & ~of_side] == 0)
-        others = ~on | np.roll(~on, 1)
-        assert np.all(under[others] == 0)
-        assert np.all((under >= 0) & (under <= 1))
-        assert np.all(under[pressed & ~others] == 1)
+        lambda_H = rng.random(cells.n_cells) * (rng.random(cells.n_cells) < 0.5)
+        lambda_H[cells.side == side] = 1.0
+        forces(mesh, cells, lambda_H, 0.02, [[side]])
+        (of, minus), (_, over) = traces[-2:]
+        assert over.shape == minus.shape == (len(of.boundary), 1)
+        for share in (0.0, 0.5, 1.0):
+            above, below = ((1 - share) * w + share * np.roll(w, -1) for w in (over[:, 0], -minus[:, 0]))
+            assert np.all(above >= (of.side == side))
+            assert np.all(below <= (of.side == side))
 
 
-def test_w_falls_with_the_distances():
-    """Boundary nodes of the unit square, h = 1/4: 1 up to s = 1, 0 from s = 2 on, linear between."""
-    mesh = structured(square(), 1 / 4)
-    s = mesh.s[:-1]
-    w = of_forces._between(mesh, s >= 2, s <= 1)
-    assert w == pytest.approx(np.clip(2 - s, 0, 1), abs=1e-15)
-    around = of_forces._distance(mesh.s, s == 3.5)
-    assert around == pytest.approx(np.minimum(np.abs(s - 3.5), 4 - np.abs(s - 3.5)), abs=1e-15)
+def test_an_interval_misses_the_force_where_w_is_too_small(monkeypatch):
+    """The control: w is not held at the ends of a side, so it is below 1 on the edges there."""
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    given = mesh, cells, np.ones(cells.n_cells), 1e-3, [[0]]
+    assert forces(*given)[0].upper >= 1
+    limits = of_forces._limits
+    monkeypatch.setattr(of_forces, "_limits", lambda *of: tuple(np.minimum(c, 0) for c in limits(*of)))
+    assert forces(*given)[0].upper < 1
 
 
-@pytest.mark.parametrize("iterated", [False, True])
-def test_its_norm_is_nearly_the_least(iterated, monkeypatch):
-    """Against a dense solve for the interior; steps end where one takes off 1e-3 of the square."""
-    if iterated:
-        monkeypatch.setattr(descent, "DIRECT", 0)
+def refused(mesh):
+    raise InputError("no")
+
+
+def test_the_interval_is_the_best_on_its_mesh(traces):
+    """By SLSQP, which knows nothing of active sets, and with S made by dense algebra."""
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    lambda_H, E = np.where(cells.side < 2, 1.0, 0.0), 0.3
+    force = forces(mesh, cells, lambda_H, E, [[0]])[0]
+    of = traces[-1][0]
+    A, b = sum(stiffness_and_mass(of)).toarray(), of.boundary
+    inside = np.setdiff1d(np.arange(of.n_nodes), b)
+    across = A[np.ix_(inside, b)]
+    S = A[np.ix_(b, b)] - across.T @ np.linalg.solve(A[np.ix_(inside, inside)], across)
+    pairing = coupling(of, cells).T @ lambda_H
+    on, off = (edges | np.roll(edges, 1) for edges in (of.side == 0, of.side != 0))
+    for c, start, end in (
+        (1.0 * on, np.ones(len(b)), force.upper),
+        (np.where(off, 0.0, -1.0), -1.0 * ~off, -force.lower),
+    ):
+        found = scipy.optimize.minimize(
+            lambda v: pairing @ v + E * np.sqrt(v @ S @ v),
+            start,
+            jac=lambda v: pairing + E * S @ v / np.sqrt(v @ S @ v),
+            bounds=[(low, None) for low in c],
+            method="SLSQP",
+            options={"maxiter": 500, "ftol": 1e-12},
+        )
+        assert found.success
+        assert end == pytest.approx(found.fun, rel=1e-6)
+
+
+def test_its_norm_is_the_least():
+    """Against a dense solve for the interior."""
     mesh = structured(square(), 1 / 16)
     trace = (mesh.side == 0).astype(float)
     A = sum(stiffness_and_mass(mesh)).toarray()
     inside, w = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary), np.zeros(mesh.n_nodes)
     w[mesh.boundary] = trace
     w[inside] = np.linalg.solve(A[np.ix_(inside, inside)], -(A @ w)[inside])
-    assert of_forces._extensions(mesh)(trace) == pytest.approx(h1_norm(mesh, w), rel=1e-3)
+    found = extended(condense(mesh), trace[:, None])[:, 0]
+    assert np.array_equal(found[mesh.boundary], trace)
+    assert found == pytest.approx(w, abs=1e-12)
 
 
-def test_the_norm_of_nearly_a_constant_is_not_lost_in_rounding():
+@pytest.mark.parametrize("a", [1e-9, 1e-5])
+def test_the_norm_of_nearly_a_constant_is_not_lost_in_rounding(a):
     """In a square of side a, for w = 1 on the boundary, the least ||w||_1 is a, up to the order a^2 of that.
 
     By w . A w, in which the gradients of a constant cancel, it was 3e-3 off.
     """
-    a = 1e-5
-    mesh = meshes.unstructured(Polygon(a * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), "small"), a / 64)
-    assert of_forces._extensions(mesh)(np.ones(len(mesh.boundary))) == pytest.approx(a, rel=1e-8)
+    polygon = Polygon(a * SQUARE, "small")
+    mesh, cells = meshes.unstructured(polygon, a / 64), partitions.uniform(polygon, a / 32)
+    whole, side = forces(mesh, cells, np.ones(cells.n_cells), 1.0, [range(4), [0]])
+    assert whole.upper - whole.value == pytest.approx(a, rel=1e-8)
+    assert 0 <= side.value <= side.upper <= whole.upper
+
+
+@pytest.mark.parametrize("length", [1e-70, 1e-20, 1e-7, 1e7, 1e70])
+def test_polygons_of_all_sizes_have_a_force(length):
+    """Nothing overflows, and the interval of a side is not that of a constant w."""
+    polygon = Polygon(length * SQUARE, "scaled")
+    mesh, cells = meshes.unstructured(polygon, length / 8), partitions.uniform(polygon, length / 4)
+    whole, side = forces(mesh, cells, np.ones(cells.n_cells), 1e-3 * min(length, 1.0), [range(4), [0]])
+    assert 0.9 * whole.value < whole.lower <= whole.value <= whole.upper < 1.1 * whole.value
+    assert side.value == pytest.approx(length)
+    assert 0 < side.lower <= side.value <= side.upper < 3 * length
+
+
+@pytest.mark.parametrize("bound", [0.0, 1e-300, 1e-20, 1e20, 1e150])
+def test_errors_of_all_sizes(bound):
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    for lambda_H in (np.zeros(cells.n_cells), np.where(cells.side < 2, 1.0, 0.0)):
+        for force in forces(mesh, cells, lambda_H, bound, [range(4), [0], [2]]):
+            assert 0 <= force.lower <= force.value <= force.upper < math.inf
+            if bound < 1e-10:
+                assert force.upper - force.lower <= 1e-8 * lambda_H.sum() + 2 * bound
+
+
+def test_without_a_small_mesh_w_is_a_constant(monkeypatch):
+    """1 or 0, with the root of the area, 1, as its norm."""
+    monkeypatch.setattr(small_mesh, "condense", refused)
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    whole, side = forces(mesh, cells, np.ones(cells.n_cells), 0.1, [range(4), [0]])
+    assert whole == pytest.approx((4, 3.9, 4.1), rel=1e-8)
+    assert side == pytest.approx((1, 0, 4.1), rel=1e-8)
 
 
 def test_a_free_side_has_no_force_and_hinders_no_other():
@@ -129,20 +213,3 @@ def test_of_a_solution_from_python():
     assert local.whole.value == pytest.approx(sum(side.value for side in local.sides))
     sampled = ul.Problem(square(), f=lambda x, y: -np.ones_like(x), g="-1")
     assert ul.solve(sampled, h=1 / 8, H=1 / 4).forces().whole.upper == math.inf
-
-
-def test_a_norm_that_rounding_hides_ends_no_search(monkeypatch):
-    """In a square that small w . A w may be below 0, and every step is more than a share of that."""
-    monkeypatch.setattr(of_forces, "ENOUGH", 0.0)
-    steps = []
-    monkeypatch.setattr(descent.Descent, "step", lambda _: steps.append(1) or 1.0)
-    mesh = structured(square(), 1 / 4)
-    assert of_forces._extensions(mesh)(np.ones(len(mesh.boundary))) > 0
-    assert len(steps) == descent.MOST_STEPS
-
-
-def test_a_step_whose_curvature_is_hidden_is_none():
-    """Where p . A p is not above 0."""
-    run = descent.Descent(sp.csr_array(-np.eye(2)), np.ones(2), np.zeros(2), np.copy)
-    assert (run.step(), run.rz) == (0.0, 0.0)
-    assert run.x.tolist() == [0, 0]
