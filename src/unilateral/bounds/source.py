@@ -63,16 +63,25 @@ class Source:
     f - f_h is a function with mean 0 and a norm of at most `oscillation` (m,), which is ||p - f_h||_T but for
     jumps, and one with a norm of at most `rest` (m,), which is E_T, `resolved` if it is as small as wanted.
 
-    `moments` (m, 3) are those of p with the triangle's hats. `seen` is where p was found.
+    `seen` is where p was found.
     """
 
     mesh: Mesh
     f_h: Array
-    moments: Array
     oscillation: Array
     rest: Array
     resolved: bool = True
     seen: Seen | None = None
+
+    @property
+    def moments(self) -> Array:
+        """(m, 3) those of f_h, and of p, with the triangles' hats."""
+        return self.moments_on(slice(None))
+
+    def moments_on(self, of: slice) -> Array:
+        """(k, 3) the same of some triangles."""
+        f_h = self.f_h[of]
+        return self.mesh.areas[of, None] / 12 * (f_h + f_h.sum(axis=1, keepdims=True))
 
     @property
     def distance(self) -> float:
@@ -112,7 +121,6 @@ class Values(NamedTuple):
     """What is known of f on every triangle of a mesh; see `Source`."""
 
     f_h: Array
-    moments: Array
     oscillation: Array
     rest: Array
 
@@ -124,8 +132,7 @@ class Values(NamedTuple):
             area, of = mesh.areas[some], seen.of[some]
             f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
             outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
-            self.f_h[some], self.moments[some] = f_h.T, (area / 12 * (f_h + f_h.sum(axis=0))).T
-            self.oscillation[some] = np.sqrt(area * squares)
+            self.f_h[some], self.oscillation[some] = f_h.T, np.sqrt(area * squares)
             self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
 
     def sums(self, mesh: Mesh, of: Mask) -> Sums:
@@ -144,7 +151,7 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
     What is known on a mesh `before`, from which this one was refined, is kept where that is enough.
     """
     n = len(mesh.triangles)
-    values = Values(np.empty((n, 3)), np.empty((n, 3)), *np.empty((2, n)))
+    values = Values(np.empty((n, 3)), *np.empty((2, n)))
     if before:
         for array, old in zip(values, _values(before), strict=True):
             array[: len(old)] = old
@@ -163,7 +170,7 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
 
 
 def _values(of: Source) -> Values:
-    return Values(of.f_h, of.moments, of.oscillation, of.rest)
+    return Values(of.f_h, of.oscillation, of.rest)
 
 
 class _Search:
@@ -326,4 +333,4 @@ def _projected(mesh: Mesh, done: list[Pieces]) -> Values:
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
         squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
     oscillation = np.sqrt(squares) + np.sqrt(jumping)
-    return Values(f_h, moments, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))
+    return Values(f_h, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))

@@ -152,7 +152,7 @@ def test_both_parts_of_the_distance_are_needed():
     mesh, of = structured(square(), 1 / 2), Source("4*cos(4*pi*x)*cos(4*pi*y)")
     found = enclosed(mesh, of)
     rest = found.rest + 0.6 * np.sqrt(mesh.areas)
-    moved = source.Source(mesh, found.f_h + 0.6, found.moments, found.oscillation, rest)
+    moved = source.Source(mesh, found.f_h + 0.6, found.oscillation, rest)
     for each, without in ((found, "oscillation"), (moved, "rest")):
         assert dual(of, each) <= each.distance
         assert dual(of, each) > replace(each, **{without: 0 * rest}).distance
