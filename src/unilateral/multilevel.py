@@ -34,8 +34,6 @@ from unilateral.solvers.uzawa import DualResult
 
 MOST_COARSE = 50_000
 """Unknowns of the coarsest mesh, whose matrix is factorised."""
-AT_ZERO = 1e-3
-"""Of the bound of u = 0: how far to iterate where nothing else is known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,16 +50,6 @@ class AdaptedMesh:
         first = np.flatnonzero(np.append(True, np.diff(self.cell) > 0))
         return Partition(self.mesh.polygon, self.mesh.s[np.append(first, -1)])
 
-    @cached_property
-    def inside(self) -> Index:
-        """(cells,) a node inside each cell, that with the longest edges."""
-        both = np.diff(self.mesh.s) + np.roll(np.diff(self.mesh.s), 1)
-        within = np.flatnonzero(self.cell == np.roll(self.cell, 1))
-        order = within[np.argsort(both[within], kind="stable")]
-        found = np.empty(self.partition.n_cells, dtype=np.intp)
-        found[self.cell[order]] = self.mesh.boundary[order]
-        return found
-
     @property
     def unbalanced(self) -> Index:
         """The triangles at the edges that are too long for a shorter one in their cell."""
