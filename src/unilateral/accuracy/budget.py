@@ -47,7 +47,8 @@ def division(prospect: Prospect) -> Division | None:
     if FOLLOW * best.times * last.unknowns <= most:
         return best
     times = min(most_unknowns(prospect, CAUTION).values()) / (FOLLOW * last.unknowns)
-    if not prospect.free or times < LEAST_STEP:
+    known = 0 < last.solved.shares.max() < math.inf
+    if not (prospect.free and known) or times < LEAST_STEP:
         return None
     return divided(last.solved.shares, 0.0, times)
 
@@ -56,15 +57,15 @@ def _best(prospect: Prospect) -> Division:
     """Uniform where that takes at most WORTH times the triangles; several steps are of one size."""
     last, part = prospect.done[-1], wanted_part(prospect.done)
     shares, m = last.solved.shares, len(last.solved.shares)
-    if part == 0 or not prospect.free:
+    if part == 0 or not prospect.free or not 0 < shares.max() < math.inf:
         return uniform(m)
-    needed = evenness(shares) / part**2
-    if needed > LARGEST_STEP:
-        if not prospect.adapted:
-            return uniform(m)
-        steps = math.ceil(math.log(needed) / math.log(LARGEST_STEP))
-        return divided(shares, part, max(needed ** (1 / steps), 4.0))
-    found, times = divided(shares, part), max(math.ceil(-math.log2(part)), 1)
+    needed, most = evenness(shares) / part**2, LARGEST_STEP
+    if needed > most and not prospect.adapted:
+        return uniform(m)
+    if needed > most:
+        steps = math.ceil(math.log(needed) / math.log(most))
+        most = max(needed ** (1 / steps), 4.0)
+    found, times = divided(shares, part, most), max(math.ceil(-math.log2(part)), 1)
     return uniform(m, times) if 4**times <= WORTH * found.times else found
 
 

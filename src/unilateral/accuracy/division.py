@@ -38,7 +38,12 @@ def uniform(triangles: int, halvings: int = 1) -> Division:
 
 
 def evenness(shares: Array) -> float:
-    """The triangles of the best mesh over those of one that is refined uniformly, for a bound far below."""
+    """The triangles of the best mesh over those of one that is refined uniformly, for a bound far below.
+
+    1 where nothing is known: all shares are 0, or one is infinite.
+    """
+    if not 0 < shares.max() < math.inf:
+        return 1.0
     s = shares / shares.max()
     return float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
 

@@ -120,7 +120,7 @@ def refinement_pays(last: Level) -> bool:
     shares, mesh = last.solved.shares, last.solved.discrete.mesh
     if last.unknowns < least_unknowns(mesh.polygon, mesh.h):
         return True
-    return last.unknowns >= ENOUGH and bool(shares.max() > 0 and WORTH * evenness(shares) < 1)
+    return last.unknowns >= ENOUGH and WORTH * evenness(shares) < 1
 
 
 def standing(done: Sequence[Level]) -> list[Level]:

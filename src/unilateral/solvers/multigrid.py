@@ -219,7 +219,7 @@ class Bounded:
     def first_look(self, run: Run) -> float:
         """The r . z at which to look at the set."""
         if self.tolerance is None:
-            estimate, A_u = math.sqrt(run.first_rz / 3), run.grid.of.A @ run.u
+            estimate, A_u = math.sqrt(max(run.first_rz, 0.0) / 3), run.grid.of.A @ run.u
             least = FLOOR * rounded.root(run.u, A_u)
             self.tolerance, self.in_L2 = max(self.fraction * estimate, least), IN_L2 * estimate
         return max(DECADE * run.rz, self._worth_a_bound(run, self.tolerance))

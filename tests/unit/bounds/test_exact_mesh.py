@@ -215,7 +215,7 @@ def displaced(mesh, u, q, rng):
     points[mesh.boundary] = vertices[side] + t[:, None] * edges[side]
     moved = replace(mesh, points=points)
     q = q.copy()
-    q[:, mesh.triangulation.inside :] *= (np.hypot(*edges.T) / polygon.lengths)[side]
+    q[:, mesh.triangulation.boundary] *= (np.hypot(*edges.T) / polygon.lengths)[side]
     of_gradient = linear_squares(moved.areas, misfit(moved, u, q, slice(None)))
     flow = np.sum(flows(moved, q, slice(None)), axis=(0, 1))
     return np.sqrt(of_gradient.sum()), np.sqrt(np.sum((0.5 * flow) ** 2 / moved.areas))

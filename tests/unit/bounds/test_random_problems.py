@@ -67,7 +67,8 @@ def uniform(polygon, H, choice):
     """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
     if choice < 0.4:
         return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
-    return two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured", Stop())
+    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
+    return of.mesh, of.partition
 
 
 def pairs(solved, rng):

@@ -114,17 +114,30 @@ def test_places_in_an_ancestor_are_exact(name):
     corners = mesh.points[mesh.triangles]
     for frame, number, places, times in levels(mesh):
         near, far, deepest = times <= MOST_HALVINGS, times >= 10, max(deepest, times.max())
-        found = inside(corners[near], frame[number[near]])
-        np.testing.assert_array_equal(found.transpose(2, 1, 0), places[near])
+        found = placed(corners[near], frame[number[near]])
+        np.testing.assert_array_equal(found, places[near])
         np.testing.assert_array_equal(found / FINEST, np.rint(found / FINEST))
         if far.any():
-            assert np.any(inside(corners[far], frame[number[far]]).transpose(2, 1, 0) != places[far])
+            assert np.any(placed(corners[far], frame[number[far]]) != places[far])
     assert (deepest >= 10) == (name == "at a corner")
+
+
+def placed(corners, around):
+    """(k, 3, 2) corners (k, 3, 2) in the variables of the triangles (k, 3, 2) around them."""
+    frame = wholes._frame(*around.transpose(1, 2, 0))
+    return np.stack(inside(corners.transpose(2, 1, 0), frame)).transpose(2, 1, 0)
+
+
+def corners_of(known):
+    """(k, 3, 2) of the triangles of polynomials, from the maps to their variables, -1 and 1 there."""
+    to_sigma, middle = known.frame[:4].T.reshape(-1, 2, 2) * FINEST, known.frame[4:].T
+    sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
+    return middle[:, None] + np.einsum("kij,cj->kci", np.linalg.inv(to_sigma), sigma)
 
 
 def check_halvings(found, mesh):
     """Each time a triangle is cut its area is halved once or twice; so often as is allowed."""
-    around, corners = found.known.corners[found.of], mesh.points[mesh.triangles]
+    around, corners = corners_of(found.known)[found.of], mesh.points[mesh.triangles]
     of_areas = np.rint(np.log2(doubled(around) / doubled(corners))).astype(int)
     assert np.all((found.halvings <= of_areas) & (of_areas <= 2 * found.halvings))
     assert found.halvings.max() <= MOST_HALVINGS
@@ -163,7 +176,7 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
 
 def values(found, number, at):
     """(m, q) p of those numbers (m,) at points (m, q, 2)."""
-    a, b, c = np.moveaxis(found.corners[number], 1, 0)[..., None, :]
+    a, b, c = np.moveaxis(corners_of(found)[number], 1, 0)[..., None, :]
     x, y = (cross(at - a, c - a) / cross(b - a, c - a), cross(b - a, at - a) / cross(b - a, c - a))
     powers = [[1.0], [1.0]]
     for of, sigma in zip(powers, (2 * x - 1, 2 * y - 1), strict=True):
@@ -236,8 +249,9 @@ def worst_rounding():
     for part in some_parts():
         c = rng.standard_normal((4, 15)) * 10.0 ** rng.uniform(-3, 0, (4, 15))
         c[0, 1:] = 0
-        known = Polynomials(c.T.copy(), np.zeros(4), np.repeat(sigma[None], 4, axis=0))
-        f_h, squares = wholes.values(np.repeat(part[None], 4, axis=0), known, np.arange(4))
+        frame = wholes._frame(*np.repeat(sigma[:, :, None], 4, axis=2))
+        known = Polynomials(c.T.copy(), np.zeros(4), frame)
+        f_h, squares = wholes.values(np.repeat(part.T[..., None], 4, axis=2), known, np.arange(4))
         for k in range(4):
             exact, square = projected(on_part(c[k], part))
             off = max(abs(float(Fraction(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))

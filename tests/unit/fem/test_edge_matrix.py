@@ -52,7 +52,7 @@ def test_a_moved_node_is_noticed() -> None:
     mesh = mesh_of("at random")
     points = mesh.points.copy()
     points[np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)[0]] += 1e-8
-    A, expected = matrix(mesh.triangulation, elements(points, mesh.triangulation.nodes)), assembled(mesh)
+    A, expected = matrix(mesh.triangulation, points), assembled(mesh)
     assert abs(A - expected).max() > 10 * rounding(mesh) * abs(expected).max()
 
 
@@ -83,7 +83,7 @@ def test_some_rows_are_those_of_the_matrix(name: str, share: float) -> None:
     count = max(1, int(share * mesh.n_nodes))
     chosen = rng.choice(mesh.n_nodes, count, replace=False).astype(np.int32)
     nodes = mesh.triangulation.nodes
-    found = some_rows(nodes, elements(mesh.points, nodes), chosen, mesh.n_nodes)
+    found = some_rows(mesh.points, nodes, chosen, mesh.n_nodes)
     expected = assembled(mesh)
     assert found.shape == (count, mesh.n_nodes)
     assert abs(found - expected[chosen]).max() < rounding(mesh) * abs(expected).max()

@@ -225,9 +225,9 @@ def test_the_bound_is_one_and_not_too_large(name: str, refinements: int) -> None
 
 @pytest.mark.parametrize(("name", "times"), GRADED)
 def test_nor_is_it_on_adapted_meshes(name: str, times: int) -> None:
-    """15 at 10 levels; deeper, M is a product, and the bound is too large by its root, twice that at most."""
+    """10 at 10 levels, over the root of the roundness; deeper, M is a product, and its root counts twice."""
     found = adapted(name, times)
-    most = 15 if times <= 10 else 2 * math.sqrt(growth(2 * times))
+    most = 10 / math.sqrt(found.of.roundness.min()) if times <= 10 else 2 * math.sqrt(growth(2 * times))
     for R in functionals(found):
         index = dual_norm(found.of, R) / true_norm(found, R)
         assert 1 / ROUNDING <= index < most

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from unilateral.errors import InputError
+from unilateral.fem.hierarchy import hierarchy
+from unilateral.fem.nested_cells import nested_cells
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import SHORTEST, UNIT, adapted, marked, refined
@@ -96,7 +98,8 @@ def test_the_node_inside_a_cell_has_its_longest_edges(name):
     of = at_a_corner(12) if name == "corner" else at_random(FIRST[name]())
     both = np.diff(of.mesh.s) + np.roll(np.diff(of.mesh.s), 1)
     place = {node: k for k, node in enumerate(of.mesh.boundary.tolist())}
-    for number, node in enumerate(of.inside.tolist()):
+    (cells,) = nested_cells(hierarchy(of.mesh), of.partition)
+    for number, node in enumerate(cells.inside.tolist()):
         within = np.flatnonzero((of.cell == number) & (np.roll(of.cell, 1) == number))
         assert place[node] in within
         assert both[place[node]] == both[within].max()

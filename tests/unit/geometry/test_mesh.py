@@ -135,7 +135,7 @@ def test_children_are_their_parent_halved():
     fine = refine(coarse)
     edges = [np.roll(m.points[m.triangles], -1, axis=1) - m.points[m.triangles] for m in (coarse, fine)]
     T = len(coarse.triangles)
-    children = np.column_stack([np.arange(T), T + 3 * np.arange(T)[:, None] + np.arange(3)])
+    children = np.arange(T)[:, None] + T * np.arange(4)
     expected = np.stack([edges[0] / 2] * 3 + [-edges[0] / 2], axis=1)
     assert_allclose(edges[1][children], expected, rtol=0, atol=1e-14)
     assert_array_equal(fine.points[: coarse.n_nodes], coarse.points)
