@@ -119,7 +119,9 @@ class Best:
         found = constants[1 + c.max(axis=0).astype(int)]
         if self.space:
             v = least(self.space.A_3, self.load, c, begin)
-            other = v.any(axis=0)
+            other = np.flatnonzero(v.any(axis=0))
+            if not other.size:
+                return found
             found[other] = np.minimum(found[other], self._most(extended(self.space, v[:, other])))
         return found
 

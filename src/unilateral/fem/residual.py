@@ -31,9 +31,9 @@ Any R is (z, .)_1 + R' with z from a V-cycle that smooths on its way down only, 
 exactly. So R' vanishes there, and ||R|| <= ||z||_1 + (3) for R'.
 
 The bound with the lumped mass (`rounded`) is too large by up to 1/h; this one is too large by up to a
-multiple of log 1/h on uniform meshes, and by more where (1) is used several times, as at a corner where edges
-are halved 20 times and more. What rounding leaves of R' on V_0, at a node of level 0 each, and what R is not known
-by, is a functional of its own, small enough for that one: it adds nothing to R_e.
+multiple of log 1/h on uniform meshes, and by more where (1) is used several times, as at a corner where
+edges are halved 20 times and more. What rounding leaves of R' on V_0, at a node of level 0 each, and what R
+is not known by, is a functional of its own, small enough for that one: it adds nothing to R_e.
 """
 
 from __future__ import annotations
