@@ -104,7 +104,7 @@ def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
 
 
 def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
-    """The triangles at the ends with the largest loads, few enough, and those at the boundary that are too thick."""
+    """The triangles at the ends with the largest loads, and those at the boundary that are too thick."""
     at, ends = np.zeros(mesh.n_nodes), _ends(mesh, cells, load)
     at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
     heavy = np.zeros(mesh.n_nodes, dtype=bool)
