@@ -21,7 +21,7 @@ from unilateral.geometry.structured import natural_kind, structured
 
 FEW, LARGE = 250, 2000
 """Nodes before the mesh is graded: it is halved until there are so many, and not taken if there are more."""
-MOST = 800
+MOST = 640
 """Nodes on the boundary, whose matrix is full, up to which the mesh is graded."""
 LIGHT = 1 / 16
 """The load on a node that is small."""
@@ -104,10 +104,12 @@ def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
 
 
 def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
-    """The triangles at the ends where the loads are largest, and those at the boundary that are too thick."""
+    """The triangles at the ends with the largest loads, and those at the boundary that are too thick."""
     at, ends = np.zeros(mesh.n_nodes), _ends(mesh, cells, load)
     at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
-    heavy = at > max(LIGHT, LARGEST * float(at.max()))
+    heavy = np.zeros(mesh.n_nodes, dtype=bool)
+    heaviest = np.argsort(-at, kind="stable")[: max(MOST - len(mesh.boundary), 0) // 2]
+    heavy[heaviest] = at[heaviest] > max(LIGHT, LARGEST * float(at.max()))
     outer = mesh.boundary_triangles
     thick = outer[mesh.longest_edges[outer] > THICK]
     return np.union1d(np.flatnonzero(heavy[mesh.triangles].any(axis=1)), thick)
