@@ -2,7 +2,8 @@
 
 from job import run
 
-from unilateral.formulas.formula import number, real
+from unilateral.formulas.formula import real
+from unilateral.formulas.symbolic import number_of
 from unilateral.geometry.structured import structured
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
@@ -19,10 +20,10 @@ def main(study, stop, errors, alternating):
     given = {"cells": study, "stop": stop}
     tables.save(table, errors, "cells", given)
     sizes, gammas = (
-        [number(x, "cells.alternating") for x in study["alternating"][of]] for of in ("H", "gammas")
+        [number_of(x, "cells.alternating") for x in study["alternating"][of]] for of in ("H", "gammas")
     )
     mesh = structured(domain(study), real(study["alternating"]["h"], "cells.alternating.h"))
-    alpha = number(study["alternating"]["alpha"], "cells.alternating.alpha")
+    alpha = number_of(study["alternating"]["alpha"], "cells.alternating.alpha")
     tables.save(measure_alternating(mesh, sizes, alpha, gammas, chosen), alternating, "cells", given)
 
 

@@ -3,7 +3,7 @@
 from job import run
 
 from unilateral.fem.condense import condense
-from unilateral.formulas.formula import number
+from unilateral.formulas.symbolic import number_of
 from unilateral.geometry import partition, polygon
 from unilateral.geometry.structured import structured
 from unilateral.solvers.stop import Stop
@@ -14,7 +14,9 @@ from unilateral.study.runs import sharpness
 
 def main(study, stop, errors, rates, fixed_errors, fixed_rates):
     domain, fixed = polygon.named(study["polygon"]), study["fixed"]
-    exponents = [[number(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")]
+    exponents = [
+        [number_of(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")
+    ]
     chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"sharpness": study, "stop": stop}
 
     def on_mesh(h):
@@ -31,11 +33,11 @@ def main(study, stop, errors, rates, fixed_errors, fixed_rates):
         tables.save(table, to_errors, "sharpness", given)
         tables.save(rates_over(table), to_rates, "sharpness", given)
 
-    ratio = number(study["h_over_H"], "sharpness.h_over_H")
-    sizes = [number(H, "sharpness.H") for H in study["H"]]
+    ratio = number_of(study["h_over_H"], "sharpness.h_over_H")
+    sizes = [number_of(H, "sharpness.H") for H in study["H"]]
     save([level(on_mesh(ratio * H), H) for H in sizes], errors, rates)
-    one = on_mesh(number(fixed["h"], "sharpness.fixed.h"))
-    sizes = [number(H, "sharpness.fixed.H") for H in fixed["H"]]
+    one = on_mesh(number_of(fixed["h"], "sharpness.fixed.h"))
+    sizes = [number_of(H, "sharpness.fixed.H") for H in fixed["H"]]
     save([level(one, H) for H in sizes], fixed_errors, fixed_rates)
 
 

@@ -40,6 +40,11 @@ class pos(sympy.Function):
         return k * pos(a, k - 1)
 
 
+def number_of(text: object, where: str) -> sympy.Expr:
+    """A number of a data file, exactly. Raises InputError as `formula.number`."""
+    return symbolic(formula.number(text, where))
+
+
 def value(e: Expression, context: Any) -> Any:
     """Of an expression without variables, to 17 digits, as a number of a context of mpmath.
 
