@@ -10,7 +10,13 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from unilateral import __version__  # noqa: E402
+from unilateral import __version__, api  # noqa: E402
+from unilateral.problems.case import Case  # noqa: E402
+from unilateral.problems.problem import Problem  # noqa: E402
+from unilateral.problems.sampled import Sampled  # noqa: E402
+
+# What the library imports for types only.
+vars(api).update(Case=Case, AnyProblem=Case | Problem | Sampled)
 
 project = "unilateral"
 author = project_copyright = "The unilateral developers"

@@ -519,7 +519,7 @@ def test_a_dry_run_says_what_is_needed(run):
 
     Solved are the first levels only, up to 400 unknowns; on these meshes that is 1264.
     """
-    dry = ("solve", "reentrant", "--accuracy", "0.015", "--dry-run")
+    dry = ("solve", "reentrant", "--accuracy", "0.015", "--dry-run", "--max-seconds", "9999")
     code, out, err = run(*dry)
     assert (code, err) == (0, "")
     (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
