@@ -70,9 +70,10 @@ def _best(prospect: Prospect) -> Division:
 
 
 def wanted_part(done: Sequence[Level]) -> float:
-    """Of the last bound, what the next but for `MISS` is to be; 0 where nothing is known of what is wanted.
+    """Of the last bound, what is to be left by the next level; 0 where nothing is known of what is wanted.
 
-    That of lambda falls with the unknowns to the power OF_LAMBDA.
+    The last prediction is taken to have `missed` as the next one will. The bound of lambda falls with the
+    unknowns to the power OF_LAMBDA.
     """
     last = done[-1]
     if not (last.target > 0 and math.isfinite(last.total)):

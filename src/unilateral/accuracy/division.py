@@ -61,23 +61,14 @@ def divided(shares: Array, left: float = 0.0, times: float = math.inf) -> Divisi
         parts = 4.0**g
         return Division(g, float(parts.mean()), math.sqrt(float((squares / parts).sum())))
 
-    found = _largest(at, lambda of: of.left <= left, s)
-    return found if found.times <= times else _smallest(at, lambda of: of.times <= times, s)
+    found = at(_theta(lambda theta: at(theta).left <= left, s)[0])
+    return found if found.times <= times else at(_theta(lambda theta: at(theta).times > times, s)[1])
 
 
-def _largest(at: Callable[[float], Division], enough: Callable[[Division], bool], s: Array) -> Division:
-    """That of the largest theta that is enough; of the smallest one if none is."""
+def _theta(holds: Callable[[float], bool], s: Array) -> tuple[float, float]:
+    """The largest theta for which that holds, and one just above it, by bisection between two ends."""
     low, high = float(s.min()) - 4 * MOST_HALVINGS - 2, float(s.max()) + 2
     for _ in range(STEPS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if enough(at(middle)) else (low, middle)
-    return at(low)
-
-
-def _smallest(at: Callable[[float], Division], few: Callable[[Division], bool], s: Array) -> Division:
-    """That of the smallest theta with few triangles."""
-    low, high = float(s.min()) - 4 * MOST_HALVINGS - 2, float(s.max()) + 2
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if few(at(middle)) else (middle, high)
-    return at(high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low, high
