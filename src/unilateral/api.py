@@ -228,7 +228,7 @@ def solve(
         on = meshes.similar(own_mesh, data.polygon), partitions.similar(cells, data.polygon)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `_told` tells it
             solved = cheapest(data, *on, stop).solved(stop)
-        solved.discrete.forget()
+        solved.forget()
         return _told(Solution(solved, problem.polygon, problem.units), isinstance(mesh, Mesh))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")

@@ -1,7 +1,8 @@
-"""The names of arrays' types; docstrings give their shapes."""
+"""The names of arrays' types, whose docstrings give their shapes, and blocks of long ones."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,3 +13,12 @@ Index = NDArray[np.signedinteger[Any]]
 Int32 = NDArray[np.int32]
 Int16 = NDArray[np.int16]
 Mask = NDArray[np.bool_]
+
+BLOCK = 1 << 13
+"""Rows at a time, the numbers of which fit into a processor's cache."""
+
+
+def blocks(count: int, size: int = 0) -> Iterator[slice]:
+    """Of so many rows, by default BLOCK at a time."""
+    for begin in range(0, count, size or BLOCK):
+        yield slice(begin, min(begin + (size or BLOCK), count))

@@ -139,6 +139,11 @@ class Solution:
         """||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}."""
         return self.discrete.lambda_norm(self.result.lambda_H)
 
+    def forget(self) -> None:
+        """What is large and made again in little time; the norm of lambda_H, which takes it, is kept."""
+        self.lambda_norm  # noqa: B018
+        self.discrete.forget()
+
     @cached_property
     def u_integral(self) -> float:
         mesh = self.discrete.mesh

@@ -39,13 +39,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, blocks
 from unilateral.bounds.edge_flux import SUMS, check, edge_flux
 from unilateral.bounds.equilibrated import equilibrated
 from unilateral.bounds.given import Given, nothing
 from unilateral.bounds.layer import Layer
 from unilateral.bounds.lifting import lifting
-from unilateral.bounds.misfit import BLOCK, defects, misfit, root, underflow
+from unilateral.bounds.misfit import defects, misfit, root, underflow
 from unilateral.bounds.quadratic import linear_squares, slopes_at_nodes, squares
 from unilateral.bounds.source import Source
 from unilateral.geometry.partition import Partition
@@ -143,8 +143,7 @@ def _of_feasible(
 def _of_data(source: Source, u_h: Array) -> Array:
     """(m,) the squares whose sum's root bounds the norm of f - f~ in the dual of H^1."""
     mesh, squares = source.mesh, np.empty(len(source.f_h))
-    for begin in range(0, len(squares), BLOCK):
-        of = slice(begin, begin + BLOCK)
+    for of in blocks(len(squares)):
         a, b, c = source.f_h[of].T - u_h.take(mesh.triangles[of].T)
         squares[of] = mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2)
     return source.squares_with(np.sqrt(squares))

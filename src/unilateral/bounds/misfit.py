@@ -11,15 +11,13 @@ import math
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, blocks
 from unilateral.bounds.equilibrated import flows
 from unilateral.bounds.quadratic import linear_squares
 from unilateral.bounds.source import Source
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
 
-BLOCK = 8192
-"""Triangles at a time, whose numbers fit into a processor's cache."""
 ROUNDING = 2.0**-45
 """Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
 UNDERFLOW, DIVIDED = 1e-150, 1e-156
@@ -65,8 +63,7 @@ def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
     """
     mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
     squares, residual = np.empty((2, len(mesh.triangles)))
-    for begin in range(0, len(squares), BLOCK):
-        of = slice(begin, begin + BLOCK)
+    for of in blocks(len(squares)):
         area, node, moments = mesh.areas[of], mesh.triangles[of].T, source.moments_on(of).T
         u, (first, last) = u_h.take(node), flows(mesh, q, of)
         squares[of] = linear_squares(area, _misfit(mesh, node, u, (first, last), area).transpose(2, 1, 0))

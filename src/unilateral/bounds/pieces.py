@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.bounds.jumps import cut, rounding, shares, sides
 from unilateral.bounds.projection import ORDER
 from unilateral.formulas.elementary import Steps
@@ -18,7 +18,6 @@ ROUNDING = 4 * EPS
 """Of the coordinates' size: that of the vertices of pieces."""
 GAPS = 8.0
 """Times the rounding of coordinates: how wide gaps between pieces are at most."""
-BLOCK = 1 << 13
 
 
 class Pieces(NamedTuple):
@@ -60,8 +59,8 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Ar
     """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
     known, size = [], rounded_size(mesh)
-    for start in range(0, len(parent), BLOCK):
-        vertices = np.repeat(middle[start : start + BLOCK], 3, axis=1)
+    for block in blocks(len(parent)):
+        vertices = np.repeat(middle[block], 3, axis=1)
         known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
     return areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
 
@@ -69,11 +68,10 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Ar
 def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
     """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
     found, owners = [], []
-    for start in range(0, len(parent), BLOCK):
-        block = slice(start, start + BLOCK)
+    for block in blocks(len(parent)):
         parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
         found.append(on_block(mesh, parts, parent[block][owner], data))
-        owners.append(owner + start)
+        owners.append(owner + block.start)
     along = (0, 0, 0, 1, 0, 0, 0)
     fields = zip(zip(*found, strict=True), along, strict=True)
     return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32, Mask
+from unilateral.arrays import Array, Index, Int32, Mask, blocks
 from unilateral.bounds.pieces import (
     Pieces,
     areas,
@@ -127,8 +127,7 @@ class Values(NamedTuple):
     def put(self, mesh: Mesh, at: Index, seen: Seen) -> None:
         """Of the polynomials, on the triangles `at` (k,)."""
         size, places = rounded_size(mesh), np.ascontiguousarray(mesh.points.T)
-        for start in range(0, len(at), FEW):
-            some = at[start : start + FEW]
+        for some in (at[of] for of in blocks(len(at), FEW)):
             area, of = mesh.areas[some], seen.of[some]
             f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
             outer = with_gaps(area, 3 * mesh.longest_edges[some], size)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32
-from unilateral.bounds.pieces import BLOCK, on_triangles
+from unilateral.arrays import Array, Index, Int32, blocks
+from unilateral.bounds.pieces import on_triangles
 from unilateral.bounds.projection import ORDER, averages
 from unilateral.fem.quadrature import symmetric
 from unilateral.formulas.taylor import EPS, basis
@@ -66,8 +66,7 @@ def none() -> Polynomials:
 def whole(corners: Array, size: float, data: Data) -> Polynomials:
     """f on triangles with those corners (k, 3, 2), of a mesh of that `rounded_size`."""
     found = [none()]
-    for start in range(0, len(corners), BLOCK):
-        block = corners[start : start + BLOCK]
+    for block in (corners[of] for of in blocks(len(corners))):
         c, rad, first = on_triangles(block, size, data)
         order = (first[:, None] + np.arange(3)) % 3
         frame = _frame(*np.take_along_axis(block, order[..., None], axis=1).transpose(1, 2, 0))

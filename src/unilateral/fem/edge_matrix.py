@@ -16,12 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Int32
+from unilateral.arrays import Array, Int32, blocks
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation
-
-BLOCK = 1 << 13
-"""Triangles at a time, whose numbers fit into a processor's cache."""
 
 
 class Elements(NamedTuple):
@@ -34,8 +31,7 @@ class Elements(NamedTuple):
 def elements(points: Array, nodes: Int32) -> Elements:
     """Of the triangles with those nodes (T, 3)."""
     stiffness, area = np.empty(nodes.shape), np.empty(len(nodes))
-    for begin in range(0, len(nodes), BLOCK):
-        of = slice(begin, begin + BLOCK)
+    for of in blocks(len(nodes)):
         (x, y) = points.T[:, nodes[of].T]
         e, f = x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]]
         area[of] = 0.5 * (e[2] * f[0] - f[2] * e[0])

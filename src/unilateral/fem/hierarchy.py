@@ -164,7 +164,7 @@ def _halvings(step: Step, points: Array, nodes: Int32) -> Int16:
     By the areas themselves, the ratios of which are 2 or 4 but for rounding.
     """
     if step.after:
-        return np.full(len(step.triangles), 2, dtype=np.int16)
+        return np.full(len(step.nodes), 2, dtype=np.int16)
     ratio = signed_areas(points, nodes[step.parent]) / signed_areas(points, step.nodes)
     return np.rint(np.log2(ratio)).astype(np.int16)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, blocks
 from unilateral.fem.p1 import edge_load, linear_parts
 from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
 from unilateral.geometry.mesh import Mesh
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 SAMPLED = 8
 """Degree of the rule on triangles for an f that is known in points only."""
 
-BLOCK = 1 << 16
+PART = 1 << 16
 """Triangles that are looked at together: a part of a mesh takes some 10 MB."""
 
 
 def parts(mesh: Mesh) -> Iterator[Mesh]:
     """The mesh in blocks, each with all nodes and some of the triangles."""
-    for start in range(0, len(mesh.triangles), BLOCK):
-        yield mesh.part(np.arange(start, min(start + BLOCK, len(mesh.triangles))))
+    for of in blocks(len(mesh.triangles), PART):
+        yield mesh.part(np.arange(of.start, of.stop))
 
 
 def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:

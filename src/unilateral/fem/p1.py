@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
@@ -107,11 +107,14 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
     unit = float(np.abs(v).max(initial=0.0))
     if not 0 < unit < math.inf:
         return unit
-    nodal, (x, y) = (v / unit)[mesh.triangles.T], mesh.points.T[:, mesh.triangles.T]
-    along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
-    of_gradient = 0.25 * float(np.sum((along[0] ** 2 + along[1] ** 2) / mesh.areas))
-    of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
-    return unit * math.sqrt(of_gradient + float(mesh.areas @ of_value))
+    square = 0.0
+    for of in blocks(len(mesh.triangles)):
+        nodal, (x, y) = v.take(mesh.triangles[of].T) / unit, mesh.points.T[:, mesh.triangles[of].T]
+        along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
+        of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
+        square += float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
+        square += float(mesh.areas[of] @ of_value)
+    return unit * math.sqrt(square)
 
 
 def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, blocks
 from unilateral.fem.splitting import split_triangles
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.mesh import Mesh
@@ -33,7 +33,6 @@ FINE = 1 / 64
 """Of the shortest side and four times a cutoff's radius: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
 STRONG, TOWARDS = 2, 6
 """Gradings above which the rule is cut towards a point, and how often."""
-BLOCK = 1 << 13
 
 
 class BoundaryRule(NamedTuple):
@@ -147,10 +146,9 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
     of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
-    for start in range(0, len(regular), BLOCK):
-        yield _on_whole(mesh, regular[start : start + BLOCK], *symmetric(of_whole))
-    for start in range(0, len(split.parent), BLOCK):
-        block = slice(start, start + BLOCK)
+    for block in blocks(len(regular)):
+        yield _on_whole(mesh, regular[block], *symmetric(of_whole))
+    for block in blocks(len(split.parent)):
         yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
     for apart in split.singular:
         points, weights = collapsed(of_pieces, apart.grading)

@@ -38,6 +38,8 @@ is not known by, is a functional of its own, small enough for that one: it adds 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from pyamg.amg_core import gauss_seidel_indexed
 from scipy.linalg.blas import dnrm2
@@ -117,25 +119,21 @@ def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
 def without_coarsest(of: Hierarchy, R: Array) -> float:
     """(3), for an R (n,) that vanishes on V_0."""
     R, found = R.copy(), 0.0
-    for level, rho in zip(reversed(of.levels), reversed(weights(of)), strict=True):
+    for level, rho in zip(reversed(of.levels), weights(of), strict=True):
         found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))
         level.restrict(R)
     return rounded.SLACK * found
 
 
-def weights(of: Hierarchy) -> list[Array]:
-    """(k,) rho_e of the edges that each level has halved."""
-    deepest, found = of.halved.copy(), list[Array]()
+def weights(of: Hierarchy) -> Iterator[Array]:
+    """(k,) rho_e of the edges that each level has halved, from the last level on."""
+    deepest = of.halved
     of_halvings = np.array([growth(k) for k in range(int(deepest.max()) + 1)])
     for level in reversed(of.levels):
-        step, at = level.step, level.step.at
-        deep = deepest[step.triangles]
-        most, deepest = np.zeros(step.before), deepest[: step.before]
-        np.maximum.at(most, step.parent, of_halvings[deep - level.halved])
-        deepest[step.parent] = 0
+        step, deep = level.step, deepest[level.step.triangles]
+        below, deepest = np.zeros(step.before, dtype=np.int16), deepest[: step.before].copy()
+        np.maximum.at(below, step.parent, deep - level.halved)
         np.maximum.at(deepest, step.parent, deep)
         children = np.bincount(step.parent, minlength=step.before)
-        within = CONSTANT[children[at]] * most[at]
-        each = np.divide(of.roundness[of.root[at]], within, out=np.zeros(at.shape), where=at >= 0)
-        found.insert(0, each.sum(axis=1))
-    return found
+        rho = of.roundness[of.root[: step.before]] / (CONSTANT[children] * of_halvings[below])
+        yield rho[step.at[:, 0]] + np.where(step.at[:, 1] >= 0, rho[step.at[:, 1]], 0)

@@ -25,10 +25,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dnrm2
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, blocks
 from unilateral.formulas.taylor import EPS
 
-BLOCK = 1 << 15
+ROWS = 1 << 15
 """Rows at a time, whose numbers fit into a processor's cache."""
 UNIT = EPS / 2
 """Of a number: its rounding, at most. Two units more than are needed are for the rounding of the bounds."""
@@ -51,8 +51,7 @@ def terms(matrix: sp.csr_array) -> int:
 def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
     """A u (n,), A (n, n) with those sums (n,) of its rows, which each have an entry."""
     values, sizes = mass * u, mass * np.abs(u)
-    for begin in range(0, len(u), BLOCK):
-        rows = slice(begin, min(begin + BLOCK, len(u)))
+    for rows in blocks(len(u), ROWS):
         start = A.indptr[rows.start : rows.stop + 1]
         of = slice(start[0], start[-1])
         parts = A.data[of] * (u[A.indices[of]] - np.repeat(u[rows], np.diff(start)))

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
-
-BLOCK = 1 << 13
-"""Triangles at a time, whose numbers fit into a processor's cache."""
+from unilateral.arrays import Array, Index, Mask, blocks
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -26,8 +23,7 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
 def signed_areas(points: Array, triangles: Index) -> Array:
     """(m,) areas of the triangles, negative where the nodes run clockwise."""
     found = np.empty(len(triangles))
-    for start in range(0, len(found), BLOCK):
-        some = slice(start, start + BLOCK)
+    for some in blocks(len(found)):
         x, y = points.T[:, triangles[some].T]
         found[some] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
     return found
@@ -36,8 +32,7 @@ def signed_areas(points: Array, triangles: Index) -> Array:
 def longest_edges(points: Array, triangles: Index) -> Array:
     """(m,) the longest edge of each triangle."""
     found = np.empty(len(triangles))
-    for start in range(0, len(found), BLOCK):
-        some = slice(start, start + BLOCK)
+    for some in blocks(len(found)):
         x, y = points.T[:, triangles[some].T]
         found[some] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
     return found

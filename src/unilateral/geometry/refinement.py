@@ -59,27 +59,37 @@ class Triangulation:
 class Step:
     """A refinement: `ends` (k, 2) are those of the halved edges, whose midpoints are the nodes n, n + 1, ...
 
-    `at` (k, 2) are the triangles at these edges, -1 for none. The triangles (c,) are new, with the `nodes`
-    (c, 3), and `parent` (c,) are the triangles that they come from. There were `before` triangles. After a
-    uniform step the triangulation is known, too.
+    `at` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new triangles have
+    the `nodes` (c, 3). There were `before` triangles. After a uniform step the triangulation is known, and
+    the new triangles are all, in order; else they are `made`: their numbers (c,), and those of the triangles
+    that they come from (c,).
     """
 
     n: int
     ends: Int32
     at: Int32
-    triangles: Int32
     nodes: Int32
-    parent: Int32
     before: int
+    made: tuple[Int32, Int32] | None
     after: Triangulation | None = None
+
+    @property
+    def triangles(self) -> Int32:
+        """(c,) the new ones."""
+        return self.made[0] if self.made else np.arange(len(self.nodes), dtype=np.int32)
+
+    @property
+    def parent(self) -> Int32:
+        """(c,) the triangles that they come from."""
+        return self.made[1] if self.made else np.tile(np.arange(self.before, dtype=np.int32), RED)
 
     def put(self, old: Kind, new: Kind) -> Kind:
         """(T, ...) the values (before, ...) of triangles, those of the new ones (c, ...) put in."""
-        if self.after:  # all are new, and in order
+        if self.made is None:
             return new
-        more = int(self.triangles.max()) + 1 - self.before
+        more = int(self.made[0].max()) + 1 - self.before
         found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
-        found[self.triangles] = new
+        found[self.made[0]] = new
         return found
 
     def inherited(self, values: Kind) -> Kind:
@@ -89,28 +99,30 @@ class Step:
 
 def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulation, Step]:
     """With the chosen triangles cut in four, and others as that needs; by default all."""
-    cut = np.arange(len(of.ends), dtype=np.int32) if chosen is None else _closure(of, chosen)
-    n, E, k, ends = of.n, len(of.ends), len(cut), of.ends[cut]
+    E = len(of.ends)
+    cut = np.arange(E, dtype=np.int32) if chosen is None else _closure(of, chosen)
+    n, k, uniform = of.n, len(cut), len(cut) == E
+    ends, at = (of.ends, of.sides) if uniform else (of.ends[cut], of.sides[cut])
     middle = np.full(E, -1, dtype=np.int32)
     middle[cut] = n + np.arange(k, dtype=np.int32)
     second = np.full(E, -1, dtype=np.int32)
     second[cut] = E + np.arange(k, dtype=np.int32)
     new = _Children(of, middle, second, E + k)
-    step = Step(n, ends, of.sides[cut], new.triangles, new.nodes, new.parent, len(of.nodes))
+    step = Step(n, ends, at, new.nodes, len(of.nodes), None if uniform else (new.triangles, new.parent))
     found = Triangulation(
         n + k,
-        new.nodes if k == E else step.put(of.nodes, new.nodes),
-        new.edges if k == E else step.put(of.edges, new.edges),
+        new.nodes if uniform else step.put(of.nodes, new.nodes),
+        new.edges if uniform else step.put(of.edges, new.edges),
         np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
         np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
         _along(of, middle, second),
-        of.alike and k == E,
+        of.alike and uniform,
     )
     found.ends[cut, 1] = middle[cut]
     found.sides[cut] = -1
     reverse = found.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
     found.sides[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
-    return found, step if k < E else replace(step, after=found)
+    return found, replace(step, after=found) if uniform else step
 
 
 def _closure(of: Triangulation, chosen: Index) -> Int32:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
@@ -27,7 +27,7 @@ FLOOR = 1e-13
 IN_VAIN = 4.0
 """Times the rounding at a point: a piece on which a function is known that well is not cut."""
 MOST_PIECES = 60_000
-BLOCK = 1 << 11
+FEW = 1 << 11
 """Pieces at once, so that the models of a long formula fit into the processor's cache."""
 SHORTEST = 2.0**-44
 """Of a side."""
@@ -159,8 +159,8 @@ def _only_rounded(model: SideModel, pieces: Pieces) -> Mask:
 
 
 def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:
-    blocks = [slice(i, i + BLOCK) for i in range(0, len(side), BLOCK)]
-    return _together([_on_block(model, side[at], start[at], end[at]) for at in blocks])
+    parts = [_on_block(model, side[at], start[at], end[at]) for at in blocks(len(side), FEW)]
+    return _together(parts)
 
 
 def _on_block(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:

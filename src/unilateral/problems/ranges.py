@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unilateral.arrays import Array, Mask
+from unilateral.arrays import Array, Mask, blocks
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import compile_numpy
@@ -20,7 +20,7 @@ SAME = 1e-9
 """So is one that misses them by less than this share of the value."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
-BLOCK = 1 << 11
+FEW = 1 << 11
 """Boxes at once, so that the models of a long formula fit into the processor's cache."""
 MOST_DISTANCES = 1 << 20
 """At once, of boxes from sides."""
@@ -57,8 +57,7 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
 def _bounds(formula: Expression, boxes: Array) -> Interval:
     """(k,), (k,) of the formula on the boxes (k, 2, 2)."""
     found = [(np.zeros(0), np.zeros(0))]
-    for start in range(0, len(boxes), BLOCK):
-        block = boxes[start : start + BLOCK]
+    for block in (boxes[of] for of in blocks(len(boxes), FEW)):
         found.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate("xy")}).range)
     lower, upper = (np.concatenate(ends) for ends in zip(*found, strict=True))
     return lower, upper

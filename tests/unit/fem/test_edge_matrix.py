@@ -71,7 +71,7 @@ def test_products_belong_to_the_opposite_edges(name: str) -> None:
 def test_elements_in_blocks_are_those_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = mesh_of("at random")
     at_once = elements(mesh.points, mesh.triangulation.nodes)
-    monkeypatch.setattr("unilateral.fem.edge_matrix.BLOCK", 7)
+    monkeypatch.setattr("unilateral.arrays.BLOCK", 7)
     for found, expected in zip(elements(mesh.points, mesh.triangulation.nodes), at_once, strict=True):
         assert np.array_equal(found, expected)
 

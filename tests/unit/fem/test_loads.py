@@ -16,7 +16,7 @@ def moments(mesh):
 
 @pytest.mark.parametrize("times", [0, 2])
 def test_loads_by_parts_are_those_of_the_mesh(times, monkeypatch):
-    monkeypatch.setattr(loads, "BLOCK", 5)
+    monkeypatch.setattr(loads, "PART", 5)
     mesh = refine(unstructured(named("lshape"), 0.4), times)
     parts = list(loads.parts(mesh))
     assert len(parts) > 1
