@@ -172,7 +172,7 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> Discrete:
 def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
     """The problem whose f, g and q are enclosed; its load is that of the enclosure's polynomials."""
     source, mesh = enclosed(spaces.mesh, data), spaces.mesh
-    load = p1_load(mesh, source.moments) + flux_load(data, mesh)
+    load = source.load + flux_load(data, mesh)
     trace = spaces.condensed.solve(load)[mesh.boundary]
     discrete = with_load(spaces, load, trace, obstacle_means(data, spaces.partition))
     if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:

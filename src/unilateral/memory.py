@@ -1,8 +1,9 @@
-"""The peak resident memory of this process, and what is free for it."""
+"""The peak resident memory of this process, what is free for it, and what it keeps."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import math
 import os
 import re
@@ -13,6 +14,8 @@ from pathlib import Path
 BYTES_PER_MB = 2**20
 UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
 """Of ru_maxrss, see getrusage(2)."""
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+"""Of mallopt(3)."""
 CGROUP = Path("/sys/fs/cgroup")
 """Of this process, as a container sees it."""
 
@@ -21,6 +24,17 @@ def forget_peak() -> None:
     """Start anew from what is held now, where the system can (Linux, see proc(5)); else do nothing."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def keep_freed() -> None:
+    """From now on, where the C library is glibc: large arrays that are freed stay with this process.
+
+    The next ones need no new pages then. To get these may take longer than to compute what is put there.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(MMAP_THRESHOLD, 2**25)
+        mallopt(TRIM_THRESHOLD, 2**31 - 1)
 
 
 def peak_mb() -> float:

@@ -20,7 +20,6 @@ from unilateral.discrete_solution import AIM, Solution
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.loads import by_parts, case_moments, sampled_moments
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
@@ -171,7 +170,7 @@ def after(last: Solution | None, problem: Data, of: AdaptedMesh) -> Multilevel:
         for level in levels.levels:
             if level.n > len(last.u_h):
                 level.prolong(guess)
-    load = p1_load(mesh, source.moments)
+    load = source.load
     found = _on_levels(problem, mesh, of.partition, levels, load, source, guess)
     assert found is not None
     return found
@@ -209,4 +208,4 @@ def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
     if isinstance(problem, Sampled):
         return by_parts(mesh, partial(sampled_moments, problem)), None
     source = enclosed(mesh, problem)
-    return p1_load(mesh, source.moments), source
+    return source.load, source

@@ -12,7 +12,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.equilibrated import equilibrated
 from unilateral.bounds.misfit import defects
 from unilateral.bounds.source import Source
-from unilateral.fem.p1 import edge_load, load, lumped_mass, stiffness_and_mass
+from unilateral.fem.p1 import edge_load, lumped_mass, stiffness_and_mass
 from unilateral.solvers.descent import solved
 
 SHARE = 0.01
@@ -26,7 +26,7 @@ def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Ar
     """
     w = u_h
     for last in (False, True):
-        q = equilibrated(source.mesh, w, source.moments, sigma)
+        q = equilibrated(source.mesh, w, source.moments_on, sigma)
         of_gradient, residual, rounding = defects(source, w, q)
         sizes = np.minimum(source.mesh.longest_edges, 1.0)
         least = max(SHARE * float(sizes**2 @ of_gradient), rounding**2)
@@ -44,5 +44,5 @@ def _solved(source: Source, w: Array, sigma: Array, least: float) -> Array:
     """
     mesh = source.mesh
     stiffness, mass = stiffness_and_mass(mesh)
-    rhs = load(mesh, source.moments) + edge_load(mesh, sigma)
+    rhs = source.load + edge_load(mesh, sigma)
     return solved(stiffness + mass, rhs, w, lumped_mass(mesh), least)[0]

@@ -22,6 +22,7 @@ the rounding of these values.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -46,19 +47,19 @@ class _Numbers(NamedTuple):
     slope: Array
 
 
-def equilibrated(mesh: Mesh, u_h: Array, moments: Array, sigma: Array) -> Array:
+def equilibrated(mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array) -> Array:
     """q on the edges (2, E) of the `triangulation`: flows (E,), and by how much they tilt (E,).
 
     What flows over an edge to its left, times its length, is linear along it. It is the sum of both at the
-    first end, and their difference at the second end. `moments` (m, 3) are those of f with the hats; `sigma`
-    (nb, 2) is linear on the boundary edges, with these values at their ends.
+    first end, and their difference at the second end. `moments` gives those of f with the hats (k, 3) of some
+    triangles; `sigma` (nb, 2) is linear on the boundary edges, with these values at their ends.
     """
     ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
-    (corner, after), f = around(mesh), moments.ravel()
+    after, f = around(mesh, moments)
     flow, tilt = q = np.zeros((2, len(ends) // 2))
     for edge, spokes in fans(mesh, after):
         left = spokes[:-1]
-        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(corner.take(left)))
+        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left))
         at_boundary = edge.size > 0
         F, z = _at_the_boundary(numbers, *_given(mesh, sigma, edge)) if at_boundary else _inside(numbers)
         at, sign = (left >> 1).ravel(), 1 - 2 * (left & 1)

@@ -95,7 +95,7 @@ def local_bound(
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
     flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
-    q = equilibrated(mesh, u_h, source.moments, flux.ends + tau.ends)
+    q = equilibrated(mesh, u_h, source.moments_on, flux.ends + tau.ends)
     lift = lifting(mesh, obstacle, u_h, flux, held)
     *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(held)))
     of, d = lift.of, lift.of.function(*of_boundary)
@@ -145,5 +145,6 @@ def _of_data(source: Source, u_h: Array) -> Array:
     mesh, squares = source.mesh, np.empty(len(source.f_h))
     for of in blocks(len(squares)):
         a, b, c = source.f_h[of].T - u_h.take(mesh.triangles[of].T)
-        squares[of] = mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2)
-    return source.squares_with(np.sqrt(squares))
+        more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))
+        squares[of] = source.squares_with(more, of)
+    return squares

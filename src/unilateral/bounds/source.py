@@ -78,6 +78,14 @@ class Source:
         """(m, 3) those of f_h, and of p, with the triangles' hats."""
         return self.moments_on(slice(None))
 
+    @property
+    def load(self) -> Array:
+        """(n,) values of (f_h, phi_i)."""
+        found, nodes = np.zeros(self.mesh.n_nodes), self.mesh.triangles
+        for of in blocks(len(nodes)):
+            np.add.at(found, nodes[of].ravel(), self.moments_on(of).ravel())
+        return found
+
     def moments_on(self, of: slice) -> Array:
         """(k, 3) the same of some triangles."""
         f_h = self.f_h[of]
@@ -92,11 +100,11 @@ class Source:
         """The same for f - f_h and functions with mean 0 and those norms (m,) on the triangles together."""
         return math.sqrt(self.squares_with(more).sum())
 
-    def squares_with(self, more: Array | float) -> Array:
-        """(m,) the triangles' parts of its square."""
-        free = self.oscillation + more
-        apart = (poincare(self.mesh) * free) ** 2 + self.rest**2
-        return np.asarray(np.minimum(apart, (free + self.rest) ** 2))
+    def squares_with(self, more: Array | float, of: slice = slice(None)) -> Array:
+        """(k,) some triangles' parts of its square, for `more` (k,) of these."""
+        free, rest = self.oscillation[of] + more, self.rest[of]
+        apart = (poincare(self.mesh.longest_edges[of]) * free) ** 2 + rest**2
+        return np.asarray(np.minimum(apart, (free + rest) ** 2))
 
     @property
     def unknown(self) -> float:
@@ -104,9 +112,9 @@ class Source:
         return float(np.linalg.norm(self.rest))
 
 
-def poincare(mesh: Mesh) -> Array:
-    """(m,) the constants C of ||w - mean w||_T <= C |w|_{1,T}."""
-    return mesh.longest_edges / J
+def poincare(longest: Array) -> Array:
+    """(k,) the constants C of ||w - mean w||_T <= C |w|_{1,T}, for triangles of these longest edges (k,)."""
+    return longest / J
 
 
 class Seen(NamedTuple):

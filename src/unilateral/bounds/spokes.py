@@ -5,32 +5,31 @@ Spoke 2 e + i goes from end i of edge e to the other one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from unilateral.arrays import Int32
+from unilateral.arrays import Array, Int32, blocks
 from unilateral.geometry.mesh import Mesh
 
 CHUNK = 4096
 """Patches, or twice as many triangles, at a time: their numbers fit into a processor's cache."""
 
 
-def around(mesh: Mesh) -> tuple[Int32, Int32]:
-    """Of spokes (2 E,) the corner to the left of each, and the next spoke anticlockwise.
+def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Array]:
+    """Of spokes (2 E,) the next one anticlockwise, and what the corner to the left has of_corners (k, 3).
 
-    Corner 3 t + i is that of triangle t at its node i. There is no triangle to the left of spokes that run
-    back along the boundary.
+    Behind spokes that run back along the boundary there is neither: both are 0.
     """
     ends = mesh.triangulation.ends
-    corner, after = np.zeros((2, 2 * len(ends)), dtype=np.int32)
-    for begin in range(0, len(mesh.triangles), 2 * CHUNK):
-        node, edge = (each[begin : begin + 2 * CHUNK].T for each in (mesh.triangles, mesh.opposite_edges))
+    after, found = np.zeros(2 * len(ends), dtype=np.int32), np.zeros(2 * len(ends))
+    for of in blocks(len(mesh.triangles), 2 * CHUNK):
+        node, edge, values = mesh.triangles[of].T, mesh.opposite_edges[of].T, of_corners(of).T
         spokes = [2 * e + (ends[e, 0] != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
         for i, spoke in enumerate(spokes):
-            corner[spoke] = np.arange(3 * begin + i, 3 * (begin + len(spoke)), 3)
+            found[spoke] = values[i]
             after[spoke] = spokes[i - 1] ^ 1
-    return corner, after
+    return after, found
 
 
 def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
@@ -46,8 +45,7 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
     kind[mesh.boundary] -= 1
     for which in np.flatnonzero(np.bincount(kind)):
         nodes, k = np.flatnonzero(kind == which), which // 2
-        for begin in range(0, len(nodes), CHUNK):
-            part = nodes[begin : begin + CHUNK]
+        for part in (nodes[of] for of in blocks(len(nodes), CHUNK)):
             fan = np.empty((k + 1, len(part)), dtype=np.int32)
             fan[0] = first[part]
             for j in range(k):

@@ -31,7 +31,7 @@ from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError
 from unilateral.files import check_target
-from unilateral.memory import available_mb, peak_mb
+from unilateral.memory import available_mb, keep_freed, peak_mb
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution import ENDINGS, Solution, not_converged, not_unique
@@ -52,6 +52,7 @@ KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 def run(options: SimpleNamespace) -> int:
     """Solve and report; the exit code."""
     _targets(options)
+    keep_freed()
     drawn = sys.stderr.isatty() and not options.json
     problem = _read(options, drawn)
     watch = Watch(begin=options.begin)

@@ -20,6 +20,9 @@ from unilateral.arrays import Array, Int32, blocks
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation
 
+ROWS = 1 << 17
+"""Of a matrix at a time: with their triangles they take some 90 MB."""
+
 
 class Elements(NamedTuple):
     """Of triangles: the products (T, 3) that belong to the opposite edges, and areas (T,)."""
@@ -40,42 +43,54 @@ def elements(points: Array, nodes: Int32) -> Elements:
     return Elements(stiffness, area)
 
 
-def lumped(nodes: Int32, area: Array, n: int) -> Array:
-    """(n,) a third of the area around each node: the sums of the matrix's rows."""
-    return np.bincount(nodes.ravel(), np.repeat(area / 3, 3), n).astype(float, copy=False)
-
-
 def h1_matrix(mesh: Mesh) -> sp.csr_array:
     """A (n, n) of a mesh, see `matrix`."""
-    return matrix(mesh.triangulation, mesh.points)
+    return matrix(mesh.triangulation, mesh.points)[0]
 
 
-def matrix(tri: Triangulation, points: Array) -> sp.csr_array:
-    """A (n, n) of those triangles, each row beginning with the diagonal."""
-    n, of = tri.n, elements(points, tri.nodes)
-    parts = of.stiffness + (of.area / 12)[:, None]
-    beside = np.bincount(tri.edges.ravel(), parts.ravel(), len(tri.ends))
-    a, b = tri.ends.T
-    diagonal = lumped(tri.nodes, of.area, n) - np.bincount(a, beside, n) - np.bincount(b, beside, n)
-    every = np.arange(n, dtype=np.int32)
+def matrix(tri: Triangulation, points: Array) -> tuple[sp.csr_array, Array]:
+    """A (n, n) of those triangles, each row beginning with the diagonal, and the sums (n,) of its rows."""
+    n, mass, beside = tri.n, np.zeros(tri.n), np.zeros(len(tri.ends))
+    for of in blocks(len(tri.nodes)):
+        stiffness, area = elements(points, tri.nodes[of])
+        np.add.at(mass, tri.nodes[of].ravel(), np.repeat(area / 3, 3))
+        np.add.at(beside, tri.edges[of].ravel(), (stiffness + (area / 12)[:, None]).ravel())
+    diagonal = mass.copy()
+    for end in tri.ends.T:
+        np.subtract.at(diagonal, end, beside)
+    every, (a, b) = np.arange(n, dtype=np.int32), tri.ends.T
     places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    A = sp.coo_array((np.concatenate([diagonal, beside, beside]), places), shape=(n, n))
-    A.has_canonical_format = True  # no entry occurs twice; it would be looked for
-    return A.tocsr()
+    return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), mass
 
 
 def some_rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
-    """(k, n) the rows of the nodes (k,) alone, from the triangles at them."""
+    """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3)."""
+    parts = [_rows(points, nodes, chosen[of], n) for of in blocks(len(chosen), ROWS)]
+    return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
+
+
+def _rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
+    """From a node inside each edge leads to the next node of one triangle and to the last one of another."""
     place = np.full(n, -1, dtype=np.int32)
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
-    row = place[nodes]
-    some = np.flatnonzero((row >= 0).any(axis=1))
-    row, nodes = row[some], nodes[some]
-    stiffness, area = elements(points, nodes)
-    values = np.empty((len(some), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        values[:, i, j] = values[:, j, i] = stiffness[:, k] + area / 12
-        values[:, i, i] = area / 6 - stiffness[:, j] - stiffness[:, k]
-    kept = np.repeat(row[:, :, None] >= 0, 3, axis=2)
-    rows, columns = np.repeat(row[:, :, None], 3, axis=2)[kept], np.repeat(nodes[:, None], 3, axis=1)[kept]
-    return sp.coo_array((values[kept], (rows, columns)), shape=(len(chosen), n)).tocsr()
+    some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
+    of, corners = elements(points, nodes[some]), nodes[some].T
+    beside, row = (of.stiffness + (of.area / 12)[:, None]).T, place[corners]
+    at = [np.flatnonzero(each >= 0) for each in row]
+    rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
+    diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
+    np.add.at(diagonal, rows, np.concatenate([of.area[here] for here in at]) / 3)
+    found = sp.csr_array(shape)
+    for to, opposite in ((1, 2), (2, 1)):
+        columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
+        values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
+        np.subtract.at(diagonal, rows, values)
+        found = found + _once(values, rows, columns, shape)
+    return found + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
+
+
+def _once(values: Array, rows: Int32, columns: Int32, shape: tuple[int, int]) -> sp.csr_array:
+    """The matrix with these entries, no two of which are in one place: it is not looked for such."""
+    found = sp.coo_array((values, (rows, columns)), shape=shape)
+    found.has_canonical_format = True
+    return found.tocsr()

@@ -16,9 +16,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int16, Int32
-from unilateral.fem.edge_matrix import lumped, matrix, some_rows
+from unilateral.fem.edge_matrix import matrix, some_rows
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.plane import signed_areas
 from unilateral.geometry.refinement import Step
 
 
@@ -147,39 +146,28 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
         smoothed = levels[-1].smoothed
         levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
     for step in steps:
-        more = halved[step.parent] + _halvings(step, mesh.points, nodes)
+        more = halved[step.parent] + step.halved
         nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
         level = _level(step, more)
         if step is not steps[-1]:
             level = level.with_rows(_rows(level, mesh.points, nodes))
         levels.append(level)
     tri, level_0 = mesh.triangulation, (found.coarse, found.A_0, found.coarsest)
-    A, mass = matrix(tri, mesh.points), lumped(tri.nodes, mesh.areas, mesh.n_nodes)
+    A, mass = matrix(tri, mesh.points)
     return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
-
-
-def _halvings(step: Step, points: Array, nodes: Int32) -> Int16:
-    """(c,) how often the step has halved the areas of new triangles' parents, of triangles with those nodes.
-
-    By the areas themselves, the ratios of which are 2 or 4 but for rounding.
-    """
-    if step.after:
-        return np.full(len(step.nodes), 2, dtype=np.int16)
-    ratio = signed_areas(points, nodes[step.parent]) / signed_areas(points, step.nodes)
-    return np.rint(np.log2(ratio)).astype(np.int16)
 
 
 def _rows(level: Level, points: Array, nodes: Int32) -> sp.csr_array:
     """Of the triangles with those nodes (T, 3)."""
     if level.step.after:
-        return matrix(level.step.after, points)
+        return matrix(level.step.after, points)[0]
     assert level.smoothed is not None
     return some_rows(points, nodes, level.smoothed, level.n)
 
 
 def _on_level_0(mesh: Mesh) -> Hierarchy:
     tri = mesh.triangulation
-    A, mass = matrix(tri, mesh.points), lumped(tri.nodes, mesh.areas, tri.n)
+    A, mass = matrix(tri, mesh.points)
     root, halved = np.arange(len(tri.nodes), dtype=np.int32), np.zeros(len(tri.nodes), dtype=np.int16)
     level_0 = mesh, A, splu(A.tocsc())
     return Hierarchy(*level_0, [], A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)

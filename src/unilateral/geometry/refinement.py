@@ -61,8 +61,8 @@ class Step:
 
     `at` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new triangles have
     the `nodes` (c, 3). There were `before` triangles. After a uniform step the triangulation is known, and
-    the new triangles are all, in order; else they are `made`: their numbers (c,), and those of the triangles
-    that they come from (c,).
+    the new triangles are all, in order; else they are `made`: their numbers (c,), those of the triangles that
+    they come from (c,), and how often the areas of these were halved (c,).
     """
 
     n: int
@@ -70,7 +70,7 @@ class Step:
     at: Int32
     nodes: Int32
     before: int
-    made: tuple[Int32, Int32] | None
+    made: tuple[Int32, Int32, Int16] | None
     after: Triangulation | None = None
 
     @property
@@ -82,6 +82,11 @@ class Step:
     def parent(self) -> Int32:
         """(c,) the triangles that they come from."""
         return self.made[1] if self.made else np.tile(np.arange(self.before, dtype=np.int32), RED)
+
+    @property
+    def halved(self) -> Int16:
+        """(c,) how often their areas were."""
+        return self.made[2] if self.made else np.full(len(self.nodes), 2, dtype=np.int16)
 
     def put(self, old: Kind, new: Kind) -> Kind:
         """(T, ...) the values (before, ...) of triangles, those of the new ones (c, ...) put in."""
@@ -108,7 +113,8 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
     second = np.full(E, -1, dtype=np.int32)
     second[cut] = E + np.arange(k, dtype=np.int32)
     new = _Children(of, middle, second, E + k)
-    step = Step(n, ends, at, new.nodes, len(of.nodes), None if uniform else (new.triangles, new.parent))
+    made = None if uniform else (new.triangles, new.parent, new.halved)
+    step = Step(n, ends, at, new.nodes, len(of.nodes), made)
     found = Triangulation(
         n + k,
         new.nodes if uniform else step.put(of.nodes, new.nodes),
@@ -154,12 +160,17 @@ CHILDREN = (
 )
 """The children's nodes, and their opposite edges: 0, 1, 2 are whole, 3 to 8 the halves of edge 0 at b and c,
 of edge 1 at c and a, of edge 2 at a and b, and the others lie inside."""
+HALVED = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
+"""How often the parent's area was."""
 GREEN, BLUE, RED = 2, 3, 4
 """Children of a triangle."""
 
 
 class _Children:
-    """All new triangles (c,) with their nodes and edges (c, 3) and parents (c,), and the edges within."""
+    """All new triangles (c,) with their nodes and edges (c, 3) and parents (c,), and the edges within.
+
+    And how often the parents' areas were `halved` (c,).
+    """
 
     def __init__(self, of: Triangulation, middle: Int32, second: Int32, edges: int) -> None:
         """`middle` (E,) and `second` (E,) are the node in, and the second half of, each edge; -1 for none."""
@@ -174,6 +185,7 @@ class _Children:
         self.within = np.empty((int(count.sum()), 2), dtype=np.int32)
         self.triangles, self.parent = (np.empty(len(parents) + len(self.within), np.int32) for _ in range(2))
         self.nodes, self.edges = (np.empty((len(self.triangles), 3), np.int32) for _ in range(2))
+        self.halved = np.empty(len(self.triangles), np.int16)
         begin, free = 0, len(of.nodes)
         for which, (within, children) in enumerate(zip(WITHIN, CHILDREN, strict=True)):
             here = np.flatnonzero(kind == which)
@@ -187,7 +199,8 @@ class _Children:
                 self.triangles[rows] = np.arange(free, free + len(some)) if number else some
                 free += len(some) if number else 0
                 self.nodes[rows], self.edges[rows] = nodes[:, of_nodes], known[:, of_edges]
-                self.parent[rows], begin = some, begin + len(some)
+                self.parent[rows], self.halved[rows] = some, HALVED[which][number]
+                begin += len(some)
 
 
 def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tuple[Int32, Int32]:

@@ -238,7 +238,7 @@ def test_rounding_is_added():
     squares, residual, rounding = misfit.defects(
         enclosed(mesh, problem),
         u_h,
-        local.equilibrated(mesh, u_h, enclosed(mesh, problem).moments, sigma(mesh)),
+        local.equilibrated(mesh, u_h, enclosed(mesh, problem).moments_on, sigma(mesh)),
     )
     assert 0 < np.sqrt(squares.sum() + mesh.areas @ residual**2) <= rounding < 1e-4
 
