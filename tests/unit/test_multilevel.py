@@ -114,11 +114,11 @@ def test_the_norm_from_below_is_one_from_below_and_not_idle():
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, cells.n_cells)
         below, exact = both[0].lambda_norm(lambda_H), np.linalg.norm(both[1].spaces.operator.half @ lambda_H)
-        assert 0.5 * exact < below <= exact * (1 + 1e-12)
+        assert 0.99 * exact < below <= exact * (1 + 1e-12)
     assert both[0].lambda_norm(0 * lambda_H) == 0
 
 
-@pytest.mark.parametrize(("length", "least"), [(1e-5, 0.5), (4.124626382901348e-07, 0.5), (1e-8, 0.0)])
+@pytest.mark.parametrize(("length", "least"), [(1e-5, 0.99), (4.124626382901348e-07, 0.99), (1e-8, 0.0)])
 def test_it_is_one_from_below_on_small_domains(length, least):
     """lambda_H = 1: <lambda_H, v> / ||v||_1 is largest for a constant v, up to the square of the length.
 
@@ -336,7 +336,7 @@ def test_the_norm_is_one_from_below_on_adapted_meshes():
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, len(found.cells))
         below, norm = found.lambda_norm(lambda_H), np.linalg.norm(exact.spaces.operator.half @ lambda_H)
-        assert 0.5 * norm < below <= norm * (1 + 1e-12)
+        assert 0.99 * norm < below <= norm * (1 + 1e-12)
     assert found.lambda_norm(0 * lambda_H) == 0
 
 
@@ -346,7 +346,7 @@ def test_so_it_is_there_on_small_domains(length):
     sides = length * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     found = on(ul.Problem(sides, f="-1", g="0"))
     one, exact = np.ones(len(found.cells)), 4 * (1 + length**2)
-    assert 0.5 * exact <= found.lambda_norm(one) <= exact
+    assert 0.99 * exact <= found.lambda_norm(one) <= exact
 
 
 def test_it_stops_where_it_is_told_and_goes_on():

@@ -58,6 +58,8 @@ LEAST = 1e-26
 FLOOR = 1e-10
 """Of ||u||_1: no less is wanted where no tolerance is given, for the steps are rounded."""
 MOST_STEPS = 40
+CYCLES, ENOUGH = 6, 0.01
+"""For the norm of lambda_H from below, at most; and what one adds to its square when it is the last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +122,9 @@ class Multigrid:
 
     def dual_norm_below(self, lambda_H: Array) -> float:
         """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
-        of = self.finest.of
-        R = self.finest.cells.B.T @ lambda_H
-        v = downwards(of, R)
+        of, R = self.finest.of, self.finest.cells.B.T @ lambda_H
+        unit = float(np.abs(R).max(initial=0.0))
+        v = nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
         A_v = rounded.product(of.A, of.mass, v)
         norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
         return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
@@ -142,6 +144,23 @@ class Multigrid:
             u, active, share = np.append(u, np.empty(fine.of.n - len(u))), active[fine.cells.parent], DECADE
             fine.of.levels[-1].prolong(u)
         return u, active
+
+
+def nearly_solved(of: Hierarchy, R: Array) -> Array:
+    """v (n,) with A v nearly R (n,): a few V-cycles, each for what is left, and conjugate to those before."""
+    left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
+    for _ in range(CYCLES):
+        p = downwards(of, left)
+        A_p = rounded.product(of.A, of.mass, p).values
+        for q, A_q in before:
+            share = (p @ A_q) / (q @ A_q)
+            p, A_p = p - share * q, A_p - share * A_q
+        gain, square = float(p @ left), float(p @ A_p)
+        if not (square > 0 and gain**2 > ENOUGH * square * float(v @ R)):
+            break
+        before.append((p, A_p))
+        v, left = v + gain / square * p, left - gain / square * A_p
+    return v
 
 
 def multigrid(of: Hierarchy, cells: Sequence[Cells], load: Array, d: Array) -> Multigrid:
