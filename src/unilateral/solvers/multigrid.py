@@ -109,7 +109,7 @@ class Multigrid:
     ) -> Found:
         """(u_h, lambda_H) with a bound of at most the tolerance, from 0, or from u (n,) and a set (m,).
 
-        And a residual of at most `in_L2`. Without a tolerance both are fractions of an estimate of the
+        And a residual of at most `in_L2`. Without them they are fractions of an estimate of the
         discretisation error. Rounding, MOST_STEPS or MOST_ITERATIONS may end it before.
         """
         counts: list[tuple[int, int]] = []
@@ -222,7 +222,7 @@ class Reduced:
 class Bounded:
     """Ends a run when its `bound` is at most the tolerance and R at most `in_L2`, or nothing falls any more.
 
-    Without a tolerance the first run sets both, to fractions of an estimate of ||u - u_h||_1. That run begins
+    Without them the first run sets them, to fractions of an estimate of ||u - u_h||_1. That run begins
     at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1. Where
     errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1. Where
     u_2h is u_h but for rounding, FLOOR is enough.
@@ -237,10 +237,12 @@ class Bounded:
 
     def first_look(self, run: Run) -> float:
         """The r . z at which to look at the set."""
+        estimate = math.sqrt(max(run.first_rz, 0.0) / 3)
         if self.tolerance is None:
-            estimate, A_u = math.sqrt(max(run.first_rz, 0.0) / 3), run.grid.of.A @ run.u
-            least = FLOOR * rounded.root(run.u, A_u)
-            self.tolerance, self.in_L2 = max(self.fraction * estimate, least), IN_L2 * estimate
+            least = FLOOR * rounded.root(run.u, run.grid.of.A @ run.u)
+            self.tolerance = max(self.fraction * estimate, least)
+        if self.in_L2 == math.inf:
+            self.in_L2 = IN_L2 * estimate
         return max(DECADE * run.rz, self._worth_a_bound(run, self.tolerance))
 
     def __call__(self, run: Run) -> float | None:
