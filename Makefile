@@ -43,8 +43,9 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	fi
 	@echo "figures, docs, README.md, paper.md and supplement.md are as committed."
 
-bench: .venv/ready  ## side by side with other solvers; `make bench sizes=256` tries it (see benchmarks/README.md)
+bench: .venv/ready  ## side by side with other solvers; `make bench sizes="32 64"` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)
+	python -m benchmarks.commands $(sizes)
 
 score: .venv/ready  ## the drivers of other solvers in examples/, scored (see benchmarks/README.md)
 	python -m benchmarks.scores

@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -97,24 +98,30 @@ class Runner:
 
 def started(python: str, module: str, *arguments: object) -> str:
     """What a module of the benchmarks prints, run on one thread in a process of its own."""
-    environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
     command = plan.command(python, module, *arguments)
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    done = subprocess.run(command, cwd=ROOT, env=on_one_thread(), capture_output=True, text=True)
     if done.returncode:
         raise InputError(f"{module} failed on {arguments}: {done.stderr.strip()[-500:]}")
     return done.stdout
 
 
-def available(given: dict[str, Any], sizes: list[str]) -> list[Run]:
-    """The runs, of those sizes if there are any, whose solvers are there; it is said who is missing.
+def on_one_thread() -> dict[str, str]:
+    """The environment of what is measured."""
+    return {**os.environ, **dict.fromkeys(THREADS, "1")}
 
-    Raises InputError for a size that no run has.
+
+def available(
+    given: dict[str, Any], sizes: list[str], listed: Callable[..., list[Run]] = plan.runs
+) -> list[Run]:
+    """The runs that are listed, of those sizes if there are any, whose solvers are there.
+
+    It is said who is missing. Raises InputError for a size that neither a run nor a command has.
     """
-    known = sorted({run.n for run in plan.runs(given)})
+    known = sorted({run.n for run in plan.runs(given) + plan.commands(given)} - {0})
     for size in sizes:
         if size not in map(str, known):
             raise InputError(f"there is no run of size '{size}'; sizes are {', '.join(map(str, known))}")
-    runs = plan.runs(given, [int(size) for size in sizes])
+    runs = listed(given, [int(size) for size in sizes])
     lacking = {solver: plan.missing(given, solver) for solver in dict.fromkeys(run.solver for run in runs)}
     for said in filter(None, lacking.values()):
         print(f"benchmarks: {said}", file=sys.stderr)
@@ -133,9 +140,9 @@ def main(sizes: list[str]) -> int:
     from benchmarks import summary  # not before: what is started counts the peak memory of who starts it
     from unilateral.study import tables
 
-    if sizes:
+    if sizes and records:
         print(summary.rows(records).to_string(index=False))
-    else:
+    elif not sizes:
         tables.save(summary.dataset(records, machine), FOLDER / "results.nc", "benchmarks")
     return 0
 

@@ -1,8 +1,10 @@
 """This project's ways to solve a problem whose load and cell means of g are given.
 
 `multigrid`: from nothing, then a further problem, on other cells, on the same hierarchy. `linear`: A u = load
-by the same multigrid, without constraints, as a yardstick. `recursive`, `sparse`: the interior eliminated by
-macro-elements or by sparse factors, then the algorithms on the boundary, each from 0.
+by the same multigrid, without constraints, as a yardstick. `bound`: multigrid from nothing, then the
+guaranteed bound of its error; f, which is enclosed for the load and for the bound, counts for neither.
+`recursive`, `sparse`: the interior eliminated by macro-elements or by sparse factors, then the algorithms on
+the boundary, each from 0.
 """
 
 from __future__ import annotations
@@ -16,14 +18,17 @@ from benchmarks.peers.driver import Clock, order, report
 from benchmarks.plan import OTHER
 from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
+from unilateral.bounds.local import local_bound
+from unilateral.bounds.source import enclosed
 from unilateral.discrete import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
-from unilateral.fem.hierarchy import hierarchy
+from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.recursive import Recursive
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.fem.sparse import dissected
 from unilateral.geometry.mesh import Mesh
+from unilateral.problems import problem_file
 from unilateral.solvers.multigrid import Found, multigrid
 from unilateral.solvers.uzawa import uzawa
 
@@ -37,15 +42,9 @@ Told = tuple[Array, list[dict[str, Any]], list[Array]]
 def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """From nothing, and further."""
     H, tolerance = of["H_over_h"], tolerance_of(data, of)
-    load, means = data["load"], {edges: data[f"means_{edges}"] for edges in OTHER}
-    clock.skip()
-    mesh = mesh_of(of)
-    clock.lap("mesh")
-    levels = hierarchy(mesh)
-    clock.lap("assembly")
-    first = grid(mesh, levels, load, means[H], H).solve(tolerance)
-    clock.lap("solve")
-    further = grid(mesh, levels, load, means[OTHER[H]], OTHER[H]).solve(tolerance)
+    load, means = data["load"], data[f"means_{OTHER[H]}"]
+    mesh, levels, first = from_nothing(clock, data, of)
+    further = grid(mesh, levels, load, means, OTHER[H]).solve(tolerance)
     clock.lap("further")
     phases = clock.only(["mesh", "assembly", "solve"]), {"solve": clock.phases["further"]}
     results = [
@@ -53,6 +52,20 @@ def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
         {"way": "further", "H_over_h": OTHER[H], "phases": phases[1], **counts(further)},
     ]
     return mesh.points, results, [first.u, further.u]
+
+
+def from_nothing(clock: Clock, data: Mapping[str, Array], of: Order) -> tuple[Mesh, Hierarchy, Found]:
+    """By multigrid, in the phases `mesh`, `assembly` and `solve`."""
+    H, tolerance, load = of["H_over_h"], tolerance_of(data, of), data["load"]
+    means = data[f"means_{H}"]
+    clock.skip()
+    mesh = mesh_of(of)
+    clock.lap("mesh")
+    levels = hierarchy(mesh)
+    clock.lap("assembly")
+    found = grid(mesh, levels, load, means, H).solve(tolerance)
+    clock.lap("solve")
+    return mesh, levels, found
 
 
 def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
@@ -68,6 +81,17 @@ def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     found = multigrid(levels, cells, load, none).solve(tolerance_of(data, of))
     clock.lap("solve")
     return mesh.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(found)}], []
+
+
+def bound(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
+    """From nothing, and the bound, of a problem file."""
+    problem, (mesh, _, found) = problem_file.load(of["case"]), from_nothing(clock, data, of)
+    given = enclosed(mesh, problem), problem.enclosed_obstacle, partition(mesh, of["H_over_h"])
+    clock.skip()
+    local_bound(*given, found.u, found.lambda_H)
+    clock.lap("bound")
+    result = {"way": "bound", "H_over_h": of["H_over_h"], "phases": clock.phases, **counts(found)}
+    return mesh.points, [result], [found.u]
 
 
 def recursive(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
@@ -125,7 +149,7 @@ def counts(found: Found) -> dict[str, int]:
     return {"iterations": sum(finest), "sets": len(finest)}
 
 
-WAYS = {"multigrid": by_multigrid, "linear": linear, "recursive": recursive, "sparse": sparse}
+WAYS = {"multigrid": by_multigrid, "bound": bound, "linear": linear, "recursive": recursive, "sparse": sparse}
 
 
 def main() -> None:

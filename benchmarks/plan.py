@@ -42,12 +42,11 @@ def read(path: Path) -> dict[str, Any]:
     plan = declarations.validate(
         declarations.read(path, path.name, floats=True), FOLDER / "schema.yaml", path.name
     )
-    for i, entry in enumerate(plan["runs"]):
-        for field in ("solvers", "problems"):
-            for name in entry[field]:
-                if name not in plan[field]:
-                    where, known = f"{path.name}, field runs[{i}].{field}", ", ".join(plan[field])
-                    raise InputError(f"{where}: '{name}' is unknown; it has to be one of {known}")
+    for where, entries in {"runs": plan["runs"], "commands.beside": plan["commands"]["beside"]}.items():
+        for i, entry in enumerate(entries):
+            for field in ("solvers", "problems"):
+                _check(plan, f"{path.name}, field {where}[{i}].{field}", field, entry[field])
+    _check(plan, f"{path.name}, field commands.solvers", "solvers", plan["commands"]["solvers"])
     for name in plan["scores"]["drivers"]:
         if name not in plan["solvers"]:
             raise InputError(
@@ -56,9 +55,38 @@ def read(path: Path) -> dict[str, Any]:
     return plan
 
 
+def _check(plan: dict[str, Any], where: str, field: str, names: Sequence[str]) -> None:
+    for name in names:
+        if name not in plan[field]:
+            known = ", ".join(plan[field])
+            raise InputError(f"{where}: '{name}' is unknown; it has to be one of {known}")
+
+
 def runs(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
     """All runs, of the given sizes only if there are any; solvers take turns, so that all see one machine."""
     return [run for entry in plan["runs"] for run in _of_entry(plan, entry, sizes or entry["sizes"])]
+
+
+def commands(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
+    """The same of whole processes; all take turns. Those with an accuracy have n = 0, and no size."""
+    of = plan["commands"]
+    found = [run for entry in of["typed"] for run in _typed(entry, of["solvers"], sizes)]
+    found += [run for entry in of["beside"] for run in _of_entry(plan, entry, sizes or entry["sizes"])]
+    return sorted(found, key=lambda run: run.repeat)
+
+
+def _typed(entry: dict[str, Any], solvers: Sequence[str], sizes: Sequence[int]) -> Iterator[Run]:
+    file, accuracy = entry["solve"], entry.get("accuracy")
+    wanted = {n: ["--h", f"1/{n}", "--H", f"1/{n // CELLS}"] for n in entry.get("sizes", [])}
+    if sizes:
+        wanted = {n: sized for n, sized in wanted.items() if n in sizes}
+    elif accuracy:
+        wanted = {0: ["--accuracy", f"{accuracy:g}"]}
+    for n, options in wanted.items():
+        order = {"H_over_h": CELLS, "typed": ["solve", file, *options]}
+        for repeat in range(entry.get("repeats", REPEATS)):
+            for solver in solvers:
+                yield Run(solver, f"{Path(file).stem}{accuracy or ''}", n, repeat, order)
 
 
 def _of_entry(plan: dict[str, Any], entry: dict[str, Any], sizes: Sequence[int]) -> Iterator[Run]:

@@ -51,7 +51,7 @@ def small(folder: Path) -> dict[str, Any]:
         ({"about": "x"}, r"plan.yaml: there is no field 'about' here; the fields are problems"),
         (
             {"runs": [{"solvers": ["abacus"], "problems": ["natural"], "sizes": [16]}]},
-            r"plan.yaml, field runs\[0\].solvers: 'abacus' is unknown; it has to be one of fenicsx, ",
+            r"plan.yaml, field runs\[0\].solvers: 'abacus' is unknown; it has to be one of before, ",
         ),
         (
             {"runs": [{"solvers": ["linear"], "problems": ["natural"], "sizes": [18]}]},
@@ -76,6 +76,8 @@ def test_the_cases_hold_with_as_many_contact_zones_as_they_say() -> None:
     """Contact on the other sides is one zone each, or none."""
     zones = {}
     for name, of in plan.read(COMMITTED)["problems"].items():
+        if name == "own":  # a problem file
+            continue
         case = cases.load(
             ROOT / of["case"] if of["case"].endswith(".yaml") else of["case"], named(of["polygon"])
         )
@@ -101,10 +103,8 @@ def test_who_is_missing_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pyte
 def test_a_size_that_no_run_has_is_refused(size: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert runner.main([size]) == InputError.exit_code
     said = capsys.readouterr().err
-    assert (
-        said
-        == f"benchmarks: there is no run of size '{size}'; sizes are 64, 128, 256, 512, 1024, 2048, 4096\n"
-    )
+    sizes = "32, 64, 128, 256, 512, 1024, 2048, 4096"
+    assert said == f"benchmarks: there is no run of size '{size}'; sizes are {sizes}\n"
 
 
 def record(cpu: float, repeat: int) -> dict[str, Any]:

@@ -49,6 +49,7 @@ def told():
         "extremes": results / "extremes/extremes.nc",
         "benchmarks": ROOT / "benchmarks/results.nc",
         "scores": ROOT / "benchmarks/scores.csv",
+        "commands": ROOT / "benchmarks/commands.json",
         "whole": ROOT / "benchmarks/whole.json",
     }
     given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}

@@ -283,6 +283,7 @@ def test_documents_tell_the_numbers_of_the_tables_that_they_name(planned):
         "extremes": "results/extremes/extremes.nc",
         "benchmarks": "benchmarks/results.nc",
         "scores": "benchmarks/scores.csv",
+        "commands": "benchmarks/commands.json",
         "whole": "benchmarks/whole.json",
     }
 

@@ -22,6 +22,7 @@ rule numbers:
         extremes="results/extremes/extremes.nc",
         benchmarks="benchmarks/results.nc",
         scores="benchmarks/scores.csv",
+        commands="benchmarks/commands.json",
         whole="benchmarks/whole.json",
     output:
         numbers="results/numbers.json",

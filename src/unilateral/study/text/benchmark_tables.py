@@ -118,8 +118,6 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
     counts, largest = judge.iterations(runs, PROBLEMS), multigrid.index[-1]
     return {
         **{name: table[name].item() for name in ("date", "processor", "cores")},
-        "seconds": _by_n(multigrid["cpu_seconds"]),
-        "memory": _by_n(multigrid["peak_mb"]),
         "ahead": _by_n(judge.fastest(runs)),
         "over_further": _by_n(judge.fastest(runs, judge.FURTHER)),
         "getfem": _by_n(judge.ratios(runs, "getfem")),

@@ -11,6 +11,7 @@ from unilateral.norms.resolution import RULE
 from unilateral.study.text import (
     adaptive_tables,
     benchmark_tables,
+    command_tables,
     cost_tables,
     error_tables,
     extremes_tables,
@@ -71,6 +72,7 @@ def collect(told: Sources) -> dict[str, str]:
         "benchmarks": benchmark_tables.solvers(of["benchmarks"]),
         "benchmark-phases": benchmark_tables.phases(of["benchmarks"]),
         "benchmark-problems": benchmark_tables.problems(of["benchmarks"]),
+        "commands": command_tables.table(told.commands),
         "scores": score_tables.solvers(told.scores),
         "figures": figures(study["figures"]),
     }

@@ -17,7 +17,13 @@ from unilateral.study.judge import cost as trade
 from unilateral.study.judge.extremes import RESCUED, kinds
 from unilateral.study.judge.records import ORIGINS, origin
 from unilateral.study.runs.cost.variants import REFRESH
-from unilateral.study.text import adaptive_tables, benchmark_tables, cost_tables, extremes_tables
+from unilateral.study.text import (
+    adaptive_tables,
+    benchmark_tables,
+    command_tables,
+    cost_tables,
+    extremes_tables,
+)
 from unilateral.study.text.error_tables import ROUNDED
 from unilateral.study.text.formats import Value
 from unilateral.study.text.sources import Sources
@@ -54,6 +60,7 @@ def collect(told: Sources) -> dict[str, Value]:
             "adapted": adaptive_tables.beta(of["adapted_beta"], RULE.smallest_angle),
             "extremes": outcomes(of["extremes"]),
             "benchmarks": benchmark_tables.numbers(of["benchmarks"]),
+            "commands": command_tables.numbers(told.commands),
             "scores": {name: real(told.scores[name].iloc[0], name) for name in ("h", "H")},
             "whole": {"cores": told.whole["cores"]}
             | {name: taken(told.whole[name]) for name in ("solver", "study", "tests")},

@@ -36,7 +36,8 @@ TABLES = (
 class Sources(NamedTuple):
     """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta.
 
-    `scores` has what other solvers' solutions score, `whole` what an installation and the study take.
+    `scores` has what other solvers' solutions score, `commands` what processes take, and `whole` what an
+    installation and the study take.
     """
 
     tables: Mapping[str, xr.Dataset]
@@ -46,6 +47,7 @@ class Sources(NamedTuple):
     scores: pd.DataFrame
     claims: Sequence[Mapping[str, Any]]
     study: Mapping[str, Any]
+    commands: Mapping[str, Any]
     whole: Mapping[str, Any]
 
     @property
@@ -67,8 +69,8 @@ def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
     )
     of = {name: tables.load(paths[name]) for name in TABLES}
     pairs, scores = (pd.read_csv(paths[name]) for name in ("pairs", "scores"))
-    claims, whole = (records.read(paths[name]) for name in ("claims", "whole"))
-    return Sources(of, rates, totals, pairs, scores, claims, study, whole)
+    claims, commands, whole = (records.read(paths[name]) for name in ("claims", "commands", "whole"))
+    return Sources(of, rates, totals, pairs, scores, claims, study, commands, whole)
 
 
 def write(values: Mapping[str, Any], path: str | os.PathLike[str]) -> None:

@@ -1,0 +1,159 @@
+"""Whole processes: what a user types, and drivers of other packages; writes benchmarks/commands.json.
+
+`make bench` runs it, too. Seconds and memory are those of the processes from their start to their end. With
+sizes, as in `python -m benchmarks.commands 32`, these only, and nothing is written. It goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryFile
+from typing import Any
+
+from benchmarks import plan
+from benchmarks.__main__ import GUESS, Runner, available, on_one_thread, started
+from benchmarks.plan import FOLDER, ROOT, Run
+from unilateral.errors import InputError
+from unilateral.files import replacing
+
+MEDIANS = ("cpu_seconds", "wall", "peak_mb", "bound_over_solve")
+TOLD = ("relative_bound", "levels_over_last", "over_bound")
+OURS = "unilateral"
+SURE = 256
+"""Sizes from which on a process tells how fast a solver is."""
+TWICE = 2.0
+"""Times the guaranteed bound of this project's u: where that of another u counts as the same accuracy."""
+
+
+class Whole(Runner):
+    """The same runner, of whole processes. What fails, or is not certified, is told and does not count."""
+
+    def made(self, run: Run) -> dict[str, Any]:
+        try:
+            return super().made(run)
+        except InputError as fault:
+            print(f"benchmarks: {run.name} does not count: {fault}", file=sys.stderr)
+            return {}
+
+    def learn(self, record: dict[str, Any]) -> None:
+        if record.get("n", 0) >= SURE:
+            super().learn(record)
+        elif record:
+            self.paces.setdefault(record["solver"], GUESS)
+
+    def data(self, run: Run) -> Path:
+        return Path(run.order["typed"][1]) if "typed" in run.order else super().data(run)
+
+    def measured(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
+        """What the process took, and what it answers."""
+        typed, module = run.order.get("typed"), self.plan["solvers"][run.solver]["module"]
+        arguments = [*typed, "--json"] if typed else [data, found, run.order]
+        said, took = process(plan.command(plan.interpreter(self.plan, run.solver), module, *arguments))
+        return took | (certified(said) if typed else reported(said, run.n))
+
+    def judged(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
+        """Of a driver's u, in each repeat: a bound of its error over that of ours.
+
+        Raises InputError beyond TWICE.
+        """
+        if "typed" in run.order:
+            return {}
+        judged = super().judged(run._replace(repeat=0), data, found)
+        over_bound = max(judged["errors"]) / judged["reference"]
+        if over_bound > TWICE:
+            raise InputError("its u is farther from this project's than the bound of that one's error")
+        return {"over_bound": over_bound}
+
+
+def process(command: list[str]) -> tuple[str, dict[str, float]]:
+    """What it prints, its processor and wall-clock seconds and MB of 2^20 bytes, its children's among them.
+
+    Raises InputError if it fails.
+    """
+    with TemporaryFile("w+") as out, TemporaryFile("w+") as err:
+        start = time.perf_counter()
+        running = subprocess.Popen(command, cwd=ROOT, env=on_one_thread(), stdout=out, stderr=err)
+        _, status, used = os.wait4(running.pid, 0)
+        wall = time.perf_counter() - start
+        running.returncode = os.waitstatus_to_exitcode(status)
+        for file in (out, err):
+            file.seek(0)
+        if running.returncode:
+            raise InputError(f"it ended with code {running.returncode}: {err.read().strip()[-500:]}")
+        cpu = used.ru_utime + used.ru_stime
+        return out.read(), {"cpu_seconds": cpu, "wall": wall, "peak_mb": used.ru_maxrss / 2**10}
+
+
+def certified(said: str) -> dict[str, Any]:
+    """Of what `unilateral solve --json` prints. Raises InputError without a guaranteed relative bound."""
+    found = json.loads(said)
+    bound, levels = found["h1_relative_bound"], [level["unknowns"] for level in found["levels"]]
+    if bound is None or not found["converged"] or (found["goal"] and not found["certified"]):
+        raise InputError("its answer is not certified")
+    over_last = sum(levels) / levels[-1] if levels else 1.0
+    return {"unknowns": found["unknowns"], "relative_bound": bound, "levels_over_last": over_last}
+
+
+def reported(said: str, n: int) -> dict[str, Any]:
+    """Of what a driver prints."""
+    (first, *_) = json.loads(said.splitlines()[-1])["results"]
+    phases = {name: cpu for name, (cpu, _) in first["phases"].items()}
+    bound = phases.pop("bound", None)
+    ratio = {} if bound is None else {"bound_over_solve": bound / sum(phases.values())}
+    return {"unknowns": (n + 1) ** 2, **ratio}
+
+
+def rows(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """A row per solver and command, or problem and size: medians over its repeats.
+
+    `over_ours` is a ratio of seconds: how many times faster this project is.
+    """
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for record in records:
+        groups.setdefault((record["solver"], record["problem"], record["n"]), []).append(record)
+    found = {key: _row(of) for key, of in groups.items()}
+    for (_, *what), row in found.items():
+        ours = found.get((OURS, *what))
+        row |= {"over_ours": row["cpu_seconds"] / ours["cpu_seconds"]} if ours else {}
+    return list(found.values())
+
+
+def _row(records: list[Mapping[str, Any]]) -> dict[str, Any]:
+    first, seconds = records[0], [record["cpu_seconds"] for record in records]
+    told = {name: first.get(name) for name in ("solver", "problem", "n", "unknowns")}
+    told |= {name: first[name] for name in TOLD if name in first}
+    if "typed" in first["order"]:
+        told["typed"] = " ".join(["unilateral", *first["order"]["typed"]])
+    medians = {name: median(each[name] for each in records) for name in MEDIANS if name in first}
+    spread = {"cpu_least": min(seconds), "cpu_most": max(seconds), "repeats": len(records)}
+    return {**told, **medians, **spread}
+
+
+def main(sizes: list[str]) -> int:
+    """Runs all commands, or those of the sizes, and prints the table."""
+    try:
+        given = plan.read(FOLDER / "benchmarks.yaml")
+        found = rows(Whole(given, FOLDER / "runs/commands").all(available(given, sizes, plan.commands)))
+        machine = json.loads(started(sys.executable, "benchmarks.machine"))
+    except InputError as fault:
+        print(f"benchmarks: {fault}", file=sys.stderr)
+        return fault.exit_code
+    import pandas as pd  # not before: what is started counts the peak memory of who starts it
+
+    print(pd.DataFrame(found).drop(columns=["problem", "wall"], errors="ignore").to_string(index=False))
+    if not sizes:
+        told = {name: machine[name] for name in ("date", "processor")} | {"rows": found}
+        with replacing(FOLDER / "commands.json") as temporary:
+            temporary.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
