@@ -98,7 +98,7 @@ def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
     if mesh.distortion.max() > DISTORTED:
         return None
     try:
-        return meshes.refine(mesh) if chosen is None else meshes.refine_some(mesh, chosen)
+        return meshes.refine_some(mesh, chosen)
     except InputError:
         return None
 

@@ -16,13 +16,13 @@ Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. D
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32, Mask, blocks
+from unilateral.arrays import Array, Index, Mask, blocks
+from unilateral.bounds.ancestors import Search, Seen, Sums, even_h, sums_of
 from unilateral.bounds.pieces import (
     Pieces,
     areas,
@@ -33,25 +33,17 @@ from unilateral.bounds.pieces import (
 )
 from unilateral.bounds.projection import averages, hat_means
 from unilateral.bounds.quadratic import linear_squares
-from unilateral.bounds.whole import FEW, MOST_HALVINGS, Polynomials, none, values, whole
+from unilateral.bounds.whole import FEW, values
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.plane import signed_areas
-from unilateral.geometry.refinement import Step
 from unilateral.problems.data import Data
 
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
-ENOUGH = 0.003
-"""Of h ||p - mean p||, like discretisation errors: what the rest of f may be; h of triangles all alike."""
-ABOVE = 0.1
-"""Of that: on coarser triangles, where it costs next to nothing."""
 IN_VAIN = 16.0
 """Times what rounding leaves: a piece with that E^2 is not quartered."""
 RESOLVED = 4.0
 """Times what the sum of E^2 is wanted to be: up to which it counts as that."""
-FLOOR = 1e-13
-"""Of ||p||: its rounding, which no smaller piece takes away."""
 MOST_PIECES = 200_000
 """Of a mesh's triangles, or four times those: to be looked at, besides triangles of coarser levels."""
 
@@ -117,14 +109,6 @@ def poincare(longest: Array) -> Array:
     return longest / J
 
 
-class Seen(NamedTuple):
-    """Polynomials; the triangles have those `of` (m,), found so many `halvings` (m,) above."""
-
-    known: Polynomials
-    of: Int32
-    halvings: Int32
-
-
 class Values(NamedTuple):
     """What is known of f on every triangle of a mesh; see `Source`."""
 
@@ -162,7 +146,7 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
     if before:
         for array, old in zip(values, _values(before), strict=True):
             array[: len(old)] = old
-    search = _Search(mesh, data, before)
+    search = Search(mesh, data, before.mesh if before else mesh.coarse or mesh, *_known(before))
     wide = search.wide()
     values.put(mesh, np.flatnonzero(search.new & ~wide), search.seen)
     left = np.flatnonzero(search.new & wide)
@@ -172,92 +156,19 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
         of_part, sums = _in_pieces(mesh.part(left), data, known, max(MOST_PIECES, 4 * n))
         for array, there in zip(values, of_part, strict=True):
             array[left] = there
-    resolved = float(values.rest @ values.rest) <= RESOLVED * sums.wanted(_size(mesh))
+    resolved = float(values.rest @ values.rest) <= RESOLVED * sums.wanted(even_h(mesh))
     return Source(mesh, *values, resolved=resolved, seen=search.seen)
+
+
+def _known(before: Source | None) -> tuple[Seen | None, Sums]:
+    if not (before and before.seen):
+        return None, Sums()
+    everywhere = np.ones(len(before.f_h), dtype=bool)
+    return before.seen, _values(before).sums(before.mesh, everywhere)
 
 
 def _values(of: Source) -> Values:
     return Values(of.f_h, of.oscillation, of.rest)
-
-
-class _Search:
-    """From the triangles of the first mesh, or of the one `before`, to those that came from them.
-
-    On the mesh in hand the triangles have the polynomials `of` (m,), found so many `halvings` (m,) above. Of
-    those that are `left` (m,) they are not near enough; `new` (m,) are those whose polynomials are new.
-    `sums` are over triangles where p is near enough, or over the `whole` mesh before.
-    """
-
-    def __init__(self, mesh: Mesh, data: Data, before: Source | None) -> None:
-        self.mesh, self.data, self.size = mesh, data, _size(mesh)
-        self.known, self.sums, self.whole = none(), Sums(), False
-        first = before.mesh if before else mesh.coarse or mesh
-        steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
-        self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
-        self.left, self.new = np.ones((2, n), dtype=bool)
-        if before and before.seen:
-            self.known, self.of, self.halvings = before.seen
-            self.of, self.halvings = self.of.copy(), self.halvings.copy()
-            self.sums, self.new, self.whole = _values(before).sums(first, self.left), ~self.left, True
-            self.left = self._wide_above(self.known.rad[self.of])
-            asked = self.left & (self.halvings > 0) & _cut(steps, n)
-        else:
-            asked = self.left
-        self._ask(first.triangles[asked], np.flatnonzero(asked))
-        for step in steps:
-            again = self.left[step.parent] | (self.halvings[step.parent] == MOST_HALVINGS)
-            self.of, self.halvings = step.inherited(self.of), step.inherited(self.halvings)
-            self.left, self.new = step.inherited(self.left), step.inherited(self.new)
-            self.halvings[step.triangles] += 1
-            self.new[step.triangles] = True
-            self._ask(step.nodes[again], step.triangles[again])
-
-    @property
-    def seen(self) -> Seen:
-        return Seen(self.known, self.of, self.halvings)
-
-    def _ask(self, nodes: Index, at: Index) -> None:
-        """For f on triangles with those nodes (k, 3) and numbers (k,)."""
-        if not at.size:
-            return
-        found = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.data)
-        self.of[at] = len(self.known.rad) + np.arange(len(at))
-        self.known, self.halvings[at], self.new[at] = self.known.and_more(found), 0, True
-        area = signed_areas(self.mesh.points, nodes)
-        self.left[at] = self._wide_above(found.rad, self._with(found, area))
-        if not self.whole:
-            fine = np.flatnonzero(~self.left[at])
-            self.sums = self._with(found.of(fine), area[fine])
-
-    def _with(self, found: Polynomials, area: Array) -> Sums:
-        """The sums, and those over triangles with these areas (k,), unless they are in them."""
-        if self.whole:
-            return self.sums
-        return self.sums + _sums(found.averages(), area, area * found.rad**2)
-
-    def _wide_above(self, rad: Array, sums: Sums | None = None) -> Mask:
-        """(k,) where rad (k,) is more than the triangles of the mesh in all should have: alike everywhere."""
-        wanted = (sums or self.sums).wanted(self.size, ABOVE)
-        return np.asarray(rad**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
-
-    def wide(self) -> Mask:
-        """(m,) where rad is too large on the mesh: half of what is wanted goes by areas, half by numbers."""
-        area, n = self.mesh.areas, len(self.mesh.triangles)
-        rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
-        wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.size)
-        share = 0.5 * (area / float(area.sum()) + 1 / n)
-        found = self.left & (area * rad**2 > 0.5 * wanted * share)
-        fine = left[~found[left]]
-        self.sums = self._with(self.known.of(self.of[fine]), area[fine])
-        return np.asarray(found)
-
-
-def _cut(steps: Sequence[Step], n: int) -> Mask:
-    """(n,) which of the first n triangles are cut."""
-    found = np.zeros(n, dtype=bool)
-    for step in steps:
-        found[step.parent[step.parent < n]] = True
-    return found
 
 
 def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, Sums]:
@@ -269,51 +180,17 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
         left -= len(owner)
         rest, area, of_p = _rest(mesh, pieces), areas(mesh, pieces), averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
-        total = sums + _sums(of_p, area, rest)
-        enough = total.wanted(_size(mesh))
+        total = sums + sums_of(of_p, area, rest)
+        enough = total.wanted(even_h(mesh))
         wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
         wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], data)
         if 4 * np.count_nonzero(wide) > left:
             wide &= np.argsort(np.argsort(-squares)) < left // 4
         kept = ~wide[owner]
         done.append(pieces.of(kept))
-        sums += _sums(of_p[:, kept], area[kept], rest[kept])
+        sums += sums_of(of_p[:, kept], area[kept], rest[kept])
         corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
     return _projected(mesh, done), sums
-
-
-@dataclass(frozen=True)
-class Sums:
-    """Over pieces: E^2, ||p||^2, the integral of p, areas; and their number."""
-
-    unknown: float = 0.0
-    square: float = 0.0
-    integral: float = 0.0
-    area: float = 0.0
-    count: int = 0
-
-    def __add__(self, other: Sums) -> Sums:
-        return Sums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
-
-    def wanted(self, h: float, share: float = 1.0) -> float:
-        """What E^2 is wanted to be at most in all, on a mesh of that h; or a share of it, which is E's.
-
-        It is a share of ||f - mean f||, of which p shows no more than what exceeds E.
-        """
-        unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
-        spread = math.sqrt(max(self.square - self.integral * (self.integral / self.area), 0.0)) - unknown
-        return max(share * ENOUGH * h * spread, FLOOR * (norm - unknown), 0.0) ** 2
-
-
-def _size(mesh: Mesh) -> float:
-    """h of as many triangles, all alike: halves of squares."""
-    return math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas))
-
-
-def _sums(of_p: Array, area: Array, squares: Array, parts: int = 1) -> Sums:
-    """Of pieces with the `averages` (2, k) of p, those areas (k,) and E^2 (k,), each of so many parts."""
-    integral, square = (of_p @ area).tolist()
-    return Sums(float(squares.sum()), square, integral, float(area.sum()), parts * len(area))
 
 
 def _rest(mesh: Mesh, pieces: Pieces) -> Array:

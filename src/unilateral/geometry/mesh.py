@@ -251,20 +251,16 @@ def following(
 def refine(mesh: Mesh, times: int = 1) -> Mesh:
     """Uniform refinement. Raises InputError as `refine_some`."""
     for _ in range(times):
-        mesh = _refined(mesh, None)
+        mesh = refine_some(mesh)
     return mesh
 
 
-def refine_some(mesh: Mesh, chosen: Index) -> Mesh:
-    """With the chosen triangles cut in four, and others as that needs; nodes keep their numbers.
+def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
+    """With the chosen triangles cut in four, by default all, and others as that needs; nodes keep numbers.
 
     The new mesh knows the one that it came from, over all refinements. Raises InputError where edges become
     as short as rounding.
     """
-    return _refined(mesh, chosen)
-
-
-def _refined(mesh: Mesh, chosen: Index | None) -> Mesh:
     of, step = refinement.refined(mesh.triangulation, chosen)
     start, end = (mesh.points[nodes] for nodes in step.ends.T)
     _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))

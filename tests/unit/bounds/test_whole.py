@@ -11,7 +11,7 @@ import pytest
 from nested import alone, at_random, graded
 from test_source import FORMULAS, Source
 
-from unilateral.bounds import source
+from unilateral.bounds import ancestors
 from unilateral.bounds import whole as wholes
 from unilateral.bounds.pieces import rounded_size
 from unilateral.bounds.source import enclosed
@@ -321,7 +321,7 @@ def test_the_same_with_and_without_coarser_levels(name):
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
-            wanted = source.ABOVE * source.ENOUGH * source._size(mesh) * np.ptp(value)
+            wanted = ancestors.ABOVE * ancestors.ENOUGH * ancestors.even_h(mesh) * np.ptp(value)
             assert found.unknown**2 <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.unknown**2
 
 
@@ -373,7 +373,7 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
         return abs(found.moments.sum() - np.pi * width**2) - found.rest @ np.sqrt(mesh.areas)
 
     assert missed() <= 0
-    monkeypatch.setattr(source, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad))
+    monkeypatch.setattr(ancestors, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad))
     assert missed() > 0.5 * np.pi * width**2
 
 
@@ -511,7 +511,7 @@ def test_without_that_the_allowance_is_exceeded(monkeypatch):
         return (moved - np.sqrt(mesh.areas) * (found.rest + alike.rest)).max()
 
     assert apart() <= 0
-    monkeypatch.setattr(source, "MOST_HALVINGS", 100)
+    monkeypatch.setattr(ancestors, "MOST_HALVINGS", 100)
     assert apart() > 0
 
 
