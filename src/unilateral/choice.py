@@ -24,7 +24,7 @@ MORE_CELLS = 1.5
 """Times those of uniform meshes that are not made by halving, at most."""
 MULTIGRID, RECURSIVE, SPARSE = 400, 1000, 5000
 """Bytes for an unknown, as measured at 1e6 of them."""
-LOCAL, SHARP = 1000, 5000
+LOCAL, SHARP = 300, 5000
 """The same for guaranteed bounds: the cheap one, and the sharp one."""
 DENSE = 64
 """Bytes for an entry of A_3 or S: some eight matrices of that size are held."""

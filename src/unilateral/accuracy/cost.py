@@ -25,10 +25,10 @@ class Cost(NamedTuple):
     bytes: float
 
 
-MULTILEVEL = Cost(0.02, 1.2e-5, 1500)
+MULTILEVEL = Cost(0.02, 8e-6, 1100)
 CONDENSED = Cost(0.03, 5e-5, SPARSE)
 WITH_SHARP = Cost(0.02, 2.2e-5, SHARP)
-"""As measured with up to 5e5 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
+"""As measured with up to 1e6 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
 
 
 def may_adapt(stop: Stop, kind: str) -> bool:
