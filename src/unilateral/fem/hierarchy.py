@@ -119,13 +119,12 @@ class Hierarchy:
 
     @cached_property
     def coarser(self) -> Hierarchy | None:
-        """That of the level before if the last step was uniform and its matrix is known; no triangles."""
-        if not self.levels or self.levels[-1].smoothed is not None:
+        """That of the level before if the last step was uniform and its whole matrix is known; no triangles."""
+        if not self.levels or any(level.smoothed is not None for level in self.levels[-2:]):
             return None
         *levels, last = self.levels
         n, A = last.before, levels[-1].rows if levels else self.A_0
-        if A is None or A.shape != (n, n):
-            return None
+        assert A is not None
         kept, mass = np.flatnonzero(self.boundary < n), self.mass.copy()
         last.restrict(mass)
         s = np.append(self.s[kept], self.s[-1])
