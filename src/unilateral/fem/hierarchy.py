@@ -119,7 +119,7 @@ class Hierarchy:
 
     @cached_property
     def coarser(self) -> Hierarchy | None:
-        """That of the level before if the last step was uniform and its whole matrix is known; no triangles."""
+        """That of the level before if the last step was uniform and its matrix is whole; no triangles."""
         if not self.levels or any(level.smoothed is not None for level in self.levels[-2:]):
             return None
         *levels, last = self.levels
