@@ -71,7 +71,7 @@ def told(control: Mapping[str, Any], share: float) -> str:
 
     Where the table holds `rounding`, which another processor has otherwise, only the power of ten above it.
     """
-    if control.get("rounding"):
+    if control.get("rounding") and share < 0.99:
         return f"below {100 * 10.0 ** math.ceil(math.log10(share)):g} % of the control"
     below = "below " if share <= LEAST else ""
     if "factor" not in control:
