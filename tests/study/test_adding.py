@@ -63,7 +63,7 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
         file.write_text(old[:at] + text + old[at:], encoding="utf-8")
     targets = ["results/myscene/rates.nc", "figures/my_figure.svg"]
     table = run(project, "-m", "snakemake", "-n", "-c1", *targets).partition("Job stats:")[2]
-    jobs = {"dual_norm": 1, "solve": 1, "rates": 1, "survey": 1, "figure": 1, "total": 5}
+    jobs = {"dual_norm": 1, "solve": 1, "rates": 1, "surveys": 1, "figure": 1, "total": 5}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     code = (
         "from unilateral.study.judge.claims import find; from unilateral.study.runs.extremes import KINDS; "

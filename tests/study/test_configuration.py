@@ -418,7 +418,7 @@ ACCEPTED = [
     (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
-    (r".*\.(fitted_from|shift|grading|spread|edges_per_cell)", SIZES),
+    (r".*\.(fitted_from|shift|grading|spread|edges_per_cell|parameters\.reference)", SIZES),
     (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),
     (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),

@@ -36,6 +36,9 @@ def sees(**control):
         ({"variable": "number", "value": -np.inf}, "below 0.0001 % of the control"),
         ({"variable": "number", "value": 0.995}, "all of the control"),
         ({"by": "none"}, "50 % of the control"),
+        ({"by": "none", "rounding": True}, "below 100 % of the control"),
+        ({"variable": "number", "value": -48.0, "rounding": True}, "below 10 % of the control"),
+        ({"variable": "number", "value": 0.995, "rounding": True}, "all of the control"),
     ],
 )
 def test_the_least_part_that_a_claim_sees_by_hand(control, seen):

@@ -14,7 +14,7 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.resolution import resolution
 from unilateral.study.runs import stability
 from unilateral.study.runs.families import boundary_nodes, meshes_of, partition_of
-from unilateral.study.runs.stability import survey
+from unilateral.study.runs.stability import Grams, survey
 
 TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
 """Its sides are 4, 5 and 3 long."""
@@ -241,9 +241,9 @@ def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypa
     condensed, own = [], stability.condense
     monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
     cells = [partition_of(square(), spec) for spec in SAME_NUMBERS]
-    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3])
+    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], Grams())
     assert len(condensed) == 2
     for p in range(2):
-        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3])
+        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3], Grams())
         xr.testing.assert_equal(table.isel(partition=[p]), alone)
     assert len(condensed) == 6

@@ -13,7 +13,6 @@ FILES = ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
 PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
 WILDCARD = {
     "cost_runs": "job",
-    "survey": "survey",
     "figure": "figure",
     "deep_level": "level",
     "typeset": "paper",
@@ -34,7 +33,7 @@ def peaks(study):
     for log in sorted((RESULTS / "logs").rglob("*.log")):
         rule, *values = log.relative_to(RESULTS / "logs").with_suffix("").parts
         name = WILDCARD.get(rule, "scene")
-        known = {"scene": study["scenes"], "survey": study["surveys"]}.get(name, values)
+        known = study["scenes"] if name == "scene" else values
         found = PEAK.search(log.read_text())
         if rule in study["resources"]["rules"] and found and len(values) <= 1 and set(values) <= set(known):
             yield rule, dict.fromkeys([name], *values) if values else {}, int(found[1])
@@ -55,4 +54,4 @@ def test_jobs_that_ask_for_too_little_are_found(study):
     """Control: with half of the margin on each measured job every large job is over."""
     less = copy.deepcopy(study)
     less["resources"]["margin"]["mb"] = 0.5
-    assert {"solve", "dual_norm", "survey"} <= {rule for rule, *_ in over(less)}
+    assert {"solve", "dual_norm", "surveys"} <= {rule for rule, *_ in over(less)}

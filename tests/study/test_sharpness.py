@@ -23,7 +23,7 @@ from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.stop import Stop
 from unilateral.study.judge import surfaces
-from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, transitions
+from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, seen, transitions
 from unilateral.study.tables import VARIABLES
 
 SQUARE = named("square")
@@ -126,7 +126,7 @@ ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
 @cache
 def measured():
     on, cells = condensed("square", 8), partitions.uniform(SQUARE, 1 / 4)
-    return measure(on, cells, AT, (ALPHAS, GAMMAS), Stop())
+    return measure(on, seen(cells, AT, (ALPHAS, GAMMAS)), Stop())
 
 
 @pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
@@ -268,7 +268,8 @@ def two_level_rates(at_third):
     for H in LEVELS[1:4]:
         cells = partitions.uniform(SQUARE, float(H))
         at = [R(1, 3)] if at_third else places(H, 8)
-        levels.append(measure(condensed("square", int(2 / H)), cells, at, ([R(1, 2)], [R(1)]), Stop()))
+        family = seen(cells, at, ([R(1, 2)], [R(1)]))
+        levels.append(measure(condensed("square", int(2 / H)), family, Stop()))
     return surfaces.rates_over(surfaces.along_levels(levels))
 
 

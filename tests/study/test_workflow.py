@@ -158,9 +158,8 @@ TABLES = {
     "rates": ["rates.nc"],
     "totals": ["totals.nc"],
     "floors": ["floors.nc"],
-    "survey": ["infsup.nc"],
 }
-"""What the rules of a scene or a survey write, in its folder."""
+"""What the rules of a scene write, in its folder."""
 READ = {
     "solve": {"norm": "dual_norm.nc"},
     "rates": {"errors": "errors.nc"},
@@ -179,7 +178,7 @@ PARAMS = {
         "ratio": "rates.judged_ratio",
     },
     "floors": {"ratio": "rates.judged_ratio"},
-    "survey": {"study": "surveys.{name}"},
+    "surveys": {"study": "surveys", "finds": "finds"},
     "sharpness": {"study": "sharpness", "stop": "stop"},
     "cells": {"study": "cells", "stop": "stop"},
     "adaptive": {"study": "adaptive", "stop": "stop"},
@@ -208,7 +207,7 @@ def test_the_tables_of_a_scene_are_made_from_its_own_and_stand_in_its_folder(pla
         }  # no norm where there is no lambda
         wanted = {name: folder + file for name, file in READ.get(job["rule"], {}).items() if name in named}
         assert named == wanted
-        assert named or job["rule"] in ("dual_norm", "solve", "survey")
+        assert named or job["rule"] in ("dual_norm", "solve")
         results = [file for file in job["input"] if file.startswith("results/")]
         assert sorted(results) == sorted(named.values())
 
@@ -219,13 +218,12 @@ def test_a_job_is_given_the_fields_of_the_configuration_that_are_its_own(planned
         wanted = {name: field(path.format(**given)) for name, path in PARAMS[job["rule"]].items()}
         assert {name: given[name] for name in wanted} == wanted, job["output"]
         rest = given.keys() - wanted.keys()
-        assert rest <= {"name", "number", "finds", "scene", "h", "study", "predicted"}, job["rule"]
+        assert rest <= {"name", "number", "scene", "h", "study", "predicted"}, job["rule"]
 
 
-def test_the_worst_meshes_are_given_to_their_survey_only(planned):
-    for job in of_rules(planned, ["survey"]):
-        worst = STUDY["surveys"][job["params"]["name"]]["kind"] == "worst"
-        assert job["params"]["finds"] == (STUDY["finds"] if worst else [])
+def test_surveys_write_their_tables_in_their_order(planned):
+    (job,) = of_rules(planned, ["surveys"])
+    assert job["output"] == [f"results/{name}/infsup.nc" for name in STUDY["surveys"]]
 
 
 def test_a_job_depends_on_the_cases_of_its_scene(planned):
@@ -417,7 +415,7 @@ def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned)
     for text, _ in each_rule():
         for name in re.findall(pattern, text, re.MULTILINE):
             measured[text.partition(":")[0]] = name
-    assert measured == {name: name for name in ("solve", "survey", "sharpness", "adaptive", "extremes")}
+    assert measured == {name: name for name in ("solve", "surveys", "sharpness", "adaptive", "extremes")}
     assert not [file for job in planned for file in job["input"] if file.startswith("results/benchmarks")]
 
 

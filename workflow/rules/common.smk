@@ -14,7 +14,6 @@ SURVEYS = config["surveys"]
 
 wildcard_constraints:
     scene="|".join(SCENES),
-    survey="|".join(SURVEYS),
 
 
 @cache

@@ -5,7 +5,7 @@ MADE = {
     **files_by_rule(JUDGED),
     "floors": expand(rules.floors.output, scene=config["floors"]),
     "totals": expand(rules.totals.output, scene=config["totals"]["scenes"]),
-    "survey": expand(rules.survey.output, survey=SURVEYS),
+    "surveys": rules.surveys.output,
     "sharpness": rules.sharpness.output,
     "cells": rules.cells.output,
     "adaptive": rules.adaptive.output,

@@ -1,22 +1,21 @@
 # Lemma 3.1 alone: beta on families of meshes and partitions, without a case.
 
 
-rule survey:
+rule surveys:
     input:
         code("survey_infsup"),
     output:
-        infsup="results/{survey}/infsup.nc",
+        tables=expand("results/{survey}/infsup.nc", survey=SURVEYS),
     log:
-        "results/logs/survey/{survey}.log",
+        "results/logs/surveys.log",
     benchmark:
-        "results/benchmarks/survey/{survey}.tsv"
+        "results/benchmarks/surveys.tsv"
     resources:
-        **asked("survey"),
+        **asked("surveys"),
     params:
-        study=lambda wildcards: SURVEYS[wildcards.survey],
-        finds=lambda wildcards: config["finds"] if SURVEYS[wildcards.survey]["kind"] == "worst" else [],
-        name="{survey}",
+        study=SURVEYS,
+        finds=config["finds"],
     message:
-        "{wildcards.survey}: beta"
+        "surveys: beta"
     script:
         "../scripts/survey_infsup.py"

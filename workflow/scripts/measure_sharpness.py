@@ -1,5 +1,7 @@
 """Errors over the exponents and the positions of a transition, along h/H and along H at one h, and rates."""
 
+from functools import cache
+
 from job import run
 
 from unilateral.fem.condense import condense
@@ -19,13 +21,19 @@ def main(study, stop, errors, rates, fixed_errors, fixed_rates):
     ]
     chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"sharpness": study, "stop": stop}
 
+    @cache
     def on_mesh(h):
         return condense(structured(domain, float(h)))
 
-    def level(condensed, H):
-        cells, places = partition.uniform(domain, float(H)), sharpness.places(H, study["positions"])
-        found = sharpness.measure(condensed, cells, places, exponents, chosen)
-        print(f"h = {condensed.mesh.h:.4g}, H = {H} solved")
+    @cache
+    def seen(H):
+        places = sharpness.places(H, study["positions"])
+        return sharpness.seen(partition.uniform(domain, float(H)), places, exponents)
+
+    @cache
+    def level(h, H):
+        found = sharpness.measure(on_mesh(h), seen(H), chosen)
+        print(f"h = {h}, H = {H} solved")
         return found
 
     def save(levels, to_errors, to_rates):
@@ -35,10 +43,10 @@ def main(study, stop, errors, rates, fixed_errors, fixed_rates):
 
     ratio = number_of(study["h_over_H"], "sharpness.h_over_H")
     sizes = [number_of(H, "sharpness.H") for H in study["H"]]
-    save([level(on_mesh(ratio * H), H) for H in sizes], errors, rates)
-    one = on_mesh(number_of(fixed["h"], "sharpness.fixed.h"))
+    save([level(ratio * H, H) for H in sizes], errors, rates)
+    h = number_of(fixed["h"], "sharpness.fixed.h")
     sizes = [number_of(H, "sharpness.fixed.H") for H in fixed["H"]]
-    save([level(one, H) for H in sizes], fixed_errors, fixed_rates)
+    save([level(h, H) for H in sizes], fixed_errors, fixed_rates)
 
 
 if __name__ == "__main__":

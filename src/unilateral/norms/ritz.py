@@ -6,7 +6,7 @@ Everything that needs the interior is computed once per case and mesh, with one 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -129,7 +129,8 @@ def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -
         used = _where_not_0(case, part, v_h)
         of_v = v_h[used.triangles], np.einsum("ti,tid->td", v_h[used.triangles], gradients(used))
         for rule in triangle_rules(used, case, degree):
-            value, slope, _ = _difference(case, rule, *of_v)
+            u, grad_u = _seen(case.value_and_gradient, rule)
+            value, slope = _difference(rule, u, grad_u, *of_v)
             square += _square(rule.weight, value, slope)
     return math.sqrt(square)
 
@@ -140,15 +141,18 @@ def _where_not_0(case: Case, mesh: Mesh, v_h: Array) -> Mesh:
     return mesh.part(np.flatnonzero(~zero)) if zero.any() else mesh
 
 
-def _difference(
-    case: Case, rule: TriangleRule, nodal: Array, slope_of_v: Array
-) -> tuple[Array, Array, float]:
-    """u - v_h (k, q) and its gradient (k, q, 2) at the rule's points, and its part of ||u||_1^2."""
+def _seen(of: Callable[..., tuple[Array, ...]], rule: TriangleRule) -> list[Array]:
+    """Functions of places, such as u and grad u, at the rule's points: (k, q), (k, q, 2)."""
     w = rule.weight
-    u, grad_u = case.value_and_gradient(rule.origin, rule.offset)
-    value = u.reshape(w.shape) - np.einsum("kb,kqb->kq", nodal[rule.triangle], rule.barycentric)
-    slope = grad_u.reshape(*w.shape, 2) - slope_of_v[rule.triangle][:, None]
-    return value, slope, _square(w.ravel(), u, grad_u)
+    return [values.reshape(*w.shape, *values.shape[1:]) for values in of(rule.origin, rule.offset)]
+
+
+def _difference(
+    rule: TriangleRule, u: Array, grad_u: Array, nodal: Array, slope_of_v: Array
+) -> tuple[Array, Array]:
+    """u - v_h (k, q) and its gradient (k, q, 2) at the rule's points."""
+    value = u - np.einsum("kb,kqb->kq", nodal[rule.triangle], rule.barycentric)
+    return value, grad_u - slope_of_v[rule.triangle][:, None]
 
 
 def _square(w: Array, value: Array, slope: Array) -> float:
@@ -165,10 +169,10 @@ def moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Arr
     square = u_square = 0.0
     for rule in triangle_rules(mesh, case, degree):
         w, phi = rule.weight, rule.barycentric
-        value, slope, of_u = _difference(case, rule, nodal, slope_of_v)
-        u_square += of_u
+        u, grad_u, f = _seen(case.whole, rule)
+        value, slope = _difference(rule, u, grad_u, nodal, slope_of_v)
+        u_square += _square(w, u, grad_u)
         square += _square(w, value, slope)
-        f = case.source(rule.origin, rule.offset).reshape(w.shape)
         np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
         np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
         np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))

@@ -63,8 +63,8 @@ class Smooth:
 
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
-        du = [sympy.diff(self.u, X), sympy.diff(self.u, Y)]
-        return compile_numpy([self.u, *du], (X, Y)), compile_numpy([self._f], (X, Y))
+        values = [self.u, sympy.diff(self.u, X), sympy.diff(self.u, Y)]
+        return compile_numpy(values, (X, Y)), compile_numpy([*values, self._f], (X, Y))
 
     def value_model(self, x: Model, y: Model) -> Model:
         """u on the boxes of x and y."""
@@ -79,9 +79,10 @@ class Smooth:
         value, dx, dy = self._values[0](*(points + offset).T)
         return value, np.column_stack([dx, dy])
 
-    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
-        """(k,) values of -Delta u + u."""
-        return self._values[1](*(points + offset).T)[0]
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
+        """The same, and (k,) values of -Delta u + u."""
+        value, dx, dy, f = self._values[1](*(points + offset).T)
+        return value, np.column_stack([dx, dy]), f
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
@@ -166,7 +167,7 @@ class Tensor(Local):
     @cached_property
     def _values(self) -> tuple[Compiled, Compiled]:
         values = [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D)]
-        return compile_numpy(values, (T, D)), compile_numpy([self._f], (T, D))
+        return compile_numpy(values, (T, D)), compile_numpy([*values, self._f], (T, D))
 
     def value_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)
@@ -182,8 +183,9 @@ class Tensor(Local):
         v, v_t, v_d = self._values[0](*self.local(points, offset))
         return self.length * v, self.to_xy(v_t, v_d)
 
-    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
-        return self._values[1](*self.local(points, offset))[0]
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
+        v, v_t, v_d, f = self._values[1](*self.local(points, offset))
+        return self.length * v, self.to_xy(v_t, v_d), f
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
         """(k,) values of u and of its outward normal derivative on the side."""

@@ -120,20 +120,16 @@ class Cantor(Local):
         return points[inside], length, theta, self._unit(r[inside] / length, theta)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        along, into = self.local_inside(points, offset)
-        index, length, theta, (v, v_r, v_theta, _) = self._parts(along, into)
-        scale = length ** float(self.alpha)
-        slopes = self.polar_to_xy(theta, scale * v_r, scale * v_theta).T
-        value, *gradient = (
-            _summed(index, each, along) for each in (self.length * length * scale * v, *slopes)
-        )
-        return value, np.column_stack(gradient)
+        return self.whole(points, offset)[:2]
 
-    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
         along, into = self.local_inside(points, offset)
-        index, length, _, (v, _, _, laplacian) = self._parts(along, into)
-        size = self.length * length
-        return _summed(index, length ** float(self.alpha) * (size * v - laplacian / size), along)
+        index, length, theta, (v, v_r, v_theta, laplacian) = self._parts(along, into)
+        scale, size = length ** float(self.alpha), self.length * length
+        slopes = self.polar_to_xy(theta, scale * v_r, scale * v_theta).T
+        of_parts = (size * scale * v, *slopes, scale * (size * v - laplacian / size))
+        value, dx, dy, f = (_summed(index, each, along) for each in of_parts)
+        return value, np.column_stack([dx, dy]), f
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         return self.local(centre)[1] - radius / self.length > np.diff(self._contact).max()

@@ -6,7 +6,7 @@ and g = u - gap follow. `certificate.certify` checks what the paper asks of them
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -62,14 +62,17 @@ class Case(Known):
 
         Near a singular point give that point and the offset from it, which the sum would round away.
         """
-        found = (atom.value_and_gradient(points, offset) for atom in self.atoms)
-        values, gradients = zip(*found, strict=True)
-        return sum(values[1:], start=values[0]), sum(gradients[1:], start=gradients[0])
+        value, gradient = _summed(atom.value_and_gradient(points, offset) for atom in self.atoms)
+        return value, gradient
+
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
+        """The same, and f = -Delta u + u (k,), (1.1)."""
+        value, gradient, f = _summed(atom.whole(points, offset) for atom in self.atoms)
+        return value, gradient, f
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
-        """f = -Delta u + u (k,) at the places points + offset (k, 2) of Omega, (1.1)."""
-        first, *others = (atom.source(points, offset) for atom in self.atoms)
-        return sum(others, start=first)
+        """f (k,) at the places points + offset (k, 2) of Omega."""
+        return self.whole(points, offset)[2]
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
@@ -196,6 +199,11 @@ class Case(Known):
                 at = t if t in (0, 1) else known.t
                 merged[point.side, t] = Singular(point.side, at, lcm(known.grading, point.grading))
         return [merged[key] for key in sorted(merged)]
+
+
+def _summed(found: Iterable[tuple[Array, ...]]) -> list[Array]:
+    """What the atoms' values add up to."""
+    return [sum(others, start=first) for first, *others in zip(*found, strict=True)]
 
 
 def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:

@@ -47,9 +47,8 @@ class Polar(Local):
     def _values(self) -> tuple[Compiled, Compiled]:
         v, v_r, v_theta, laplacian = self.symbolic
         scale = sympy.Float(self.length, 17)
-        return compile_numpy([v, v_r, v_theta], (R, THETA)), compile_numpy(
-            [scale * v - laplacian / scale], (R, THETA)
-        )
+        values, f = [v, v_r, v_theta], scale * v - laplacian / scale
+        return compile_numpy(values, (R, THETA)), compile_numpy([*values, f], (R, THETA))
 
     def value_model(self, x: Model, y: Model) -> Model:
         return self._in_support(x, y, lambda phi, eta, _: (phi * eta).scaled(self.length))
@@ -101,9 +100,11 @@ class Polar(Local):
         v, v_r, v_theta = self._values[0](r, theta)
         return _spread(inside, self.length * v), _spread(inside, self.polar_to_xy(theta, v_r, v_theta))
 
-    def source(self, points: Array, offset: Array | float = 0.0) -> Array:
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
         inside, r, theta = self._polar(points, offset)
-        return _spread(inside, self._values[1](r, theta)[0])
+        v, v_r, v_theta, f = self._values[1](r, theta)
+        gradient = self.polar_to_xy(theta, v_r, v_theta)
+        return _spread(inside, self.length * v), _spread(inside, gradient), _spread(inside, f)
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         return np.hypot(*self.local(centre)) - radius / self.length > self._reach

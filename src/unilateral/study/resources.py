@@ -8,13 +8,10 @@ from typing import Any
 
 from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
-from unilateral.geometry.polygon import Polygon
 from unilateral.study.sizes import normed
 
 Fields = Mapping[str, Any]
 ROUND = 50
-EDGES_OF_INNER = 2
-"""The most boundary edges to a cell with one inner node, where the ends of cells are nodes."""
 """MB that what is asked for is a multiple of."""
 
 
@@ -99,25 +96,6 @@ def _of_deep(study: Fields, wildcards: Mapping[str, str]) -> float:
     return _unknowns(study["deep"]["polygon"], [study["deep"]["h"][int(wildcards["level"])]])
 
 
-def _boundary_edges(study: Fields, wildcards: Mapping[str, str]) -> float:
-    """Of the finest mesh of a survey, about; that of the worst pairs is one that was found."""
-    survey = study["surveys"][wildcards["survey"]]
-    if survey["kind"] == "worst":
-        return max(len(find["nodes"]) for find in study["finds"])
-    given = survey["polygon"]
-    domain = polygon.named(given) if isinstance(given, str) else Polygon(given, wildcards["survey"])
-    cells = max(_cells_of(partition, domain.perimeter) for partition in survey["partitions"])
-    numbers = survey.get("edges_per_cell", [EDGES_OF_INNER])
-    return cells * max(real(edges, "edges_per_cell") for edges in numbers)
-
-
-def _cells_of(partition: Fields, perimeter: float) -> float:
-    """Of one of a survey's partitions."""
-    if "H" in partition:
-        return perimeter / real(partition["H"], "H")
-    return sum(partition["counts"]) if "counts" in partition else len(partition["points"])
-
-
 SIZES: dict[str, Callable[[Fields, Mapping[str, str]], float]] = {
     "adaptive": _of_adaptive,
     "algorithm": _of_algorithm,
@@ -126,7 +104,6 @@ SIZES: dict[str, Callable[[Fields, Mapping[str, str]], float]] = {
     "dual_norm": _cells,
     "sharpness": _of_sharpness,
     "solve": _of_solve,
-    "survey": _boundary_edges,
     "totals": _of_totals,
 }
-"""By the rules whose jobs differ: the unknowns of the largest mesh, cells, or boundary edges."""
+"""By the rules whose jobs differ: the unknowns of the largest mesh, or cells."""

@@ -67,7 +67,12 @@ def smallest_share(fails: Callable[[float], bool]) -> float:
 
 
 def told(control: Mapping[str, Any], share: float) -> str:
-    """A share of a control in words: a factor where the control is one, else a part of it."""
+    """A share of a control in words: a factor where the control is one, else a part of it.
+
+    Where the table holds `rounding`, which another processor has otherwise, only the power of ten above it.
+    """
+    if control.get("rounding") and share < 0.99:
+        return f"below {100 * 10.0 ** math.ceil(math.log10(share)):g} % of the control"
     below = "below " if share <= LEAST else ""
     if "factor" not in control:
         return f"{below}{100 * share:.2g} % of the control" if share < 0.99 else "all of the control"

@@ -8,7 +8,7 @@ on the exponents depends what the hypotheses (j) and (jj) say. Levels are of h a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy
@@ -21,8 +21,8 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.symbolic import pos
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import Exact, cell_means_of_gaps
+from unilateral.norms.dual import Gram, dual_norm
+from unilateral.norms.exact import CellMeans, Exact, cell_means_of_gaps
 from unilateral.norms.infsup import infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T
@@ -73,28 +73,46 @@ def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
     return [START + H * sympy.Rational(2 * k + 1, 2 * positions) for k in range(positions)]
 
 
-def measure(
-    condensed: Condensed,
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The family seen from a partition, whatever the mesh: by exponent alpha and place, over the gammas.
+
+    `gram` has the columns of these u, one for each alpha and place.
+    """
+
+    partition: Partition
+    at: Sequence[sympy.Expr]
+    exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]]
+    members: list[list[list[Case]]]
+    means: list[list[list[CellMeans]]]
+    gram: Gram
+
+
+def seen(
     partition: Partition,
     at: Sequence[sympy.Expr],
     exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]],
-    stop: Stop,
-) -> xr.Dataset:
-    """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
+) -> Seen:
+    """Of the transitions at these places."""
     alphas, gammas = exponents
+    members = [[transitions(partition.polygon, x, alpha, gammas) for x in at] for alpha in alphas]
+    means = [[cell_means_of_gaps(cases, partition) for cases in row] for row in members]
+    every_u = [cases[0] for row in members for cases in row]
+    return Seen(partition, at, exponents, members, means, dual_norm(partition, every_u).gram(every_u))
+
+
+def measure(condensed: Condensed, of: Seen, stop: Stop) -> xr.Dataset:
+    """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
+    (alphas, gammas), at, partition, gram = of.exponents, of.at, of.partition, of.gram
     mesh, polygon = condensed.mesh, condensed.mesh.polygon
     spaces = mixed_spaces(condensed, partition)
-    family = [[transitions(polygon, x, alpha, gammas) for x in at] for alpha in alphas]
-    of_u = [[members[0] for members in row] for row in family]
-    every_u = [case for row in of_u for case in row]
-    gram = dual_norm(partition, every_u).gram(every_u)
     beta = infsup(spaces.operator, gram.p0).beta_lower
     found = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
-    for a, row in enumerate(family):
-        problems = ritz_projections(of_u[a], condensed)
+    for a, row in enumerate(of.members):
+        problems = ritz_projections([members[0] for members in row], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
             crossed = np.searchsorted(partition.points, polygon.arc_length(0, float(at[k]))) - 1
-            for c, cells in enumerate(cell_means_of_gaps(members, partition)):
+            for c, cells in enumerate(of.means[a][k]):
                 exact = Exact(replace(problem, case=members[c]), cells)
                 solution = solve(with_solution(spaces, exact), stop, beta)
                 errors = exact.errors(spaces, solution.result.lambda_H)

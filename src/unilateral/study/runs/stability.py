@@ -32,7 +32,23 @@ OF_PAIR = (
 )
 
 
-def survey(partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object]) -> xr.Dataset:
+class Grams:
+    """The Gram matrices of P0, made once for partitions that are alike."""
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[bytes, bytes], Bounds] = {}
+
+    def of(self, partition: Partition) -> Bounds:
+        """(m, m) each."""
+        alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+        if alike not in self.known:
+            self.known[alike] = dual_norm(partition).gram().p0
+        return self.known[alike]
+
+
+def survey(
+    partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object], grams: Grams
+) -> xr.Dataset:
     """The constants of (3.4) for partitions of one polygon, on meshes of these sizes against their cells.
 
     `meshes` holds the mapping of `families` that makes each partition's meshes; a size is the number of
@@ -46,14 +62,14 @@ def survey(partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Seque
     worst = np.full((*shape, longest), np.nan)
     points = np.full((len(partitions), longest + 1), np.nan)
     side = np.full((len(partitions), longest), np.nan)
-    grams = [dual_norm(partition).gram().p0 for partition in partitions]
     for p, partition in enumerate(partitions):
         points[p, : len(partition.points)] = partition.points
         side[p, : partition.n_cells] = partition.side
     for k, size in enumerate(sizes):
         condensed = cache(condense)
         on = meshes_of(partitions[0].polygon, partitions, meshes, size)
-        for p, (partition, mesh, gram) in enumerate(zip(partitions, on, grams, strict=True)):
+        for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
+            gram = grams.of(partition)
             operator = mixed_spaces(condensed(mesh), partition).operator
             sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
             for name, value in (sizes_of | constants(mesh, partition, operator, gram)).items():
