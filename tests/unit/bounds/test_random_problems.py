@@ -34,8 +34,8 @@ CORNERS = range(FUZZ) if FUZZ else (1,)
 SEARCHES = range(FUZZ) if FUZZ else (4, 8, 22)
 """Numbers of problems: all, or some that take about a second."""
 OF_FORMULAS = [("formula", n) for n in FORMULAS]
-WITHOUT_CORNERS = OF_FORMULAS + [("flux", n) for n in FLUXES]
-PROBLEMS = WITHOUT_CORNERS + [("corner", n) for n in CORNERS]
+WITHOUT_CORNERS = [*OF_FORMULAS, *(("flux", n) for n in FLUXES)]
+PROBLEMS = [*WITHOUT_CORNERS, *(("corner", n) for n in CORNERS)]
 ADAPTED = 3
 """Adapted meshes after a uniform one."""
 QUADRATURE = 1e-4
@@ -90,7 +90,7 @@ def pairs(solved, rng):
 
 
 def outcomes(of, solved, tried):
-    """Of the pairs (u_h, lambda_H) that are tried: the bound, the true error of u, and a lower bound of that of lambda."""
+    """Of pairs (u_h, lambda_H): the bound, the true error of u, and a lower bound of that of lambda."""
     discrete, problem = solved.discrete, of.problem
     mesh, cells = discrete.mesh, discrete.partition
     of_f, g = discrete.source or source.enclosed(mesh, problem), problem.enclosed_obstacle
@@ -123,7 +123,7 @@ def _few_pieces():
 
 
 class Given(NamedTuple):
-    """A problem with its exact solution, and discrete ones, each with the pairs (u_h, lambda_H) to be tried."""
+    """A problem with its exact solution, and discrete ones, each with pairs (u_h, lambda_H) to be tried."""
 
     of: Any
     solutions: list
