@@ -1,5 +1,6 @@
 """What several test files share: discrete problems, built once."""
 
+import gc
 import shutil
 import signal
 from functools import cache
@@ -41,6 +42,16 @@ NEED_RESULTS = (
     "test_report.py",
     "test_surveys.py",
 )
+
+
+def pytest_collection():
+    """While tests are collected nothing becomes garbage, and looking for it takes a third of that time."""
+    gc.disable()
+
+
+def pytest_collection_finish():
+    gc.enable()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):
@@ -165,7 +176,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def forgotten(request):
-    """What a file of tests has built is not kept beside what the next ones build: it is most of the memory."""
+    """What a file of tests has built is not kept beside what the next ones build, or it fills the memory."""
     yield
     own = [each for each in vars(request.module).values() if _module(each) == request.module.__name__]
     for each in (condensed, coupled, discrete, *own):
