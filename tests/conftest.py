@@ -1,5 +1,6 @@
 """What several test files share: discrete problems, built once."""
 
+import gc
 import shutil
 import signal
 from functools import cache
@@ -17,13 +18,16 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
+from unilateral.geometry.polygon import names as polygon_names
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file
+from unilateral.problems.case import load as load_case
 from unilateral.problems.certificate import certify
 from unilateral.study import tables
+from unilateral.study.judge import claims
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
@@ -38,6 +42,16 @@ NEED_RESULTS = (
     "test_report.py",
     "test_surveys.py",
 )
+
+
+def pytest_collection():
+    """While tests are collected nothing becomes garbage, and looking for it takes a third of that time."""
+    gc.disable()
+
+
+def pytest_collection_finish():
+    gc.enable()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):
@@ -63,7 +77,20 @@ def stored(name):
 
 @cache
 def load(name, polygon="square", side=0):
-    return cases.load(name, named(polygon), side)
+    return load_case(name, named(polygon), side)
+
+
+@pytest.fixture
+def shared_cases(monkeypatch):
+    """Cases of the catalogue are loaded once, and their obstacles enclosed once, whoever asks for them."""
+
+    def shared(case, polygon, side=0):
+        of_catalogue = str(case) in cases.names() and polygon.name in polygon_names()
+        if of_catalogue and np.array_equal(polygon.vertices, named(polygon.name).vertices):
+            return load(str(case), polygon.name, side)
+        return load_case(case, polygon, side)
+
+    monkeypatch.setattr(cases, "load", shared)
 
 
 def home(name):
@@ -145,6 +172,45 @@ def browser(tmp_path_factory):
         pytest.skip(f"Pages cannot be opened in Chromium, {why}")
     with chromium.running(tmp_path_factory.mktemp("chromium")) as started:
         yield started
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten(request):
+    """What a file of tests has built is not kept beside what the next ones build, or it fills the memory."""
+    yield
+    own = [each for each in vars(request.module).values() if _module(each) == request.module.__name__]
+    for each in (condensed, coupled, discrete, *own):
+        if hasattr(each, "cache_clear"):
+            each.cache_clear()
+
+
+def _module(of):
+    return getattr(of, "__module__", None)
+
+
+@pytest.fixture(scope="module")
+def evidence():
+    return {}
+
+
+@pytest.fixture
+def measured_once(monkeypatch, evidence):
+    """A claim of the ledger measures once, on the same tables, for all tests of a file that ask for this.
+
+    That it looks at no other tables than those that it names is a test of its own.
+    """
+    own, ledger = claims.Claim.measure, {id(claim) for claim in claims.ledger()}
+
+    def measure(claim, results):
+        if id(claim) not in ledger:
+            return own(claim, results)
+        read = [results[name] for name in claim.reads]
+        key = claim.id, *map(id, read)
+        if key not in evidence:
+            evidence[key] = own(claim, results), read
+        return evidence[key][0]
+
+    monkeypatch.setattr(claims.Claim, "measure", measure)
 
 
 SQUARE = "[[0, 0], [1, 0], [1, 1], [0, 1]]"

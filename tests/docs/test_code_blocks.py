@@ -22,6 +22,7 @@ from unilateral.cli import main
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
 FOLDERS = ("examples", "results")
 """What pages name of the project."""
 

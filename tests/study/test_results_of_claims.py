@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from functools import cache
 
 import click
 import pytest
@@ -11,7 +12,19 @@ from unilateral.cli import main
 from unilateral.cli.application import application
 from unilateral.study.judge import claims, controls, results
 
+pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
 EXAMPLES = application.get_command(click.Context(application), "claims").examples
+
+
+@pytest.fixture(scope="module")
+def tables_of():
+    return cache(results.load)
+
+
+@pytest.fixture
+def read_once(monkeypatch, tables_of):
+    """A table is the same object for all tests, so that what a claim measures on it is measured once."""
+    monkeypatch.setattr(results, "load", tables_of)
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -24,12 +25,30 @@ def tree(tmp_path_factory):
     return copy_project(tmp_path_factory.mktemp("study"))
 
 
-def plan(tree, *target):
+@pytest.fixture(scope="module")
+def dry_run(tree):
+    """The exit code of a dry run in the project, and what it prints on standard output and error."""
+    command = [sys.executable, str(Path(__file__).with_name("dry_runs.py"))]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+
+        def run(*arguments):
+            process.stdin.write(json.dumps([str(tree), "-n", "-c1", *arguments]) + "\n")
+            process.stdin.flush()
+            return json.loads(process.stdout.readline())
+
+        yield run
+        process.stdin.close()
+
+
+@pytest.fixture
+def plan(dry_run):
     """The text of a dry run, and how many jobs it plans of each rule."""
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", *target]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    text = found.stdout + found.stderr
-    assert found.returncode == 0, text
+    return lambda *target: planned(*dry_run(*target))
+
+
+def planned(code, out, err):
+    text = out + err
+    assert code == 0, text
     table = text.partition("Job stats:")[2].partition("\ntotal ")[0]
     return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
 
@@ -55,23 +74,23 @@ def computed(tree):
     shutil.rmtree(tree / "results")
 
 
-def test_what_is_there_is_not_made_anew(tree, computed):
+def test_what_is_there_is_not_made_anew(plan, computed):
     """Control."""
-    assert "Nothing to be done" in plan(tree, "quick", "--rerun-triggers", "mtime")[0]
+    assert "Nothing to be done" in plan("quick", "--rerun-triggers", "mtime")[0]
 
 
 @pytest.mark.parametrize(("name", "rule"), QUICK)
-def test_what_is_missing_is_made_anew_with_what_follows_from_it(tree, computed, name, rule):
+def test_what_is_missing_is_made_anew_with_what_follows_from_it(plan, computed, name, rule):
     (computed / name).unlink()
-    _, jobs = plan(tree, "quick", "--rerun-triggers", "mtime")
+    _, jobs = plan("quick", "--rerun-triggers", "mtime")
     assert jobs[rule] == 1
     assert jobs["rates"] == 1
 
 
 @pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 2, 3)])
-def test_one_command_makes_a_damaged_file_anew(tree, computed, name, rule):
+def test_one_command_makes_a_damaged_file_anew(plan, computed, name, rule):
     """The one that messages name."""
-    assert plan(tree, "-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
+    assert plan("-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
     with pytest.raises(StorageError, match=f"; 'snakemake -j2 -f .*/results/quick/{name}' makes it anew"):
         tables.load(computed / name)
 
@@ -100,24 +119,22 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("change", "said"), REFUSED)
-def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, change, said):
+def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, dry_run, change, said):
     """Also by a dry run, and whatever the target is."""
     name, old, new = change
     file = tree / f"workflow/config/{name}.yaml"
     kept = file.read_text()
     assert kept.count(old) == 1
     file.write_text(kept.replace(old, new))
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "figures/solution.svg"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
+    code, _, err = dry_run("figures/solution.svg")
     file.write_text(kept)
-    assert (found.returncode, found.stderr) == (2, f"unilateral: {said}\n")
+    assert (code, err) == (2, f"unilateral: {said}\n")
 
 
-def test_a_parameter_from_the_command_line_is_checked_too(tree):
-    command = [sys.executable, "-m", "snakemake", "-n", "-c1", "quick", "--config", "stop=4"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    assert found.returncode == 2
-    assert "field stop: it is 4; it has to be a mapping" in found.stderr
+def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
+    code, _, err = dry_run("quick", "--config", "stop=4")
+    assert code == 2
+    assert "field stop: it is 4; it has to be a mapping" in err
 
 
 def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):

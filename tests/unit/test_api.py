@@ -24,6 +24,7 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.outward import up
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 
@@ -306,7 +307,7 @@ def test_the_certificate_is_a_file(tmp_path):
 @pytest.fixture(scope="module")
 def adapted():
     """At a re-entrant corner meshes are adapted."""
-    s = ul.solve(ul.case("reentrant"), accuracy=0.2)
+    s = ul.solve(ul.load(DATA / "problems/lshape.yaml"), accuracy=0.3)
     assert s.mesh.adapted
     return s
 
@@ -455,6 +456,11 @@ def test_what_is_no_path_and_no_number_is_refused():
 def test_limits_that_are_none_are_refused(name, given, message):
     with pytest.raises(ul.InputError, match=f"{name}.*{message}"):
         ul.solve(ul.case("natural"), accuracy=0.1, **{name: given})
+
+
+@pytest.mark.parametrize("name", ["max_unknowns", "max_seconds", "max_memory"])
+def test_limits_may_be_text(name):
+    """Control: they are not refused."""
     assert ul.solve(ul.case("natural"), accuracy=0.5, **{name: "3000"}).certified
 
 

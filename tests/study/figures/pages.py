@@ -44,13 +44,12 @@ def table(figure):
 
 @contextmanager
 def recorded():
-    """The figures as they are written, each with the box, in inches, of all that is seen of it."""
+    """The figures as they are written."""
     found, savefig = [], Figure.savefig
 
     def recording(figure, *arguments, **options):
         savefig(figure, *arguments, **options)
-        figure.draw_without_rendering()
-        found.append((figure, figure.get_tightbbox()))
+        found.append(figure)
 
     Figure.savefig = recording
     try:
@@ -65,7 +64,7 @@ def drawn(figure, table):
         path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
         table.to_csv(path, index=False)
         import_module(f"unilateral.study.figures.{figure}").draw(path, target)
-        return pages[0][0], target.read_bytes()
+        return pages[0], target.read_bytes()
 
 
 @cache

@@ -45,20 +45,30 @@ def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, tmp_pa
     assert svg == (ROOT / f"figures/{name}.svg").read_bytes()
     assert svg.startswith(b"<?xml")
     assert not re.search(rb"\d{4}-\d\d-\d\d|dc:date|<text", svg)
-    check_page(*pages[0])
+    check_page(pages[0])
 
 
-def check_page(figure, box):
-    """Text as large as in a paper, nothing beyond the page, 17 cm wide; what were beyond it would be seen."""
-    width, height = figure.get_size_inches()
+def check_page(figure):
+    """Text as large as in a paper, nothing beyond the page, 17 cm wide."""
+    (width, height), box = figure.get_size_inches(), figure.get_tightbbox()
     assert width == pytest.approx(17 / 2.54)
     seen = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
     assert [text.get_text() for text in seen if float(text.get_fontsize()) < 8] == []
     assert min(box.x0, box.y0) >= 0
     assert box.x1 <= width
     assert box.y1 <= height
-    figure.text(0.99, 0.5, "beyond the page")
-    assert figure.get_tightbbox().x1 > width
+
+
+@pytest.mark.parametrize(("x", "size"), [(0.99, 10), (0.5, 7)])
+def test_what_is_beyond_the_page_or_too_small_is_seen(x, size):
+    """Control."""
+    figure = page("multiplier")[0]
+    check_page(figure)
+    added = figure.text(x, 0.5, "beyond the page", size=size)
+    with pytest.raises(AssertionError):
+        check_page(figure)
+    added.remove()
+    check_page(figure)
 
 
 def test_another_process_gives_the_same_bytes(tmp_path):

@@ -487,7 +487,7 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
 
 def test_lambda_is_certified_on_adapted_meshes():
     """At the re-entrant corner u is singular and lambda is not: on uniform meshes its bound is that of u."""
-    goal = Goal(0.1, "hm12", 4_000, sharp=True)
+    goal = Goal(0.2, "hm12", 2_000, sharp=True)
     of = load("reentrant", "lshape")
     found = [list(levels(of, goal, kind=kind))[-1] for kind in ("", "structured")]
     assert [level.certified for level in found] == [True, False]

@@ -5,6 +5,7 @@ over V_h, and its integral over |Omega|^{1/2}. `make fuzz` tries hundreds of num
 """
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.bounds import local, source
 from unilateral.bounds.forces import forces
-from unilateral.bounds.given import given
+from unilateral.bounds.given import given as given_flux
 from unilateral.choice import condensed
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm
@@ -32,6 +33,9 @@ FLUXES = range(2 * FUZZ) if FUZZ else (0, 1, 2, 7, 20)
 CORNERS = range(FUZZ) if FUZZ else (1,)
 SEARCHES = range(FUZZ) if FUZZ else (4, 8, 22)
 """Numbers of problems: all, or some that take about a second."""
+OF_FORMULAS = [("formula", n) for n in FORMULAS]
+WITHOUT_CORNERS = [*OF_FORMULAS, *(("flux", n) for n in FLUXES)]
+PROBLEMS = [*WITHOUT_CORNERS, *(("corner", n) for n in CORNERS)]
 ADAPTED = 3
 """Adapted meshes after a uniform one."""
 QUADRATURE = 1e-4
@@ -85,56 +89,86 @@ def pairs(solved, rng):
     yield inside, lambda_H
 
 
-def outcomes(of, solved, rng):
-    """Of these pairs: the bound, the true error of u, and a lower bound of that of lambda."""
+def outcomes(of, solved, tried):
+    """Of pairs (u_h, lambda_H): the bound, the true error of u, and a lower bound of that of lambda."""
     discrete, problem = solved.discrete, of.problem
-    mesh, cells, tried = discrete.mesh, discrete.partition, list(pairs(solved, rng))
+    mesh, cells = discrete.mesh, discrete.partition
     of_f, g = discrete.source or source.enclosed(mesh, problem), problem.enclosed_obstacle
     moments, on_mesh, to_mesh = of.flux_moments(mesh), condense(mesh), coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in tried])
     for (u_h, lambda_H), error in zip(tried, errors, strict=True):
-        tau = given(problem.enclosed_flux, mesh)
+        tau = given_flux(problem.enclosed_flux, mesh)
         bound = local.local_bound(of_f, g, cells, u_h, lambda_H, problem.free_sides, tau)
         rest = moments - to_mesh @ lambda_H
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         yield bound, error, max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area))
 
 
-def violations(of, rng):
+def violations(given):
     """The outcomes, of all solutions, in which a bound is too small."""
     return [
         (bound.u, error, bound.lambda_, of_lambda)
-        for solved in solutions(of.problem, rng)
-        for bound, error, of_lambda in outcomes(of, solved, rng)
+        for solved, tried in given.solutions
+        for bound, error, of_lambda in outcomes(given.of, solved, tried)
         if error > bound.u * (1 + QUADRATURE) or of_lambda > bound.lambda_ * (1 + 1e-6)
     ]
 
 
-@pytest.fixture(autouse=True)
-def _few_pieces(monkeypatch):
+@pytest.fixture(autouse=True, scope="module")
+def _few_pieces():
     """So that what takes too many is known less well, and sooner."""
-    monkeypatch.setattr(source, "MOST_PIECES", 6000)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "MOST_PIECES", 6000)
+        yield
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"),
-    [("formula", n) for n in FORMULAS] + [("flux", n) for n in FLUXES] + [("corner", n) for n in CORNERS],
-)
-def test_no_bound_is_below_a_true_error(tmp_path, kind, number):
-    assert not violations(made(kind, number, tmp_path), np.random.default_rng([17, number]))
+class Given(NamedTuple):
+    """A problem with its exact solution, and discrete ones, each with pairs (u_h, lambda_H) to be tried."""
+
+    of: Any
+    solutions: list
 
 
-def forces_outside(of, rng, share=1.0):
+def given_of(number, of):
+    rng = np.random.default_rng([17, number])
+    return Given(of, [(solved, list(pairs(solved, rng))) for solved in solutions(of.problem, rng)])
+
+
+@pytest.fixture(scope="module")
+def one(request, tmp_path_factory):
+    """One problem at a time, solved once for all tests of it."""
+    kind, number = request.param
+    return given_of(number, made(kind, number, tmp_path_factory.mktemp("corner")))
+
+
+def of_each(problems):
+    """A test of these problems; pytest runs all tests of one before those of the next."""
+    ids = [f"{kind}-{number}" for kind, number in problems]
+    return pytest.mark.parametrize("one", problems, indirect=True, ids=ids, scope="module")
+
+
+@pytest.fixture(scope="module")
+def one_of_them():
+    """For controls."""
+    return given_of(4, known(4))
+
+
+@of_each(PROBLEMS)
+def test_no_bound_is_below_a_true_error(one):
+    assert not violations(one)
+
+
+def forces_outside(given, share=1.0):
     """Over the boundary and each side: exact forces that do not lie between the numbers that are guaranteed.
 
     The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
     them. The `share` is of the bound of lambda.
     """
-    wrong, free = [], of.problem.free_sides
-    for solved in solutions(of.problem, rng):
+    wrong, free = [], given.of.problem.free_sides
+    for solved, _ in given.solutions:
         mesh = solved.discrete.mesh
         parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
-        moments, bound = of.flux_moments(mesh), share * solved.bound().lambda_
+        moments, bound = given.of.flux_moments(mesh), share * solved.bound().lambda_
         off = 1e-6 * np.abs(moments).sum() + 1e-12 * solved.u_norm  # of the quadrature, and of rounding
         found = forces(mesh, solved.discrete.partition, solved.lambda_H, bound, parts, free)
         for part, force in zip(parts, found, strict=True):
@@ -145,16 +179,14 @@ def forces_outside(of, rng, share=1.0):
     return wrong
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"), [("formula", n) for n in FORMULAS] + [("flux", n) for n in FLUXES]
-)
-def test_no_force_lies_outside(kind, number):
-    assert not forces_outside(made(kind, number, None), np.random.default_rng([19, number]))
+@of_each(WITHOUT_CORNERS)
+def test_no_force_lies_outside(one):
+    assert not forces_outside(one)
 
 
-def test_a_force_outside_is_noticed():
+def test_a_force_outside_is_noticed(one_of_them):
     """Control: without what the error adds, exact forces lie outside."""
-    assert forces_outside(known(4), np.random.default_rng([19, 4]), share=0.0)
+    assert forces_outside(one_of_them, share=0.0)
 
 
 @pytest.mark.parametrize("number", SEARCHES)
@@ -170,7 +202,7 @@ def test_what_is_certified_is_as_accurate_as_that(number):
 
 
 @pytest.mark.parametrize("name", ["u", "lambda_"])
-def test_a_bound_that_is_a_fifth_too_small_is_noticed(monkeypatch, name):
+def test_a_bound_that_is_a_fifth_too_small_is_noticed(one_of_them, monkeypatch, name):
     """Control: the bounds are nearer than that to some of the errors."""
     right = local.local_bound
 
@@ -179,26 +211,22 @@ def test_a_bound_that_is_a_fifth_too_small_is_noticed(monkeypatch, name):
         return replace(bound, **{name: 0.8 * getattr(bound, name)})
 
     monkeypatch.setattr(local, "local_bound", too_small)
-    assert violations(known(4), np.random.default_rng([17, 4]))
+    assert violations(one_of_them)
 
 
-@pytest.mark.parametrize("number", FORMULAS)
-def test_the_quadrature_of_the_true_error(number):
+@of_each(OF_FORMULAS)
+def test_the_quadrature_of_the_true_error(one):
     """Pieces of half the size, which have a quarter of its error at most, change it by less."""
-    of = known(number)
-    solved = next(solutions(of.problem, np.random.default_rng([17, number])))
+    of, solved = one.of, one.solutions[0][0]
     mesh, functions = solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
     (coarse, norm), (fine, _) = (true_errors(of, mesh, functions, size) for size in (SIZE, SIZE / 2))
     assert coarse == pytest.approx(fine, rel=0.75 * QUADRATURE, abs=1e-12 * norm)
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"),
-    [("formula", n) for n in FORMULAS] + [("flux", n) for n in FLUXES] + [("corner", n) for n in CORNERS],
-)
-def test_the_random_solutions_solve_their_problems(tmp_path, kind, number):
+@of_each(PROBLEMS)
+def test_the_random_solutions_solve_their_problems(one):
     """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""
-    of = made(kind, number, tmp_path)
+    of = one.of
     lengths, per_side = of.problem.polygon.lengths, 200
     side = np.repeat(np.arange(len(lengths)), per_side)
     s = lengths[side] * np.tile((np.arange(per_side) + 0.5) / per_side, len(lengths))

@@ -27,10 +27,10 @@ from unilateral.geometry.structured import structured
 KITE = np.array([[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]])
 FAR = Polygon(KITE + 1e5 / 3, "far")
 MESHES = {
-    "square": lambda: structured(square(), 1 / 32),
-    "lshape": lambda: structured(named("lshape"), 1 / 16),
-    "kite": lambda: meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 3),
-    "far": lambda: meshes.refine(meshes.unstructured(FAR, 1 / 3), 3),
+    "square": lambda: structured(square(), 1 / 16),
+    "lshape": lambda: structured(named("lshape"), 1 / 12),
+    "kite": lambda: meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 2),
+    "far": lambda: meshes.refine(meshes.unstructured(FAR, 1 / 3), 2),
     "at a corner": lambda: graded(structured(named("lshape"), 1 / 2), 2, 12).mesh,
     "at random": lambda: at_random(meshes.unstructured(Polygon(KITE, "kite"), 1 / 2), 6, 5).mesh,
     "far, at random": lambda: at_random(meshes.unstructured(FAR, 1 / 2), 4, 5).mesh,
@@ -353,7 +353,7 @@ def test_how_often_f_is_looked_at():
     that of the triangles, 16 times as large for h/4.
     """
     counts = []
-    for n in (128, 512):
+    for n in (64, 256):
         of = Counted(SMOOTH)
         enclosed(structured(square(), 1 / n), of)
         counts.append(of.pieces)
@@ -379,7 +379,7 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
 
 def test_memory_is_proportional_to_the_mesh():
     """The result has 64 bytes a triangle; with numbers of blocks and of the last coarser level 300."""
-    mesh = structured(square(), 1 / 256)
+    mesh = structured(square(), 1 / 128)
     assert mesh.areas.size == mesh.longest_edges.size
     tracemalloc.start()
     enclosed(mesh, Source(SMOOTH))

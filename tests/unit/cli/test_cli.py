@@ -61,6 +61,8 @@ FINER = ("--h", "1/16", "--H", "1/8")
 PROBLEM = str(DATA / "problems/triangle.yaml")
 SCRIPT = Path(sys.executable).with_name("unilateral")
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
+
 
 @pytest.fixture
 def run(capsys):
@@ -291,7 +293,7 @@ def test_an_absolute_accuracy(run, solve_json):
 def test_a_table_shows_the_shortest_edge_of_adapted_meshes(run):
     """At a re-entrant corner, unless uniform meshes are asked for."""
     for options, adapted in (((), True), (("--mesh", "structured"), False)):
-        code, out, _ = run("solve", "reentrant", "--accuracy", "0.3", *options)
+        code, out, _ = run("solve", str(DATA / "problems/lshape.yaml"), "--accuracy", "0.2", *options)
         levels = [line.split() for line in out.splitlines()[2:] if re.fullmatch(r"[ 0-9.e-]+", line)]
         assert code == 0
         assert (float(levels[-1][1]) < float(levels[-1][0]) / 2) == adapted
@@ -813,7 +815,7 @@ def alone(*arguments, shell="", **environment):
 def test_the_installed_command():
     code, out, err = alone("solve", "full_contact", *SIZES, "--json")
     assert (code, err, list(json.loads(out))) == (0, "", KEYS)
-    code, out, err = alone("solve", "unknown", *SIZES)
+    code, out, err = alone("solve", "unknown.yaml", *SIZES)
     assert (code, out, err.count("\n")) == (2, b"", 1)
 
 
@@ -835,7 +837,15 @@ def test_a_closed_pipe_is_no_error(arguments, unbuffered):
     assert (found.returncode, found.stderr) == (0, b"")
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("solve", "full_contact", *SIZES)], ids=["help", "solve"])
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A problem of one's own, which needs the fewest imports, see below."""
+    file = tmp_path_factory.mktemp("small") / "small.yaml"
+    file.write_text("polygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: 1\ng: 0\n")
+    return str(file)
+
+
+@pytest.mark.parametrize("command", ["help", "solve"])
 @pytest.mark.parametrize(
     ("shell", "unbuffered", "message"),
     [
@@ -845,17 +855,18 @@ def test_a_closed_pipe_is_no_error(arguments, unbuffered):
     ],
     ids=["full", "full at once", "closed"],
 )
-def test_output_that_cannot_be_written_is_code_4(arguments, shell, unbuffered, message):
+def test_output_that_cannot_be_written_is_code_4(small, command, shell, unbuffered, message):
     """A full disk is what writing to /dev/full gives, see full(4); without a buffer it is met earlier."""
+    arguments = ("--help",) if command == "help" else ("solve", small, *SIZES)
     found = alone(*arguments, shell=shell, PYTHONUNBUFFERED=unbuffered)
     assert found == (4, b"", f"unilateral: the system failed: {message}\n")
 
 
 @pytest.mark.parametrize("shell", ["2>&-", "2>/dev/full"])
-def test_messages_that_cannot_be_written_change_no_code(shell):
+def test_messages_that_cannot_be_written_change_no_code(small, shell):
     """And do not go to standard output; the solve warns, the other one is refused."""
-    assert alone("solve", "unknown", *SIZES, shell=shell)[:2] == (2, b"")
-    code, out, _ = alone("solve", "natural", "--h", "1/4", "--H", "1/8", "--json", shell=shell)
+    assert alone("solve", "unknown.yaml", *SIZES, shell=shell)[:2] == (2, b"")
+    code, out, _ = alone("solve", small, "--h", "1/4", "--H", "1/8", "--json", shell=shell)
     assert code == 0
     assert list(json.loads(out)) == KEYS
     assert alone("--help", shell=f"{shell} >/dev/full")[0] == 4

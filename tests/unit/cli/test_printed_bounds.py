@@ -11,6 +11,7 @@ import unilateral as ul
 from unilateral import outward
 from unilateral.cli import main
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
 ON_ONE_SIDE = {"polygon": "[[0, 0], [1, 0], [1, 1], [0, 1]]", "free_sides": "[0, 2, 3]"}
 LINEAR = {"f": "4/3*x", "g": "[null, 4/3, null, null]", "q": "[null, null, null, -4/3]"}
 """u = 4x/3, which is in V_h; the force is 4/3, on side 1."""

@@ -32,6 +32,7 @@ from unilateral.exchange.trace import Trace, constant
 from unilateral.norms.dual import Errors
 from unilateral.problems.case import Case
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
 NAMED = {
     "mass term missing": "the mass term (u, v) is missing",
     "load missing": "the load (f, v) is missing",
