@@ -1,8 +1,8 @@
 """Snakemake's command in children of one process, which has imported what takes long to import.
 
-`python dry_runs.py` reads a line of JSON for each command, [folder, argument, ...], and answers it by one: the
-exit code, and what was printed on standard output and error. A child is forked for every command, so that none
-sees what another one has left behind. Which cases fit their polygons is known before.
+`python dry_runs.py` reads a line of JSON for each command, [folder, argument, ...], and answers it by one:
+the exit code, and what was printed on standard output and error. A child is forked for every command, so that
+none sees what another one has left behind. Which cases fit their polygons is known before.
 """
 
 import json
