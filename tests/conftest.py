@@ -1,5 +1,6 @@
 """What several test files share: discrete problems, built once."""
 
+import ctypes
 import gc
 import shutil
 import signal
@@ -32,6 +33,7 @@ from unilateral.study.judge import claims
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
 RESULTS = ROOT / "results"
+LIBC = ctypes.CDLL(None)
 CANTOR = ("cantor_1.5", "cantor_2", "violates_jj_jjj", "violates_jjj")
 """The cases with transitions at a Cantor set; all have the same u."""
 NEED_RESULTS = (
@@ -178,14 +180,12 @@ def browser(tmp_path_factory):
 def forgotten(request):
     """What a file of tests has built is not kept beside what the next ones build, or it fills the memory."""
     yield
-    own = [each for each in vars(request.module).values() if _module(each) == request.module.__name__]
-    for each in (condensed, coupled, discrete, *own):
-        if hasattr(each, "cache_clear"):
+    for each in (condensed, coupled, discrete, *vars(request.module).values()):
+        if hasattr(each, "cache_clear") and each.__module__.startswith("test_"):
             each.cache_clear()
-
-
-def _module(of):
-    return getattr(of, "__module__", None)
+    gc.collect()
+    if hasattr(LIBC, "malloc_trim"):  # else glibc keeps what is free between what is not
+        LIBC.malloc_trim(0)
 
 
 @pytest.fixture(scope="module")
