@@ -94,14 +94,10 @@ def singles(generations=3, polygon=square()):  # noqa: B008
 def test_the_atom_is_the_sum_of_single_ones(polygon):
     rng = np.random.default_rng(0)
     points = polygon.lengths[0] * np.column_stack([rng.random(3000), 0.12 * rng.random(3000)])
-    for name in ("value_and_gradient", "source"):
-        found = getattr(atom(3, polygon), name)(points)
-        expected = [getattr(each, name)(points) for each in singles(3, polygon)]
-        if name == "source":
-            np.testing.assert_allclose(found, sum(expected), atol=1e-12)
-        else:
-            np.testing.assert_allclose(found[0], sum(value for value, _ in expected), atol=1e-14)
-            np.testing.assert_allclose(found[1], sum(slope for _, slope in expected), atol=1e-13)
+    found = atom(3, polygon).whole(points)
+    expected = zip(*(each.whole(points) for each in singles(3, polygon)), strict=True)
+    for values, of_singles, off in zip(found, expected, (1e-14, 1e-13, 1e-12), strict=True):
+        np.testing.assert_allclose(values, sum(of_singles), atol=off)
 
 
 def test_its_trace_and_flux_are_the_sums_too():

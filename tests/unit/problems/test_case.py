@@ -86,6 +86,8 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     np.testing.assert_allclose(gradient, by_differences, atol=1e-6 * scale)
     np.testing.assert_allclose(case.source(points), u - laplacian, atol=1e-4 * scale)
     assert not np.allclose(case.source(points), u + laplacian, atol=1e-4 * scale)
+    for together, alone in zip(case.whole(points), (u, gradient), strict=False):
+        np.testing.assert_allclose(together, alone, atol=1e-12 * scale)
 
 
 PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("violates_jjj", "square", 0)]
