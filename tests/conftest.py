@@ -178,9 +178,9 @@ def browser(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def forgotten(request):
-    """What a file of tests has built is not kept beside what the next ones build, or it fills the memory."""
+    """What a file of tests has built for itself is not kept beside what the next ones build."""
     yield
-    for each in (condensed, coupled, discrete, *vars(request.module).values()):
+    for each in vars(request.module).values():
         if hasattr(each, "cache_clear") and each.__module__.startswith("test_"):
             each.cache_clear()
     gc.collect()
