@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int32
 from unilateral.fem.hierarchy import Hierarchy, Level
@@ -45,7 +45,7 @@ class Truncated:
         for level in reversed(self.below):
             self.matrices.insert(0, _minus(level, D))
             D = _coarser(level, D)
-        self.coarsest = splu(_less(of.A_0, D.nodes, D).tocsc())
+        self.coarsest = _factors(_less(of.A_0, D.nodes, D), of.A_0)
 
     def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
         """z (n,) += T P C P^T T (r - A z), C one V-cycle, A that of the last level."""
@@ -71,6 +71,17 @@ class Truncated:
             level.prolong(e)
             upward(level, S, e, *swept.pop())
         return e
+
+
+def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
+    """Of S + CUT_AWAY diag(A_0) if S is singular: cut hats may depend on each other, for few nodes are left.
+
+    That makes the correction of such functions, which are 0, small in place of arbitrary.
+    """
+    try:
+        return splu(S.tocsc())
+    except RuntimeError:
+        return splu((S + sp.diags_array(CUT_AWAY * A_0.diagonal())).tocsc())
 
 
 def _at_the_nodes(A: sp.csr_array, nodes: Index) -> Part:
