@@ -1,6 +1,7 @@
 """What is said of the memory of a run."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,3 +38,15 @@ def test_the_peak_sees_what_was_held_and_is_forgotten_where_the_system_can():
     assert peak_mb() == with_it
     forget_peak()
     assert (peak_mb() < with_it - 0.9 * MB) == CLEARED.exists()
+
+
+def test_freed_memory_is_kept_where_the_c_library_can_and_else_nothing_happens(monkeypatch):
+    """Two numbers of mallopt(3); a library without that function is no error."""
+    calls = []
+    monkeypatch.setattr(
+        memory.ctypes, "CDLL", lambda _: SimpleNamespace(mallopt=lambda *of: calls.append(of))
+    )
+    memory.keep_freed()
+    assert [option for option, _ in calls] == [memory.MMAP_THRESHOLD, memory.TRIM_THRESHOLD]
+    monkeypatch.setattr(memory.ctypes, "CDLL", lambda _: SimpleNamespace())
+    memory.keep_freed()

@@ -117,8 +117,8 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
     return unit * math.sqrt(square)
 
 
-def _assemble(mesh: Mesh, blocks: Array) -> sp.csr_array:
+def _assemble(mesh: Mesh, entries: Array) -> sp.csr_array:
     rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
     columns = np.tile(mesh.triangles, (1, 3)).ravel()
     n = len(mesh.points)
-    return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(n, n)).tocsr()
+    return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()

@@ -235,17 +235,7 @@ def fluxes(rng):
 
 FAMILIES = {of.__name__: of for of in (peaks, waves, kinks, sides, large, neumann, fluxes)}
 NUMBER = {"peaks": 10, "waves": 8, "kinks": 10, "sides": 10, "large": 6, "neumann": 6, "fluxes": 10}
-"""Where `make fuzz` begins: of those before the suite takes one or two of each kind, see SEEDS."""
-SEEDS = {
-    "peaks": (1, 5, 6, 9),  # inside, on a side and at a vertex, one to three of them, wide and narrow
-    "waves": (0, 1, 5, 7),  # in y, in x, and across both ways
-    "kinks": (0, 2, 4, 7, 8),  # along lines and circles; jumps and kinks
-    "sides": (1, 4, 5, 6, 7),  # each kind of gap, waves of two lengths
-    "large": (0, 1, 2, 3),  # each distance from the origin
-    "neumann": (2, 3, 4),  # free sides opposite and beside each other, wide and narrow peaks
-    "fluxes": (2, 5, 6, 7),  # on one to three sides, of peaks and waves
-}
-RANGE = {name: range(n, n + FUZZ) if FUZZ else SEEDS[name] for name, n in NUMBER.items()}
+RANGE = {name: range(n, n + FUZZ) if FUZZ else range(n) for name, n in NUMBER.items()}
 
 
 def outcome(of, file):
