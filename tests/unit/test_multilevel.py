@@ -24,6 +24,7 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.multilevel import Multilevel, after, multilevel, refinements
 from unilateral.problems import problem_file
+from unilateral.solvers import multigrid
 from unilateral.solvers.stop import Stop
 
 EXACTLY = Stop(tolerance=1e-11)
@@ -116,6 +117,21 @@ def test_the_norm_from_below_is_one_from_below_and_not_idle():
         below, exact = both[0].lambda_norm(lambda_H), np.linalg.norm(both[1].spaces.operator.half @ lambda_H)
         assert 0.99 * exact < below <= exact * (1 + 1e-12)
     assert both[0].lambda_norm(0 * lambda_H) == 0
+
+
+@pytest.mark.parametrize("peak", [0.0, 0.25, 1.0])
+def test_the_norm_from_below_is_that_of_a_coarse_level_where_that_is_enough(monkeypatch, peak):
+    """Not where finer levels add to it: at a peak all of them add about the same."""
+    mesh, cells = structured(named("lshape"), 1 / 64), uniform(named("lshape"), 1 / 32)
+    found, asked = multilevel(ul.Problem(mesh.polygon, "x", 0), mesh, cells), []
+    below = multigrid._dual_norm_below
+    monkeypatch.setattr(multigrid, "_dual_norm_below", lambda of, R: asked.append(of.n) or below(of, R))
+    lambda_H = np.ones(cells.n_cells)
+    lambda_H[11] += peak * cells.n_cells
+    norm, finest = found.lambda_norm(lambda_H), found.grids.finest
+    assert norm > 0.99 * below(finest.of, finest.cells.B.T @ lambda_H)
+    assert asked == sorted(asked)
+    assert (asked[-1] < mesh.n_nodes) == (peak == 0)
 
 
 @pytest.mark.parametrize(("length", "least"), [(1e-5, 0.99), (4.124626382901348e-07, 0.99), (1e-8, 0.0)])

@@ -9,6 +9,7 @@ so p is used on triangles up to MOST_HALVINGS finer.
 
 from __future__ import annotations
 
+import itertools
 from functools import cache
 from typing import NamedTuple
 
@@ -31,9 +32,15 @@ Points are off by 2 EPS in either variable, monomials have degree 4, and Horner'
 p is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
 and as many terms as there are points, 16: f_h is off by 60. What is left of p is off by both, by its own two
 operations and by a mean of 16 terms: by 85, which, with f_h, makes 145.
+
+By `_matrices` a monomial is off by 10, and so is an entry of the first matrix by 2.5 (10 + 8) = 45; sums of
+15 products add 7.5 times 2.5: f_h is off by 64. An entry of the second one is off by 10, 45 and its own five
+operations on numbers up to 3.5, by 64; the products add 7.5 times 3.5, the mean 8: 98 and, with f_h, 162.
 """
 FEW = 1 << 11
 """Triangles at a time: the numbers in their points fit into a processor's cache."""
+LONG = 128
+"""Triangles in a row that lie alike in theirs, on average: from which on matrices are made for them."""
 
 
 class Polynomials(NamedTuple):
@@ -84,14 +91,40 @@ def _frame(a: Array, u: Array, v: Array) -> Array:
 def values(corners: Array, known: Polynomials, of: Int32) -> tuple[Array, Array]:
     """(3, k) the L2 projection f_h of p at the corners (2, 3, k), (k,) the mean of (p - f_h)^2.
 
-    `of` (k,) says which p is known on each triangle.
+    `of` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row lie
+    alike in those around them.
     """
-    (hats, weights), to_corners = symmetric(2 * ORDER), _to_corners()
-    x, y = (hats @ each for each in inside(corners, known.frame[:, of]))
-    p = _horner(known.c[:, of], x, y)
-    f_h = to_corners @ p
+    places, c = np.concatenate(inside(corners, known.frame[:, of])), known.c[:, of]
+    change = np.flatnonzero((places[:, 1:] != places[:, :-1]).any(axis=0)) + 1
+    if LONG * (len(change) + 1) > len(of):
+        return _one_by_one(places, c)
+    starts, (f_h, squares) = [0, *change.tolist()], (np.empty((3, len(of))), np.empty(len(of)))
+    runs = itertools.starmap(slice, itertools.pairwise([*starts, len(of)]))
+    for run, to_f_h, to_rest in zip(runs, *_matrices(places[:, starts]), strict=True):
+        f_h[:, run], squares[run] = to_f_h @ c[:, run], np.sum((to_rest @ c[:, run]) ** 2, axis=0)
+    return f_h, squares
+
+
+def _one_by_one(places: Array, c: Array) -> tuple[Array, Array]:
+    """`values` of the polynomials c (m, k) on triangles with those places (6, k) of their corners."""
+    hats, weights = symmetric(2 * ORDER)
+    p = _horner(c, hats @ places[:3], hats @ places[3:])
+    f_h = _to_corners() @ p
     p -= hats @ f_h
     return f_h, weights @ p**2
+
+
+def _matrices(places: Array) -> tuple[Array, Array]:
+    """(r, 3, m), (r, q, m) for places (6, r): what makes f_h of c, and numbers whose squares add to the rest.
+
+    The rest is the mean of (p - f_h)^2.
+    """
+    hats, weights = symmetric(2 * ORDER)
+    x, y = (hats @ each for each in (places[:3], places[3:]))
+    powers = [(x**i, y**i) for i in range(ORDER + 1)]
+    monomials = np.stack([powers[i][0] * powers[j][1] for i, j in basis(2, ORDER).exponents]).T
+    to_f_h = _to_corners() @ monomials
+    return to_f_h, np.sqrt(weights)[:, None] * (monomials - hats @ to_f_h)
 
 
 def inside(corners: Array, frame: Array) -> tuple[Array, Array]:

@@ -121,13 +121,21 @@ class Multigrid:
         return Found(u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0)
 
     def dual_norm_below(self, lambda_H: Array) -> float:
-        """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,): <lambda_H, v> / ||v||_1 for one v."""
-        of, R = self.finest.of, self.finest.cells.B.T @ lambda_H
-        unit = float(np.abs(R).max(initial=0.0))
-        v = nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
-        A_v = rounded.product(of.A, of.mass, v)
-        norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
-        return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
+        """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
+
+        On the first level that added so little to the square that, if all others add as much, it is little.
+        """
+        functionals = [self.finest.cells.B.T @ lambda_H]
+        for grid in self.grids[:0:-1]:
+            R = functionals[0].copy()
+            grid.of.levels[-1].restrict(R)
+            functionals.insert(0, R[: grid.of.levels[-1].before])
+        found = 0.0
+        for left, grid, R in zip(range(len(functionals))[::-1], self.grids, functionals, strict=True):
+            before, found = found, max(found, _dual_norm_below(grid.of, R))
+            if left * (found**2 - before**2) < ENOUGH * found**2:
+                break
+        return found
 
     def bound(self, u: Array, lambda_H: Array) -> float:
         """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
@@ -144,6 +152,15 @@ class Multigrid:
             u, active, share = np.append(u, np.empty(fine.of.n - len(u))), active[fine.cells.parent], DECADE
             fine.of.levels[-1].prolong(u)
         return u, active
+
+
+def _dual_norm_below(of: Hierarchy, R: Array) -> float:
+    """A lower bound of ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
+    unit = float(np.abs(R).max(initial=0.0))
+    v = nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
+    A_v = rounded.product(of.A, of.mass, v)
+    norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
+    return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
 
 def nearly_solved(of: Hierarchy, R: Array) -> Array:

@@ -15,7 +15,7 @@ from unilateral.bounds import ancestors
 from unilateral.bounds import whole as wholes
 from unilateral.bounds.pieces import rounded_size
 from unilateral.bounds.source import enclosed
-from unilateral.bounds.whole import COMPUTED, FINEST, MOST_HALVINGS, Polynomials, inside, whole
+from unilateral.bounds.whole import COMPUTED, FINEST, LONG, MOST_HALVINGS, Polynomials, inside, whole
 from unilateral.fem.quadrature import symmetric
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS, basis
@@ -242,16 +242,19 @@ def some_parts():
     return found
 
 
-def worst_rounding():
-    """The largest part of its allowance that any rounding takes, of random polynomials of many sizes."""
-    rng, worst = np.random.default_rng(5), 0.0
+def worst_rounding(count):
+    """The largest part of its allowance that any rounding takes, of random polynomials of many sizes.
+
+    On as many triangles in a row that lie alike.
+    """
+    rng, worst, number = np.random.default_rng(5), 0.0, np.arange(count) % 4
     sigma = some_parts()[0]
     for part in some_parts():
         c = rng.standard_normal((4, 15)) * 10.0 ** rng.uniform(-3, 0, (4, 15))
         c[0, 1:] = 0
         frame = wholes._frame(*np.repeat(sigma[:, :, None], 4, axis=2))
         known = Polynomials(c.T.copy(), np.zeros(4), frame)
-        f_h, squares = wholes.values(np.repeat(part.T[..., None], 4, axis=2), known, np.arange(4))
+        f_h, squares = wholes.values(np.repeat(part.T[..., None], count, axis=2), known, number)
         for k in range(4):
             exact, square = projected(on_part(c[k], part))
             off = max(abs(float(Fraction(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
@@ -260,9 +263,26 @@ def worst_rounding():
     return worst
 
 
-def test_what_is_rounded_is_below_its_allowance():
-    """In rational arithmetic; and a hundredth of it would be too little."""
-    assert 0.01 < worst_rounding() / COMPUTED <= 1
+@pytest.mark.parametrize(("count", "other"), [(4, "_matrices"), (LONG, "_horner")])
+def test_what_is_rounded_is_below_its_allowance(monkeypatch, count, other):
+    """In rational arithmetic, by both ways of computing it; and a hundredth of it would be too little."""
+    monkeypatch.setattr(wholes, other, None)
+    assert 0.01 < worst_rounding(count) / COMPUTED <= 1
+
+
+@pytest.mark.parametrize("name", ["square", "at random"])
+def test_both_ways_make_the_same_of_p(monkeypatch, name):
+    """Up to the allowances of both. They are rounded differently: neither of them is idle."""
+    mesh, of = mesh_of(name), Source(SMOOTH)
+    monkeypatch.setattr(wholes, "LONG", 1)
+    found = enclosed(mesh, of)
+    monkeypatch.setattr(wholes, "LONG", 2 * len(mesh.triangles))
+    expected = enclosed(mesh, of)
+    c = found.seen.known.c[:, found.seen.of]
+    allowed = 2 * COMPUTED * EPS * np.abs(c).sum(axis=0)
+    assert np.all(np.abs(found.f_h - expected.f_h).max(axis=1) <= allowed)
+    assert np.all(np.abs(found.oscillation - expected.oscillation) <= allowed * np.sqrt(mesh.areas))
+    assert np.any(found.f_h != expected.f_h)
 
 
 def test_the_allowance_is_in_rad():
