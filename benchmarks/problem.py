@@ -27,7 +27,7 @@ from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.source import enclosed
-from unilateral.discrete import obstacle_means
+from unilateral.discrete.condensed import obstacle_means
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import h1_matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy

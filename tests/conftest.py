@@ -14,7 +14,7 @@ import pytest
 import scipy.sparse as sp
 import yaml
 
-from unilateral.discrete import with_solution
+from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions

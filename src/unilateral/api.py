@@ -25,7 +25,7 @@ from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search, search
 from unilateral.accuracy.watch import Watch
 from unilateral.certificate import SIZE, relative
-from unilateral.choice import cheapest, check_size, levels_for
+from unilateral.discrete.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.formulas.formula import compile_numpy, parse, real
 from unilateral.geometry import mesh as meshes

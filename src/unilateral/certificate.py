@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.contact import Contact
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import Solution
 from unilateral.files import replacing
 from unilateral.formulas.constants import rounded
 from unilateral.norms.dual import Errors

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral import discrete_solution, tabulated
+from unilateral import tabulated
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
 from unilateral.certificate import Bounds, record, steps, unique, write_text
 from unilateral.contact import Contact
+from unilateral.discrete import base
 from unilateral.errors import InputError
 from unilateral.evaluation import at_points
 from unilateral.files import check_target, replacing, write_netcdf
@@ -85,7 +86,7 @@ class Solution:
     the user's `polygon`.
     """
 
-    solved: discrete_solution.Solution
+    solved: base.Solution
     polygon: Polygon
     units: Units
     search: Search | None = None

@@ -6,7 +6,7 @@ import xarray as xr
 from conftest import load
 from numpy.testing import assert_allclose
 
-from unilateral.discrete import discretise
+from unilateral.discrete.condensed import discretise
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.partition import uniform

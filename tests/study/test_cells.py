@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.special import beta
 from sympy import Rational as Q
 
-from unilateral.discrete import discretise, solve
+from unilateral.discrete.condensed import discretise, solve
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square

@@ -13,7 +13,7 @@ import yaml
 from conftest import ROOT, condensed, coupled, discrete, load
 from scipy.sparse.linalg import splu
 
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import discrete, load
 
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs import deep

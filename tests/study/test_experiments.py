@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import condensed, coupled, discrete, load
 
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.fem.sparse import dissected
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square

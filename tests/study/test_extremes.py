@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import certified, config, interior_point, load
 
-from unilateral.discrete import solve, with_solution
+from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import CONSTANTS
 from unilateral.fem.spaces import DualOperator

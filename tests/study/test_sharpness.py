@@ -11,7 +11,7 @@ import sympy
 import xarray as xr
 from conftest import condensed, coupled
 
-from unilateral.discrete import solve, with_solution
+from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.formulas.symbolic import pos
 from unilateral.geometry import partition as partitions

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import discrete, load
 
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import Condensed
 from unilateral.geometry import partition
 from unilateral.geometry.polygon import named

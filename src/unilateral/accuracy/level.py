@@ -10,7 +10,7 @@ from unilateral.accuracy.division import evenness
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.misfit import underflow
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import Solution
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 

@@ -17,8 +17,8 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.bounds.source import enclosed
-from unilateral.choice import condensed, wants_multigrid
-from unilateral.discrete_solution import AIM, AnyDiscrete, Solution
+from unilateral.discrete.base import AIM, AnyDiscrete, Solution
+from unilateral.discrete.choice import condensed, wants_multigrid
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -81,7 +81,7 @@ def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
 def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: Solution | None) -> AnyDiscrete:
     """The discrete problem on a mesh, from the solution on the one before, if there is one."""
     if wants_multigrid(stop, math.inf):
-        from unilateral.multilevel import after  # and with it PyAMG
+        from unilateral.discrete.multilevel import after  # and with it PyAMG
 
         return after(last, problem, of)
     found = condensed(problem, of.mesh, of.partition)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
-from unilateral.choice import check_size
 from unilateral.cli.streams import load, say
+from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores

@@ -11,8 +11,8 @@ import numpy as np
 from unilateral import api
 from unilateral.arrays import Array, Index
 from unilateral.certificate import text
-from unilateral.choice import check_condensed, check_size
 from unilateral.cli.streams import say
+from unilateral.discrete.choice import check_condensed, check_size
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces

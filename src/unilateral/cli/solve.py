@@ -16,7 +16,6 @@ from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.certificate import text, write_text
-from unilateral.choice import bound_mb
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
@@ -29,6 +28,7 @@ from unilateral.cli.report import (
 )
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
+from unilateral.discrete.choice import bound_mb
 from unilateral.errors import BudgetError, InputError
 from unilateral.files import check_target
 from unilateral.memory import available_mb, keep_freed, peak_mb

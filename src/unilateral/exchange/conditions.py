@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Mask
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import Discrete
 from unilateral.errors import InputError
 from unilateral.exchange.held import held_cells, held_edges, obstacle
 from unilateral.exchange.trace import Trace, constant

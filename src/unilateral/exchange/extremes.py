@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import Discrete
 from unilateral.exchange.conditions import conditions
 from unilateral.exchange.read import Foreign
 from unilateral.exchange.trace import continuous

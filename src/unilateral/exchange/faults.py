@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from unilateral.arrays import Array
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import Discrete
 from unilateral.exchange.conditions import conditions, mistaken
 from unilateral.exchange.equation import EXPLAINS, explanations, renumbered, with_load
 from unilateral.exchange.fault import Fault, either, unexplained, wrong

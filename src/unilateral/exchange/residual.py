@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import Discrete
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.problems.case import Case

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from unilateral.arrays import Array
-from unilateral.discrete import discretise, solve
+from unilateral.discrete.condensed import discretise, solve
 from unilateral.exchange.extremes import Extremes, extremes
 from unilateral.exchange.faults import Judged, judged
 from unilateral.exchange.read import SAME, Foreign

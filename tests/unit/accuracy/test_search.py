@@ -18,15 +18,15 @@ from unilateral.accuracy.level import NOTHING, SHARE, standing, unknowable
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.bounds import ancestors, source
-from unilateral.choice import levels_for
-from unilateral.discrete import discretise, solve
+from unilateral.discrete.choice import levels_for
+from unilateral.discrete.condensed import discretise, solve
+from unilateral.discrete.multilevel import Multilevel
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.multilevel import Multilevel
 from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.problems import problem_file
 from unilateral.solvers.iterate import iterate

@@ -22,7 +22,7 @@ from conftest import ROOT
 
 from unilateral.arrays import Array
 from unilateral.cli import main
-from unilateral.discrete import Discrete, discretise, solve
+from unilateral.discrete.condensed import Discrete, discretise, solve
 from unilateral.errors import InputError
 from unilateral.exchange.fault import UNEXPLAINED
 from unilateral.exchange.faults import judged

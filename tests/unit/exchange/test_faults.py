@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, discrete, load
 
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.exchange.conditions import Equal, Reversed, conditions
 from unilateral.exchange.faults import judged
 from unilateral.exchange.read import Foreign, Level

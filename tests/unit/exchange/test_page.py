@@ -10,7 +10,7 @@ import pytest
 from conftest import discrete, load
 
 from unilateral.cli import main
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.exchange.fault import Fault
 from unilateral.exchange.faults import Judged
 from unilateral.exchange.page import page

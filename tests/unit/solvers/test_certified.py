@@ -12,8 +12,9 @@ from flint import acb_mat, arb, arb_mat, ctx
 
 import unilateral as ul
 from unilateral.arrays import Array, Mask
-from unilateral.discrete import Discrete, discretise
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import Solution
+from unilateral.discrete.condensed import Discrete, discretise
+from unilateral.discrete.multilevel import after, multilevel
 from unilateral.fem import rounded
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted, refined
@@ -21,7 +22,6 @@ from unilateral.geometry.mesh import similar
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.multilevel import after, multilevel
 from unilateral.solvers.certified import certified
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound

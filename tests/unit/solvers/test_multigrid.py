@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from nested import Nested, alone, levels_of, refined
 
-from unilateral.discrete import Discrete, with_load
+from unilateral.discrete.condensed import Discrete, with_load
 from unilateral.fem.condense import condense
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.loads import by_parts, case_moments

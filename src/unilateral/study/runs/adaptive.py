@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from unilateral.arrays import Index
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import Solution
+from unilateral.discrete.multilevel import refinements
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
@@ -25,7 +26,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.multilevel import refinements
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case

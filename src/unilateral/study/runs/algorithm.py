@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.discrete import Discrete, with_solution
+from unilateral.discrete.condensed import Discrete, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces

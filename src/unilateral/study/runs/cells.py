@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.arrays import Array
-from unilateral.discrete import solve, with_solution
+from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import mixed_spaces

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.arrays import Array
-from unilateral.choice import cheapest
+from unilateral.discrete.choice import cheapest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.structured import structured

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from unilateral.discrete import solve, with_solution
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import Solution
+from unilateral.discrete.condensed import solve, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh

@@ -14,7 +14,7 @@ import numpy as np
 import sympy
 import xarray as xr
 
-from unilateral.discrete import solve, with_solution
+from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
 from unilateral.fem.spaces import mixed_spaces

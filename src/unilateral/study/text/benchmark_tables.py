@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from unilateral.choice import PAYS
+from unilateral.discrete.choice import PAYS
 from unilateral.study.judge import benchmarks as judge
 from unilateral.study.text.formats import shown
 

@@ -9,9 +9,10 @@ from conftest import DATA, interior_point
 from nested import alone
 
 import unilateral as ul
-from unilateral import choice, discrete_solution
 from unilateral.bounds.source import enclosed
-from unilateral.discrete import Discrete, discretise
+from unilateral.discrete import base, choice
+from unilateral.discrete.condensed import Discrete, discretise
+from unilateral.discrete.multilevel import Multilevel, after, multilevel, refinements
 from unilateral.evaluation import at_points
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.nested_cells import nested_cells
@@ -22,7 +23,6 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.multilevel import Multilevel, after, multilevel, refinements
 from unilateral.problems import problem_file
 from unilateral.solvers import multigrid
 from unilateral.solvers.stop import Stop
@@ -94,7 +94,7 @@ def test_f_is_enclosed_once(monkeypatch):
     np.testing.assert_array_equal(
         load(found.discrete.mesh, found.discrete.source.moments), found.discrete.load
     )
-    monkeypatch.setattr(discrete_solution, "enclosed", None)
+    monkeypatch.setattr(base, "enclosed", None)
     assert found.bound().u > 0
 
 

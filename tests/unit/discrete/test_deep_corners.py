@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import unilateral as ul
+from unilateral.discrete.multilevel import after
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -13,7 +14,6 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.mesh import refine
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
-from unilateral.multilevel import after
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.problems.scaled import scaled

@@ -7,9 +7,9 @@ import pytest
 import sympy
 
 import unilateral as ul
-from unilateral import discrete, discrete_solution, multilevel
 from unilateral.accuracy.level import contradict
 from unilateral.bounds.given import nothing
+from unilateral.discrete import base, condensed, multilevel
 from unilateral.fem.p1 import gradients, h1_norm
 from unilateral.fem.quadrature import symmetric
 from unilateral.formulas.formula import parse
@@ -124,7 +124,7 @@ def test_errors_fall_as_proved_below_both_bounds(name):
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
     """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
     of = PROBLEMS["of both signs, beside contact"]
-    monkeypatch.setattr(discrete, "flux_load", lambda _, mesh: np.zeros(mesh.n_nodes))
+    monkeypatch.setattr(condensed, "flux_load", lambda _, mesh: np.zeros(mesh.n_nodes))
     errors = []
     for n in (8, 16):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
@@ -151,8 +151,8 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     def linear(flux, mesh):
         return nothing(mesh)._replace(ends=right(flux, mesh).ends)
 
-    right = discrete_solution.given
-    monkeypatch.setattr(discrete_solution, "given", linear)
+    right = base.given
+    monkeypatch.setattr(base, "given", linear)
     found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
     assert found.bounds.u < 0.7 * error
     assert found.sharp_bounds.u < 0.7 * error

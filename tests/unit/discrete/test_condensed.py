@@ -10,7 +10,7 @@ from conftest import DATA, condensed, coupled, discrete
 from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
-from unilateral.discrete import solve, with_load, with_solution
+from unilateral.discrete.condensed import solve, with_load, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.partition import uniform

@@ -12,7 +12,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array, Index
 from unilateral.bounds.given import given
 from unilateral.bounds.source import Source, enclosed
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import Solution
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import sampled_edge_load, sampled_moments
 from unilateral.fem.p1 import edge_load, h1_norm

@@ -15,8 +15,8 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import Source, enclosed
-from unilateral.discrete import flux_load, obstacle_means
-from unilateral.discrete_solution import AIM, Solution
+from unilateral.discrete.base import AIM, Solution
+from unilateral.discrete.condensed import flux_load, obstacle_means
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.loads import by_parts, case_moments, sampled_moments
 from unilateral.fem.nested_cells import nested_cells

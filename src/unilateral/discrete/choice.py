@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from unilateral.discrete import Discrete, discretise
-from unilateral.discrete_solution import AnyDiscrete
+from unilateral.discrete.base import AnyDiscrete
+from unilateral.discrete.condensed import Discrete, discretise
 from unilateral.errors import InputError
 from unilateral.fem.condense import REFINED
 from unilateral.geometry.mesh import Mesh
@@ -36,7 +36,7 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for in vain.
     """
     if wants_multigrid(stop, mesh.n_nodes):
-        from unilateral.multilevel import multilevel  # and with it PyAMG
+        from unilateral.discrete.multilevel import multilevel  # and with it PyAMG
 
         found = multilevel(problem, mesh, partition)
         if found:
