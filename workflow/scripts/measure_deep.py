@@ -6,11 +6,11 @@ import xarray as xr
 from job import run
 
 from unilateral.formulas.formula import real
-from unilateral.memory import peak_mb
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.runs import deep
 from unilateral.study.scenes import cases
+from unilateral.system.memory import peak_mb
 
 
 def main(scene, h, stop, errors, timings):

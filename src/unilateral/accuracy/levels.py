@@ -27,9 +27,9 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.memory import available_mb, forget_peak, peak_mb
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop
+from unilateral.system.memory import available_mb, forget_peak, peak_mb
 
 GROWTH = 0.4
 """Of triangles, over their distance from a boundary of many short sides; faster, and gmsh makes flat ones."""

@@ -17,11 +17,11 @@ from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.read import exported, foreign
 from unilateral.exchange.score import Rate, Scored
-from unilateral.files import check_target, replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
+from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
 DOES_NOT_HOLD = 1

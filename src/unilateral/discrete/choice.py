@@ -11,10 +11,10 @@ from unilateral.fem.condense import REFINED
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.memory import available_mb
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.stop import Stop
+from unilateral.system.memory import available_mb
 
 PAYS = 20_000
 """Unknowns from which multigrid is cheaper than A_3; below, importing it alone takes longer."""

@@ -18,8 +18,8 @@ from unilateral.exchange.read import Foreign
 from unilateral.exchange.readings import ahead, plain, readings
 from unilateral.exchange.residual import Fit, Residual, flux_load
 from unilateral.exchange.trace import Trace
+from unilateral.formulas.decimals import down, up
 from unilateral.norms.dual import Errors
-from unilateral.outward import down, up
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 

@@ -19,7 +19,6 @@ from typing import Any, ClassVar
 import numpy as np
 import sympy
 
-from unilateral import declarations
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.elementary import Steps
@@ -37,6 +36,7 @@ from unilateral.problems.data import Known, on_sides, places
 from unilateral.problems.flux import Flux, none
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.units import Units
+from unilateral.system import declarations
 
 
 @dataclass(frozen=True, eq=False)

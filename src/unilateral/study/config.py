@@ -11,13 +11,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from unilateral import declarations
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case
 from unilateral.study import drawings, schema
+from unilateral.system import declarations
 
 Fields = dict[str, Any]
 Place = tuple[str | int, ...]

@@ -11,9 +11,9 @@ from typing import Any
 
 import jsonschema
 
-from unilateral.declarations import MAX_DEPTH, MAX_DIGITS, own
 from unilateral.geometry import polygon
 from unilateral.study import functions
+from unilateral.system.declarations import MAX_DEPTH, MAX_DIGITS, own
 
 TYPES = {
     "array": "a list",

@@ -24,8 +24,8 @@ from unilateral.cli import main
 from unilateral.cli.application import COMMANDS
 from unilateral.cli.watching import bar
 from unilateral.discrete import base, condensed
+from unilateral.formulas.decimals import between, up
 from unilateral.norms.dual import dual_norm
-from unilateral.outward import between, up
 from unilateral.problems import case
 from unilateral.solution import Solution
 from unilateral.study.judge import claims

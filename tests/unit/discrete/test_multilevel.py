@@ -13,7 +13,6 @@ from unilateral.bounds.source import enclosed
 from unilateral.discrete import base, choice
 from unilateral.discrete.condensed import Discrete, discretise
 from unilateral.discrete.multilevel import Multilevel, after, multilevel, refinements
-from unilateral.evaluation import at_points
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import h1_norm, load
@@ -24,6 +23,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
+from unilateral.solution.evaluation import at_points
 from unilateral.solvers import multigrid
 from unilateral.solvers.stop import Stop
 

@@ -23,7 +23,7 @@ def claims(claim: str | None, results: str, json: bool) -> int:
     tables = load("unilateral.study.judge.results").finished(results)
     found = judge.judge(tables, [judge.find(claim)] if claim else None)
     if json:
-        say(load("unilateral.certificate").text({"claims": [_record(each) for each in found]}))
+        say(load("unilateral.system.as_json").text({"claims": [_record(each) for each in found]}))
     else:
         say(printed.explanation(found[0]) if claim else printed.summary(found))
     return CLAIM_FAILS if any(each.counts_against for each in found) else 0

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from unilateral.outward import up
+from unilateral.formulas.decimals import up
 from unilateral.study import tables
 from unilateral.study.figures import style
 

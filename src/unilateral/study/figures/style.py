@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from unilateral.errors import InputError
-from unilateral.files import replacing
+from unilateral.system.files import replacing
 
 FilePath = str | os.PathLike[str]
 Look = dict[str, Any]

@@ -14,13 +14,13 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.memory import forget_peak, peak_mb
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
+from unilateral.system.memory import forget_peak, peak_mb
 
 PER_RUN = (
     "h1_error",

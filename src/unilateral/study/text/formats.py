@@ -19,7 +19,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 
-from unilateral.outward import down, up
+from unilateral.formulas.decimals import down, up
 
 Value = float | int | str
 ROUNDED = re.compile(r"(down|up)(\.\d[efg])(%?)")

@@ -11,13 +11,13 @@ from importlib import resources
 
 import pandas as pd
 
-from unilateral.declarations import own
 from unilateral.formulas.formula import real
 from unilateral.study.judge.checks.transitions import exponent, rates
 from unilateral.study.judge.rates_table import smallest_rate
 from unilateral.study.text.formats import shown
 from unilateral.study.text.numbers import uniform_beta
 from unilateral.study.text.sources import Sources
+from unilateral.system.declarations import own
 
 HEADS = {"hypothesis": "hypothesis", "used": "used in 1980", "needed": "needed?", "shown": "shown by"}
 

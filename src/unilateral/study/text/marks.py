@@ -16,8 +16,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from unilateral.errors import InputError, shown
-from unilateral.files import replacing
 from unilateral.study.text import formats
+from unilateral.system.files import replacing
 
 NUMBER = re.compile(r"<!--=(?P<name>[\w.]+)(?::(?P<spec>[^\n>]*?))?-->[^<\n]*<!--/-->")
 CLAIM = re.compile(r"<!--\?(?P<name>[^\s>]+)-->(?P<sentence>(?:(?!<!--).)+)<!--/-->", re.DOTALL)

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import pandas as pd
 import xarray as xr
 
-from unilateral.files import replacing
 from unilateral.formulas.formula import real
 from unilateral.study import tables
 from unilateral.study.judge import records
+from unilateral.system.files import replacing
 
 TABLES = (
     "algorithm",

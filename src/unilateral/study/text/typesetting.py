@@ -10,8 +10,8 @@ import pypandoc
 import typst
 
 from unilateral.errors import InputError
-from unilateral.files import replacing
 from unilateral.study.text import marks
+from unilateral.system.files import replacing
 
 ARCHIVAL: Final = "a-2b"
 """PDF/A: under this standard typst refuses a letter that its fonts do not have."""

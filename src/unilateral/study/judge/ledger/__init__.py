@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from typing import Any
 
-from unilateral.declarations import own
+from unilateral.system.declarations import own
 
 FILES = (
     "formulation.yaml",

@@ -16,12 +16,12 @@ import pandas as pd
 import xarray as xr
 
 from unilateral.geometry.mesh import Mesh
-from unilateral.memory import forget_peak, peak_mb
 from unilateral.norms.dual import Gram
 from unilateral.problems.case import Case
 from unilateral.study.runs.cost.history import Reached
 from unilateral.study.runs.cost.run import Measured, Shared, method_of
 from unilateral.study.runs.cost.variants import Variant
+from unilateral.system.memory import forget_peak, peak_mb
 
 LONGER = 2
 """So many times the steps in double precision may be taken in another one."""

@@ -12,16 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral import tabulated
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
-from unilateral.certificate import Bounds, record, steps, unique, write_text
-from unilateral.contact import Contact
 from unilateral.discrete import base
 from unilateral.errors import InputError
-from unilateral.evaluation import at_points
-from unilateral.files import check_target, replacing, write_netcdf
+from unilateral.formulas.decimals import up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -29,9 +25,14 @@ from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
-from unilateral.outward import up
 from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
+from unilateral.solution import tables
+from unilateral.solution.certificate import Bounds, record, steps, unique
+from unilateral.solution.contact import Contact
+from unilateral.solution.evaluation import at_points
+from unilateral.system import as_json
+from unilateral.system.files import check_target, replacing, write_netcdf
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -210,7 +211,7 @@ class Solution:
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
-        return tabulated.of_cells(self.partition, self.multiplier, self.gap)
+        return tables.of_cells(self.partition, self.multiplier, self.gap)
 
     def certificate(self) -> dict[str, Any]:
         """What is known of the solution: the fields of docs/command-line.md.
@@ -228,7 +229,7 @@ class Solution:
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
         sizes = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
-        return tabulated.dataset(self.mesh, self.u, self.cells(), sizes)
+        return tables.dataset(self.mesh, self.u, self.cells(), sizes)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
@@ -242,7 +243,7 @@ class Solution:
             write(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
             return
         if Path(path).suffix == ".json":
-            write_text(self.certificate(), path)
+            as_json.write(self.certificate(), path)
             return
         with replacing(path) as temporary:
             if temporary.suffix == ".csv":
@@ -250,13 +251,13 @@ class Solution:
             elif temporary.suffix == ".nc":
                 write_netcdf(self.dataset(), temporary)
             else:
-                from unilateral.plot import draw
+                from unilateral.solution.plot import draw
 
                 draw(self.plot(), temporary)
 
     def plot(self) -> Figure:
         """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
-        from unilateral.plot import figure, settled
+        from unilateral.solution.plot import figure, settled
 
         gap = settled(self.gap, self.multiplier) if self.converged else self.gap
         adapted = self.solved.discrete.mesh.adapted

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from unilateral import declarations
 from unilateral.errors import InputError
 from unilateral.problems import case, problem_file
+from unilateral.system import declarations
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from unilateral.outward import between, down, up
+from unilateral.formulas.decimals import between, down, up
 
 SPECS = (".4e", ".0e", ".1e", ".2f", ".0f", ".6g", ".3g", ".1g")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from unilateral.arrays import Array
-from unilateral.contact import Contact
 from unilateral.geometry.mesh import Mesh
+from unilateral.solution.contact import Contact
 
 CONTACT, GAP = "tab:red", "tab:blue"
 DOTS = 150

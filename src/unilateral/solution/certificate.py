@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import platform
 from dataclasses import asdict
 from importlib.metadata import version
@@ -12,12 +10,11 @@ from typing import Any, NamedTuple
 
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
-from unilateral.contact import Contact
 from unilateral.discrete.base import Solution
-from unilateral.files import replacing
 from unilateral.formulas.constants import rounded
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
+from unilateral.solution.contact import Contact
 
 NORMS = {
     "h1": "||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)^(1/2)",
@@ -115,17 +112,6 @@ def steps(solved: Solution, search: Search | None) -> float:
     return sum(level.result.iterations for level in levels)
 
 
-def text(found: dict[str, Any]) -> str:
-    """One JSON object, with null for what is no finite number."""
-    return json.dumps(_finite(found))
-
-
-def write_text(found: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """The same as a file."""
-    with replacing(path) as temporary:
-        temporary.write_text(text(found) + "\n", encoding="utf-8")
-
-
 def _level(level: Level, length: float) -> dict[str, float]:
     return {
         "h": length * level.solved.discrete.mesh.h,
@@ -144,11 +130,3 @@ def _contact(contact: Contact) -> dict[str, Any]:
         "lengths": contact.lengths.tolist(),
         "intervals": [each._asdict() for each in contact.intervals],
     }
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from unilateral import memory
-from unilateral.memory import available_mb, forget_peak, peak_mb
+from unilateral.system import memory
+from unilateral.system.memory import available_mb, forget_peak, peak_mb
 
 MB = 200
 CLEARED = Path("/proc/self/clear_refs")

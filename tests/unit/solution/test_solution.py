@@ -8,12 +8,12 @@ from conftest import ROOT
 
 import unilateral as ul
 from unilateral.bounds.forces import Force
-from unilateral.contact import Contact
 from unilateral.formulas.expression import number as exact
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.problems.units import Units
-from unilateral.solution import in_units
+from unilateral.solution.contact import Contact
+from unilateral.solution.solution import in_units
 
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 

@@ -13,15 +13,15 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from unilateral import signals
 from unilateral.errors import InputError, StorageError
-from unilateral.files import replacing, write_netcdf
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.study import tables
 from unilateral.study.figures.style import figure_in
 from unilateral.study.text import marks
+from unilateral.system import signals
+from unilateral.system.files import replacing, write_netcdf
 
 
 def figure(path):
