@@ -17,7 +17,7 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.bounds.source import enclosed
-from unilateral.discrete.base import AIM, AnyDiscrete, Solution
+from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
 from unilateral.discrete.choice import condensed, wants_multigrid
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
@@ -78,7 +78,7 @@ def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
     return adapted(mesh)
 
 
-def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: Solution | None) -> AnyDiscrete:
+def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: DiscreteSolution | None) -> DiscreteProblem:
     """The discrete problem on a mesh, from the solution on the one before, if there is one."""
     if wants_multigrid(stop, math.inf):
         from unilateral.discrete.multilevel import after  # and with it PyAMG
@@ -112,7 +112,7 @@ def _cells(polygon: Polygon, H: float) -> Partition:
 
 
 def _solved(
-    discrete: AnyDiscrete, goal: Goal, stop: Stop, done: Sequence[Level], predicted: float, watch: Watch
+    discrete: DiscreteProblem, goal: Goal, stop: Stop, done: Sequence[Level], predicted: float, watch: Watch
 ) -> Level:
     """A level whose bound will be as `predicted`, about."""
     in_norm = 1.0 if goal.norm == "h1" else discrete.beta

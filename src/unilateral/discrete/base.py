@@ -1,11 +1,11 @@
-"""A solution of the discrete problem (P_h*), whatever found it, and what is known of its errors."""
+"""The discrete problem (P_h*), and its solution with what is known of its errors."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -28,58 +28,64 @@ AIM = 0.5
 """Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
 
 
-class AnyDiscrete(Protocol):
-    """What a solution asks of the problem that it solves: see `Discrete`, and `Multilevel`."""
+@dataclass(frozen=True, eq=False)
+class DiscreteProblem(ABC):
+    """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
+    Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` f, g and q
+    are formulas; `source` is f enclosed, where it has been, as the load may be made of that.
+    """
 
-    @property
-    def mesh(self) -> Mesh: ...
-
-    @property
-    def partition(self) -> Partition: ...
-
-    @property
-    def cells(self) -> Index: ...
-
-    @property
-    def load(self) -> Array: ...
-
-    @property
-    def g_means(self) -> Array: ...
+    mesh: Mesh
+    partition: Partition
+    cells: Index
+    load: Array
+    g_means: Array
+    data: Data | None = field(default=None, kw_only=True)
+    source: Source | None = field(default=None, kw_only=True)
 
     @property
-    def data(self) -> Data | None: ...
+    @abstractmethod
+    def unique(self) -> bool:
+        """Whether lambda_H is known to be the only one."""
 
     @property
-    def source(self) -> Source | None: ...
+    @abstractmethod
+    def beta(self) -> float:
+        """What serves as beta of (3.4)."""
 
-    @property
-    def unique(self) -> bool: ...
+    @abstractmethod
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
 
-    @property
-    def beta(self) -> float: ...
+    @abstractmethod
+    def solved(self, stop: Stop) -> DiscreteSolution:
+        """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`, else a fraction of other errors."""
 
-    def errors(self, lambda_H: Array) -> ExactErrors | None: ...
-
-    def lambda_norm(self, lambda_H: Array) -> float: ...
-
-    def solved(self, stop: Stop) -> Solution: ...
-
+    @abstractmethod
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
-    ) -> Solution: ...
+    ) -> DiscreteSolution:
+        """The solution up to a tolerance, from lambda_H = start (m,); `total` is what its bound will be."""
 
-    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution: ...
+    @abstractmethod
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        """The solution, iterated on to a smaller tolerance."""
 
-    def forget(self) -> None: ...
+    def errors(self, lambda_H: Array) -> ExactErrors | None:
+        """The true errors of lambda_H (m,) and its u_h, where the solution is seen from the spaces."""
+        return None
+
+    def forget(self) -> None:
+        """Gives back what is large and made again in little time; by default nothing is."""
+        return
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class DiscreteSolution:
     """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
 
-    discrete: AnyDiscrete
+    discrete: DiscreteProblem
     result: DualResult
     tolerance: float
     lambda_H: Array
@@ -181,7 +187,7 @@ class Solution:
         of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
         return max((1 - SUMS) * of_discrete / self.discrete.mesh.growth - self.total(norm, sharp), 0.0)
 
-    def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> Solution:
+    def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> DiscreteSolution:
         """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.
 
         Not so where half of the bound or more is rounding, which no step takes away.
@@ -191,7 +197,7 @@ class Solution:
             return self
         return self.discrete.continued(self, aim * tolerance, stop)
 
-    def within(self, stop: Stop) -> Solution:
+    def within(self, stop: Stop) -> DiscreteSolution:
         """Iterated on until the algebraic bound is at most `stop.fraction` of the one of ||u - u_h||_1.
 
         That is asked for again, for it falls, too, where most of it was algebraic. Rounding may end it.

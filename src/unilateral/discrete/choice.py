@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from unilateral.discrete.base import AnyDiscrete
-from unilateral.discrete.condensed import Discrete, discretise
+from unilateral.discrete.base import DiscreteProblem
+from unilateral.discrete.condensed import CondensedProblem, discretise
 from unilateral.errors import InputError
 from unilateral.fem.condense import REFINED
 from unilateral.geometry.mesh import Mesh
@@ -30,7 +30,7 @@ DENSE = 64
 """Bytes for an entry of A_3 or S: some eight matrices of that size are held."""
 
 
-def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> AnyDiscrete:
+def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteProblem:
     """The problem on nested levels where these pay and can follow the partition, else `condensed`.
 
     An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for in vain.
@@ -49,7 +49,7 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     return condensed(problem, mesh, partition)
 
 
-def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:
+def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem condensed to the boundary. Raises InputError where more memory is needed than is free."""
     check_condensed(mesh, partition)
     return discretise(problem, mesh, partition)

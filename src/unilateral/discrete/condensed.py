@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.blas import dnrm2
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array
 from unilateral.bounds.given import given
-from unilateral.bounds.source import Source, enclosed
-from unilateral.discrete.base import Solution
+from unilateral.bounds.source import enclosed
+from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import sampled_edge_load, sampled_moments
 from unilateral.fem.p1 import edge_load, h1_norm
@@ -43,46 +43,23 @@ MOST_BOUNDED = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class Discrete:
-    """(P_h*) on the spaces: `load` (n,) of f and q, `offset` (m,) is F(0), `g_means` (cells,) those of g.
-
-    Errors are known where the solution is `exact`, and bounded where the `data` f, g and q are formulas;
-    `source` is f enclosed, where it has been, as the load may be made of that.
-    """
+class CondensedProblem(DiscreteProblem):
+    """(P_h*) on the `spaces`: `offset` (m,) is F(0). Errors are known where the solution is `exact`."""
 
     spaces: MixedSpaces
-    load: Array
     offset: Array
-    g_means: Array
     exact: Exact | None = None
-    data: Data | None = None
-    source: Source | None = None
-
-    @property
-    def mesh(self) -> Mesh:
-        return self.spaces.mesh
-
-    @property
-    def partition(self) -> Partition:
-        return self.spaces.partition
-
-    @property
-    def cells(self) -> Index:
-        """(m,) those with a multiplier."""
-        return self.spaces.cells
 
     @property
     def unique(self) -> bool:
-        """Whether lambda_H is."""
         return not self.spaces.operator.singular
 
     @property
     def beta(self) -> float:
-        """What serves as beta of (3.4)."""
         return self.spaces.beta
 
     def errors(self, lambda_H: Array) -> ExactErrors | None:
-        """The true errors of lambda_H (m,) and its u_h, where the solution is known."""
+        """The true errors of lambda_H (m,) and its u_h, where the solution is `exact`."""
         return self.exact.errors(self.spaces, lambda_H) if self.exact else None
 
     def lambda_norm(self, lambda_H: Array) -> float:
@@ -105,13 +82,13 @@ class Discrete:
         """A tolerance: that share of the residual at lambda = 0, and what rounding may add to the bound."""
         return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
 
-    def solved(self, stop: Stop) -> Solution:
+    def solved(self, stop: Stop) -> DiscreteSolution:
         """See `solve`."""
         return solve(self, stop)
 
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
-    ) -> Solution:
+    ) -> DiscreteSolution:
         """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
 
         The residual of u_h is rounding, and small against any `total`.
@@ -130,21 +107,18 @@ class Discrete:
             warn_unless_converged(solution.result, wanted)
         return solution
 
-    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
         more = self.iterated(tolerance, stop, solution.result.lambda_H)
         return replace(more, result=joined(solution.result, more.result))
 
-    def forget(self) -> None:
-        """Nothing: no part of it is large and made again in little time."""
-
-    def solution(self, result: DualResult, tolerance: float) -> Solution:
+    def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
         """What belongs to the lambda_H that was found, its bound now with what was rounded on the way."""
         u_h = self.spaces.response(self.load, result.lambda_H)
         bound = self._certified(result, u_h)
         rounding = max(bound - result.bound, 0.0)
         result = replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
-        return Solution(self, result, tolerance, self.spaces.extended(result.lambda_H), u_h)
+        return DiscreteSolution(self, result, tolerance, self.spaces.extended(result.lambda_H), u_h)
 
     def _certified(self, result: DualResult, u_h: Array) -> float:
         """The bound for u_h (n,) as it was computed."""
@@ -162,19 +136,19 @@ class Discrete:
         return certified(spaces.operator, mu, gap, delta, result.rho)
 
 
-def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> Discrete:
+def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> CondensedProblem:
     """The problem with a load (n,) and the means (cells,) of g; `trace` (nb,) is A^{-1} f on the boundary."""
     offset = spaces.B @ trace / spaces.operator.H_i - g_means[spaces.cells]
-    return Discrete(spaces, load, offset, g_means)
+    return CondensedProblem(spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, offset)
 
 
-def with_solution(spaces: MixedSpaces, exact: Exact) -> Discrete:
+def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     """The problem of a case whose solution is seen from these spaces."""
     discrete = with_load(spaces, exact.ritz.load, exact.ritz.trace, exact.means.g_means)
     return replace(discrete, exact=exact, data=exact.ritz.case)
 
 
-def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
+def with_data(spaces: MixedSpaces, data: Data) -> CondensedProblem:
     """The problem whose f, g and q are enclosed; its load is that of the enclosure's polynomials."""
     source, mesh = enclosed(spaces.mesh, data), spaces.mesh
     load = source.load + flux_load(data, mesh)
@@ -185,7 +159,7 @@ def with_data(spaces: MixedSpaces, data: Data) -> Discrete:
     return replace(discrete, data=data, source=source)
 
 
-def with_samples(spaces: MixedSpaces, problem: Sampled) -> Discrete:
+def with_samples(spaces: MixedSpaces, problem: Sampled) -> CondensedProblem:
     """The problem whose f, g and q are known in points: by Gauss rules, whose errors nobody knows."""
     mesh = spaces.mesh
     load = p1_load(mesh, sampled_moments(problem, mesh)) + flux_load(problem, mesh)
@@ -210,7 +184,7 @@ def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
     return rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
 
 
-def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Discrete:
+def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
     spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
     if is_case(problem):
@@ -218,7 +192,7 @@ def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Dis
     return with_samples(spaces, problem) if isinstance(problem, Sampled) else with_data(spaces, problem)
 
 
-def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) -> Solution:  # noqa: B008
+def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008
     """(u_h, lambda_H), its algebraic error at most `stop.tolerance`, else `stop.fraction` of the others.
 
     Where the solution is exact that holds in every norm that is judged; `beta`, a lower bound of the constant
@@ -236,7 +210,7 @@ def solve(discrete: Discrete, stop: Stop = Stop(), beta: float | None = None) ->
     return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 
 
-def _to_exact(discrete: Discrete, exact: Exact, stop: Stop, beta: float) -> Solution:
+def _to_exact(discrete: CondensedProblem, exact: Exact, stop: Stop, beta: float) -> DiscreteSolution:
     """Goes on from lambda_H where the H^{-1/2} error then still misses the fraction."""
     spaces = discrete.spaces
     solved = discrete.iterated(stop.fraction * exact.tolerance(spaces), stop)

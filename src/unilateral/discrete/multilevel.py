@@ -15,7 +15,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import Source, enclosed
-from unilateral.discrete.base import AIM, Solution
+from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
 from unilateral.discrete.condensed import flux_load, obstacle_means
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.loads import by_parts, case_moments, sampled_moments
@@ -36,27 +36,24 @@ MOST_COARSE = 50_000
 
 
 @dataclass(frozen=True, eq=False)
-class Multilevel:
-    """(P_h*) on nested spaces: `load` (n,) is that of f and q, `g_means` (cells,) are those of g.
+class MultilevelProblem(DiscreteProblem):
+    """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
 
-    Multipliers are on the `cells` (m,) of the partition. Each has a node inside, so they are `unique`; as no
-    lower bound of `beta` is known, 1 is put for it: algebraic bounds are then in ||.||_{-1/2,h}. f and g are
-    enclosed where the `data` are formulas; `source` is f enclosed, where it has been, as the load may be made
-    of that. The iteration begins at the `guess` (n,), by default with coarser levels. `free` are the sides
-    without multipliers.
+    The iteration begins at the `guess` (n,), by default with coarser levels. `free` are the sides without
+    multipliers. Each cell has a node inside, so lambda_H is `unique`; as no lower bound of `beta` is known, 1
+    is put for it: algebraic bounds are then in ||.||_{-1/2,h}.
     """
 
-    mesh: Mesh
-    partition: Partition
-    cells: Index
-    load: Array
-    g_means: Array
     free: tuple[int, ...]
-    data: Data | None
-    source: Source | None
     guess: Array | None = None
-    unique: bool = True
-    beta: float = 1.0
+
+    @property
+    def unique(self) -> bool:
+        return True
+
+    @property
+    def beta(self) -> float:
+        return 1.0
 
     @cached_property
     def grids(self) -> Multigrid:
@@ -69,7 +66,7 @@ class Multilevel:
         """The levels, which take half of the memory and are needed by no bound of the total error."""
         vars(self).pop("grids", None)
 
-    def solved(self, stop: Stop) -> Solution:
+    def solved(self, stop: Stop) -> DiscreteSolution:
         """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.
 
         Else it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are no coarser
@@ -82,7 +79,7 @@ class Multilevel:
 
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
-    ) -> Solution:
+    ) -> DiscreteSolution:
         """The same for a tolerance, if one is given; cells with start (m,) > 0 are active first.
 
         Where the bound of the total error will be about `total`, the residual is small against that, too.
@@ -91,29 +88,26 @@ class Multilevel:
         found = self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total)
         return self._solution(found)
 
-    def continued(self, solution: Solution, tolerance: float, stop: Stop) -> Solution:
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
         start, in_L2 = (solution.u_h, solution.result.lambda_H > 0), IN_L2 * tolerance / stop.fraction
         more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
         return replace(more, result=joined(solution.result, more.result))
 
-    def errors(self, lambda_H: Array) -> None:
-        """Not seen from these spaces: `norms.dual.errors` integrates them."""
-
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
         return self.grids.dual_norm_below(lambda_H)
 
-    def _solution(self, found: Found) -> Solution:
+    def _solution(self, found: Found) -> DiscreteSolution:
         lambda_H = np.zeros(self.partition.n_cells)
         lambda_H[self.cells] = found.lambda_H
         finest, of = found.counts[-1][0], (math.nan, "multigrid")
         steps = sum(count for level, count in found.counts if level == finest)
         result = DualResult(found.lambda_H, steps, steps, found.bound, found.converged, *of)
-        return Solution(self, result, found.tolerance, lambda_H, found.u)
+        return DiscreteSolution(self, result, found.tolerance, lambda_H, found.u)
 
 
-def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Multilevel | None:
+def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh, without multipliers on its free sides.
 
     None where the mesh has no coarse level, or its levels cannot follow the partition: a point of that is no
@@ -133,12 +127,14 @@ def _on_levels(
     load: Array,
     source: Source | None,
     guess: Array | None = None,
-) -> Multilevel | None:
+) -> MultilevelProblem | None:
     """With a load of f (n,)."""
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
     means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
-    found = Multilevel(mesh, partition, cells, load, means, problem.free_sides, data, source, guess)
+    found = MultilevelProblem(
+        mesh, partition, cells, load, means, problem.free_sides, guess, data=data, source=source
+    )
     grids = _grids(found, levels)
     if grids is None:
         return None
@@ -146,7 +142,7 @@ def _on_levels(
     return found
 
 
-def _grids(of: Multilevel, levels: Hierarchy) -> Multigrid | None:
+def _grids(of: MultilevelProblem, levels: Hierarchy) -> Multigrid | None:
     """None if the levels cannot follow the partition."""
     cells = nested_cells(levels, of.partition, of.free)
     if cells is None:
@@ -154,13 +150,13 @@ def _grids(of: Multilevel, levels: Hierarchy) -> Multigrid | None:
     return multigrid(levels, cells, of.load, (of.partition.lengths * of.g_means)[of.cells])
 
 
-def after(last: Solution | None, problem: Data, of: AdaptedMesh) -> Multilevel:
+def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> MultilevelProblem:
     """The problem on a mesh and its cells, from the solution on a mesh from which this one was refined.
 
     Of f only new triangles are looked at. The iteration begins at that solution, which forgets its levels.
     """
     mesh, before = of.mesh, last.discrete if last else None
-    known = before.grids.finest.of if isinstance(before, Multilevel) else None
+    known = before.grids.finest.of if isinstance(before, MultilevelProblem) else None
     source = enclosed(mesh, problem, before.source if before else None)
     levels, guess = hierarchy(mesh, known), np.zeros(mesh.n_nodes)
     if before:
@@ -177,8 +173,8 @@ def after(last: Solution | None, problem: Data, of: AdaptedMesh) -> Multilevel:
 
 
 def refinements(
-    problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[Solution], Index], most: float
-) -> Iterator[Solution]:
+    problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[DiscreteSolution], Index], most: float
+) -> Iterator[DiscreteSolution]:
     """The solutions on a mesh, two of whose boundary edges make a cell, and on finer ones of `most` unknowns.
 
     Of each mesh the triangles (k,) are refined that are `chosen` by its solution, from which the next one
@@ -192,7 +188,7 @@ def refinements(
         of = refined(of, chosen(last))
 
 
-def _solved(last: Solution | None, discrete: Multilevel, stop: Stop) -> Solution:
+def _solved(last: DiscreteSolution | None, discrete: MultilevelProblem, stop: Stop) -> DiscreteSolution:
     """The solution of a problem, from that on the mesh before, if there is one."""
     if last is None:
         return discrete.iterated(None, stop).within(stop)

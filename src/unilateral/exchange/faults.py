@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from unilateral.arrays import Array
-from unilateral.discrete.condensed import Discrete
+from unilateral.discrete.condensed import CondensedProblem
 from unilateral.exchange.conditions import conditions, mistaken
 from unilateral.exchange.equation import EXPLAINS, explanations, renumbered, with_load
 from unilateral.exchange.fault import Fault, either, unexplained, wrong
@@ -37,7 +37,7 @@ class Judged(NamedTuple):
     remarks: list[str]
 
 
-def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Array) -> Judged:
+def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
     """By this project's `own` errors on the level, and its u_h (n,).
 
     A bug inside is told only if a right solution is left without it and without further known bugs, of the

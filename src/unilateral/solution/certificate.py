@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
-from unilateral.discrete.base import Solution
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.formulas.constants import rounded
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
@@ -39,7 +39,7 @@ class Bounds(NamedTuple):
 
 
 def record(
-    solved: Solution,
+    solved: DiscreteSolution,
     search: Search | None,
     bounds: Bounds | None,
     errors: Errors | None,
@@ -101,12 +101,12 @@ def relative(bound: float, size: float) -> float:
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
 
 
-def unique(solved: Solution, search: Search | None) -> bool:
+def unique(solved: DiscreteSolution, search: Search | None) -> bool:
     """Whether lambda_H is known to be the only one: a search takes two edges or more in every cell."""
     return bool(search) or solved.discrete.unique
 
 
-def steps(solved: Solution, search: Search | None) -> float:
+def steps(solved: DiscreteSolution, search: Search | None) -> float:
     """Of the algorithm, on all levels; NaN if it counts none."""
     levels = [level.solved for level in search.done] if search else [solved]
     return sum(level.result.iterations for level in levels)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force, forces
-from unilateral.discrete import base
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.formulas.decimals import up
 from unilateral.geometry import mesh as meshes
@@ -87,7 +87,7 @@ class Solution:
     the user's `polygon`.
     """
 
-    solved: base.Solution
+    solved: DiscreteSolution
     polygon: Polygon
     units: Units
     search: Search | None = None

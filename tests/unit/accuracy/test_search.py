@@ -20,7 +20,7 @@ from unilateral.accuracy.search import search
 from unilateral.bounds import ancestors, source
 from unilateral.discrete.choice import levels_for
 from unilateral.discrete.condensed import discretise, solve
-from unilateral.discrete.multilevel import Multilevel
+from unilateral.discrete.multilevel import MultilevelProblem
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -499,7 +499,7 @@ def test_lambda_is_certified_by_multigrid():
     """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
     of = load("natural")
     last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
-    assert isinstance(last.solved.discrete, Multilevel)
+    assert isinstance(last.solved.discrete, MultilevelProblem)
     assert last.certified
     error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])
     assert error.lower[0] <= last.total <= last.target

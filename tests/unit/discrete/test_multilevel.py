@@ -11,8 +11,8 @@ from nested import alone
 import unilateral as ul
 from unilateral.bounds.source import enclosed
 from unilateral.discrete import base, choice
-from unilateral.discrete.condensed import Discrete, discretise
-from unilateral.discrete.multilevel import Multilevel, after, multilevel, refinements
+from unilateral.discrete.condensed import CondensedProblem, discretise
+from unilateral.discrete.multilevel import MultilevelProblem, after, multilevel, refinements
 from unilateral.fem.hierarchy import hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import h1_norm, load
@@ -197,14 +197,14 @@ def chosen(mesh, H, **stop):
 def test_large_refined_meshes_are_for_multigrid(monkeypatch):
     monkeypatch.setattr(choice, "PAYS", 1000)
     small, large = structured(square(), 1 / 16), structured(square(), 1 / 32)
-    assert chosen(small, 1 / 8) is Discrete
-    assert chosen(large, 1 / 16) is Multilevel
-    assert chosen(small, 1 / 8, algorithm="multigrid") is Multilevel
-    assert chosen(large, 1 / 16, algorithm="newton") is Discrete
-    assert chosen(large, 1 / 16, rho=0.1) is Discrete
-    assert chosen(large, 1 / 20) is Discrete  # points that are no nodes
-    assert chosen(large, 1 / 32) is Discrete  # an edge a cell
-    assert chosen(meshes.unstructured(square(), 1 / 32), 1 / 16) is Discrete
+    assert chosen(small, 1 / 8) is CondensedProblem
+    assert chosen(large, 1 / 16) is MultilevelProblem
+    assert chosen(small, 1 / 8, algorithm="multigrid") is MultilevelProblem
+    assert chosen(large, 1 / 16, algorithm="newton") is CondensedProblem
+    assert chosen(large, 1 / 16, rho=0.1) is CondensedProblem
+    assert chosen(large, 1 / 20) is CondensedProblem  # points that are no nodes
+    assert chosen(large, 1 / 32) is CondensedProblem  # an edge a cell
+    assert chosen(meshes.unstructured(square(), 1 / 32), 1 / 16) is CondensedProblem
 
 
 def test_multigrid_in_vain_is_refused():
@@ -492,7 +492,7 @@ def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     assert multilevel(problem, own, of.partition) is None
     assert multilevel(problem, alone(of.mesh), of.partition) is None
     found = [choice.cheapest(problem, mesh, of.partition, EXACTLY) for mesh in (own, of.mesh)]
-    assert [type(each) for each in found] == [Discrete, Multilevel]
+    assert [type(each) for each in found] == [CondensedProblem, MultilevelProblem]
     one = found[0].solved(Stop(tolerance=1e-11, algorithm="active_set"))
     other = found[1].solved(EXACTLY)
     unknown = sum(each.source.unknown for each in found)

@@ -22,7 +22,7 @@ from conftest import ROOT
 
 from unilateral.arrays import Array
 from unilateral.cli import main
-from unilateral.discrete.condensed import Discrete, discretise, solve
+from unilateral.discrete.condensed import CondensedProblem, discretise, solve
 from unilateral.errors import InputError
 from unilateral.exchange.fault import UNEXPLAINED
 from unilateral.exchange.faults import judged
@@ -140,7 +140,7 @@ class Solved(NamedTuple):
 
     case: Case
     level: Level
-    discrete: Discrete
+    discrete: CondensedProblem
     u_h: Array
     lambda_H: Trace
     own: Errors

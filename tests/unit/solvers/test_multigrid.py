@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from nested import Nested, alone, levels_of, refined
 
-from unilateral.discrete.condensed import Discrete, with_load
+from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem.condense import condense
 from unilateral.fem.hierarchy import Level
 from unilateral.fem.loads import by_parts, case_moments
@@ -40,7 +40,7 @@ class Both:
 
     nested: Nested
     grid: Multigrid
-    discrete: Discrete
+    discrete: CondensedProblem
 
     @property
     def cells(self) -> Array:

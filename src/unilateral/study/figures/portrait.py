@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.tri import Triangulation
 
 from unilateral.arrays import Array
-from unilateral.discrete.base import Solution
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
@@ -60,7 +60,7 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
     return pd.concat(parts)[COLUMNS]
 
 
-def _field(mesh: Mesh, cells: Partition, solution: Solution) -> pd.DataFrame:
+def _field(mesh: Mesh, cells: Partition, solution: DiscreteSolution) -> pd.DataFrame:
     """The rows `mesh`."""
     corners = mesh.triangles.ravel()
     x, y = mesh.points[corners].T
@@ -70,7 +70,7 @@ def _field(mesh: Mesh, cells: Partition, solution: Solution) -> pd.DataFrame:
 
 
 def _along_boundary(
-    polygon: Polygon, mesh: Mesh, cells: Partition, solution: Solution
+    polygon: Polygon, mesh: Mesh, cells: Partition, solution: DiscreteSolution
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The rows `node` and `cell`."""
     node = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]).ravel()

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.arrays import Index
-from unilateral.discrete.base import Solution
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.multilevel import refinements
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -43,17 +43,17 @@ class Limits(NamedTuple):
     of_beta: int
 
 
-def every(solution: Solution) -> Index:
+def every(solution: DiscreteSolution) -> Index:
     """All triangles."""
     return np.arange(len(solution.discrete.mesh.triangles))
 
 
-def where_needed(solution: Solution) -> Index:
+def where_needed(solution: DiscreteSolution) -> Index:
     """The triangles that half of the squared bound comes from."""
     return marked(solution.discrete.mesh, solution.shares)
 
 
-KINDS: dict[str, Callable[[Solution], Index]] = {"uniform": every, "adapted": where_needed}
+KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adapted": where_needed}
 
 
 def measure(
@@ -99,7 +99,7 @@ def _rows(
         begin = process_time()
 
 
-def _errors(problem: Case | Problem, solution: Solution) -> Row:
+def _errors(problem: Case | Problem, solution: DiscreteSolution) -> Row:
     mesh = solution.discrete.mesh
     return {
         "unknowns": mesh.n_nodes,

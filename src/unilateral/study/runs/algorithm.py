@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.discrete.condensed import Discrete, with_solution
+from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
@@ -32,7 +32,7 @@ BOUNDED = 1e6
 class Known(NamedTuple):
     """A case's discrete problem with lambda_H (m,) from the active set."""
 
-    discrete: Discrete
+    discrete: CondensedProblem
     exact: Exact
     lambda_H: Array
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from unilateral.discrete.base import Solution
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
@@ -147,7 +147,7 @@ def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -
     )
 
 
-def _record(table: xr.Dataset, c: int, k: int, solution: Solution, errors: ExactErrors) -> None:
+def _record(table: xr.Dataset, c: int, k: int, solution: DiscreteSolution, errors: ExactErrors) -> None:
     result = solution.result
     values = {
         "h1_error": errors.h1,

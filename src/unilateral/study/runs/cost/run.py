@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral.discrete.condensed import Discrete, with_solution
+from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import Condensed, by_sparse, matrix
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.fem.sparse import Sparse, dissected
@@ -60,7 +60,7 @@ class Measured:
     """
 
     exact: Exact
-    discrete: Discrete
+    discrete: CondensedProblem
     form: Gram
     c: int
     alone: Sparse

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from unilateral.discrete.condensed import Discrete, with_load
+from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
@@ -39,7 +39,7 @@ class Problem:
     `size` is ||lambda_H||_{-1/2,h}, the error of the multiplier 0.
     """
 
-    discrete: Discrete
+    discrete: CondensedProblem
     u: Array
     lambda_H: Array
     size: float
