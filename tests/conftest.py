@@ -28,7 +28,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import load as load_case
 from unilateral.problems.certificate import certify
 from unilateral.study import tables
-from unilateral.study.judge import claims
+from unilateral.study.ledger import claims
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"

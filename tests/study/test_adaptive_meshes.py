@@ -15,10 +15,10 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.solvers.stop import Stop
-from unilateral.study.judge.adaptive import rates_over
-from unilateral.study.runs import adaptive
+from unilateral.study.experiments.adaptive import measure as adaptive
+from unilateral.study.experiments.adaptive import numbers as adaptive_tables
+from unilateral.study.experiments.adaptive.rates import rates_over
 from unilateral.study.tables import VARIABLES
-from unilateral.study.text import adaptive_tables
 
 LIMITS = adaptive.Limits(100, 50)
 STOP = Stop(fraction=0.01)

@@ -15,20 +15,18 @@ import xarray as xr
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.dual import Gram
-from unilateral.study.judge.checks import (
-    adaptive,
-    algorithm,
-    cost,
-    estimates,
-    evidence,
-    exponents,
-    extremes,
-    rates,
-    stability,
-    transitions,
-)
-from unilateral.study.judge.checks.evidence import Unjudged
-from unilateral.study.runs.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
+from unilateral.study.experiments.adaptive import checks as adaptive
+from unilateral.study.experiments.algorithm import checks as algorithm
+from unilateral.study.experiments.cells import checks as transitions
+from unilateral.study.experiments.cost import checks as cost
+from unilateral.study.experiments.estimates import checks as estimates
+from unilateral.study.experiments.extremes import checks as extremes
+from unilateral.study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
+from unilateral.study.experiments.scenes import checks as rates
+from unilateral.study.experiments.sharpness import checks as exponents
+from unilateral.study.experiments.stability import checks as stability
+from unilateral.study.ledger import evidence
+from unilateral.study.ledger.evidence import Unjudged
 
 NAN, INF = math.nan, math.inf
 RUN, PAIRS = ("case", "mesh", "partition"), ("mesh", "partition")

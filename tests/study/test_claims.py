@@ -20,13 +20,13 @@ from unilateral.formulas.formula import real
 from unilateral.norms.dual import Bounds, Gram
 from unilateral.norms.resolution import RULE
 from unilateral.study import tables
-from unilateral.study.judge import claims, controls, printed, records
-from unilateral.study.judge import results as of_study
-from unilateral.study.judge.checks.evidence import Evidence
-from unilateral.study.judge.claims import Judgement
-from unilateral.study.judge.printed import plain
-from unilateral.study.judge.results import Results
-from unilateral.study.text import marks, verdicts
+from unilateral.study.documents import marks, verdicts
+from unilateral.study.ledger import claims, controls, printed, records
+from unilateral.study.ledger import results as of_study
+from unilateral.study.ledger.claims import Judgement
+from unilateral.study.ledger.evidence import Evidence
+from unilateral.study.ledger.printed import plain
+from unilateral.study.ledger.results import Results
 
 ALL = {claim.id: claim for claim in claims.ledger()}
 LEDGER = {name: claim for name, claim in ALL.items() if not claim.unmeasured}
@@ -71,14 +71,14 @@ def test_the_ledger_has_every_statement_once():
 GENERAL = ("id", "section", "title", "statement", "where")
 ENTRY = {
     **dict.fromkeys((*GENERAL, "verdict"), "x"),
-    **{"id": "4.x", "check": "rates.slow", "source": "derived: x", "reads": [], "control": {"what": "x"}},
+    **{"id": "4.x", "check": "scenes.slow", "source": "derived: x", "reads": [], "control": {"what": "x"}},
 }
 
 
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"check": "rates.slowly"}, r"there is no check 'rates\.slowly'"),
+        ({"check": "scenes.slowly"}, r"there is no check 'scenes\.slowly'"),
         ({"check": "rate.slow"}, r"there is no check 'rate\.slow'"),
         ({"contol": {}}, ".* unexpected keyword argument 'contol'"),
         ({"source": "derived by hand"}, "its source has to begin with one of 'derived', "),

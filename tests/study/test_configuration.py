@@ -18,7 +18,7 @@ from unilateral.errors import InputError
 from unilateral.geometry import polygon
 from unilateral.problems import case
 from unilateral.study import config as configuration
-from unilateral.study import drawings, functions
+from unilateral.study import functions
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
@@ -282,7 +282,7 @@ SAID = [
     ),
     (
         ("figures.verdict.module", "verdicts"),
-        f"figures.verdict.module: it is 'verdicts'; it has to be one of {', '.join(drawings.modules())}",
+        f"figures.verdict.module: it is 'verdicts'; it has to be one of {', '.join(functions.figures())}",
     ),
     (
         ("figures.rates.scenes", ["square", "nowhere"]),

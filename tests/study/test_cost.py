@@ -22,11 +22,11 @@ from unilateral.solvers import steps as acceleration
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
-from unilateral.study.judge import cost as trade
-from unilateral.study.runs.cost import history, operations
-from unilateral.study.runs.cost import measure as cost
-from unilateral.study.runs.cost.variants import REFRESH, Variant, plan
-from unilateral.study.text import cost_tables
+from unilateral.study import operations
+from unilateral.study.experiments.cost import history, trade
+from unilateral.study.experiments.cost import measure as cost
+from unilateral.study.experiments.cost import numbers as cost_tables
+from unilateral.study.experiments.cost.variants import REFRESH, Variant, plan
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
 BASE = Variant("square", "thirds", 2.0, "uzawa", "S", "float64")

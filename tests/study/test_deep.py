@@ -7,7 +7,7 @@ from conftest import discrete, load
 from unilateral.discrete.condensed import solve
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.runs import deep
+from unilateral.study.experiments.deep import measure as deep
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from conftest import ROOT
 from unilateral.errors import InputError
 from unilateral.norms.resolution import RULE
 from unilateral.study import config, drawings
-from unilateral.study.text import blocks, marks, numbers, sources, verdicts
+from unilateral.study.documents import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [
     f"workflow/config/{name}.yaml"

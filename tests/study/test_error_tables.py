@@ -4,7 +4,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.text import error_tables, numbers
+from unilateral.study.documents import numbers
+from unilateral.study.experiments.scenes import numbers as scenes
+from unilateral.study.experiments.sharpness import numbers as sharpness
+from unilateral.study.experiments.stability import numbers as stability
 
 
 def made_up():
@@ -27,7 +30,7 @@ def made_up():
 
 
 def test_the_table_of_rates():
-    table = error_tables.rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
+    table = scenes.rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
     heads = ["u in H¹ (proved 1)", "λ in H^(−1/2) (proved 1)", "λ in L² (proved 0.5)"]
     assert list(table) == ["scene", "case", *heads]
     first = ["`first`", "1.00 of 1 (2 pairs)", "1.00 of 1.5 (2 pairs)", "1.00 of 1 (2 pairs)"]
@@ -39,12 +42,12 @@ def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
     """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
     other = made_up().isel(case=[0])
     other["rate"][0, :, 0, 2] = 0.75
-    table = error_tables.rates_by_case({"square": made_up(), "again": other}, 0.5)
+    table = scenes.rates_by_case({"square": made_up(), "again": other}, 0.5)
     first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
     assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
     unknown = made_up().isel(case=[0])
     unknown["verdict"][:] = "not judged"
-    assert error_tables.rates_by_case({"square": unknown}, 0.5).empty
+    assert scenes.rates_by_case({"square": unknown}, 0.5).empty
 
 
 def made_up_pairs():
@@ -63,7 +66,7 @@ def made_up_pairs():
 
 
 def test_lower_bounds_of_beta_are_rounded_down():
-    table = error_tables.beta(made_up_pairs(), [2, 4])
+    table = stability.beta(made_up_pairs(), [2, 4])
     assert list(table) == ["β ≥ ... at H/h =", "2", "4"]
     assert table.values.tolist() == [["square", "0.73", "0.92"], ["gmsh", "0.77", "0.95"]]
 
@@ -83,7 +86,7 @@ def test_the_rule_follows_its_parameters():
 
 def test_which_measure_predicts_beta():
     """By hand: the ranks of h/H, of the edges and of H_i/edge against those of beta."""
-    table = error_tables.correlations(made_up_pairs(), 20)
+    table = stability.correlations(made_up_pairs(), 20)
     assert table.values.tolist()[0] == ["3 pairs that are not uniform", "0.50", "0.87", "0.50"]
     assert table.iloc[1, 0] == "1 of them without angles below 20°"
 
@@ -104,11 +107,11 @@ def test_exceptions_are_named_with_what_they_lack():
         },
     )
     rates["held"] = (("level", "alpha", "gamma"), [2 * [[0.5, 0.5]], 2 * [[0.5, 0.5]], 2 * [[0.125, 0.5]]])
-    assert error_tables.exceptions(rates, {"hm12": 0.1}).values.tolist() == []
+    assert sharpness.exceptions(rates, {"hm12": 0.1}).values.tolist() == []
     rates["rate"][0, -1, 1, 0] = 1.25
-    table = error_tables.exceptions(rates, {"hm12": 0.1})
+    table = sharpness.exceptions(rates, {"hm12": 0.1})
     lacks = 0.25 - 0.5 * np.log2((1 + np.log(4)) / (1 + np.log(2)))
-    assert list(table) == ["α", "γ", "λ in H^(−1/2)", error_tables.HELD]
+    assert list(table) == ["α", "γ", "λ in H^(−1/2)", sharpness.HELD]
     assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
 
 
@@ -117,9 +120,7 @@ def test_the_table_of_floors():
     fits = xr.Dataset(
         {name: ("case", [value]) for name, value in values.items()}, coords={"case": ["natural"]}
     )
-    assert error_tables.floors(fits).values.tolist() == [
-        ["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]
-    ]
+    assert scenes.floors(fits).values.tolist() == [["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]]
 
 
 def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():

@@ -13,9 +13,9 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact import cell_means
 from unilateral.norms.ritz import ritz_projection
-from unilateral.study.runs import algorithm as experiments
-from unilateral.study.runs import algorithm_cost as trials
-from unilateral.study.runs import formulation as statements
+from unilateral.study.experiments.algorithm import certificates as trials
+from unilateral.study.experiments.algorithm import formulation as statements
+from unilateral.study.experiments.algorithm import measure as experiments
 
 SHARES = (0.25, 0.45, 0.49, 0.51, 0.99, 1.01)
 STEPS = 400

@@ -26,10 +26,11 @@ from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import iterate
 from unilateral.solvers.steps import STEPS
 from unilateral.solvers.stop import Stop
-from unilateral.study.runs import extremes
-from unilateral.study.runs.extremes import KINDS, Budget, cells, contact, precision, shapes, steps, trial
-from unilateral.study.runs.extremes import problem as problems
-from unilateral.study.runs.extremes.outcome import (
+from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps, trial
+from unilateral.study.experiments.extremes import measure as extremes
+from unilateral.study.experiments.extremes import problem as problems
+from unilateral.study.experiments.extremes.measure import KINDS, Budget
+from unilateral.study.experiments.extremes.outcome import (
     NO_TOOL,
     NOT_CONVERGED,
     REFUSED,
@@ -40,8 +41,8 @@ from unilateral.study.runs.extremes.outcome import (
     judge,
     within,
 )
-from unilateral.study.runs.extremes.problem import condensed, full, made, on_square, waves
-from unilateral.study.runs.extremes.trial import attempt
+from unilateral.study.experiments.extremes.problem import condensed, full, made, on_square, waves
+from unilateral.study.experiments.extremes.trial import attempt
 
 BUDGET = Budget(1e-6, 2000)
 AXES = config("extremes")["extremes"]["axes"]

@@ -12,9 +12,9 @@ from unilateral.geometry import partition
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.resolution import resolution
-from unilateral.study.runs import stability
-from unilateral.study.runs.families import boundary_nodes, meshes_of, partition_of
-from unilateral.study.runs.stability import Grams, survey
+from unilateral.study.experiments.stability import measure as stability
+from unilateral.study.experiments.stability.families import boundary_nodes, meshes_of, partition_of
+from unilateral.study.experiments.stability.measure import Grams, survey
 
 TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
 """Its sides are 4, 5 and 3 long."""

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.study.judge.floors import fit, floors
+from unilateral.study.experiments.scenes.floors import fit, floors
 from unilateral.study.tables import VARIABLES
 
 SIZES = [a.ravel() for a in np.meshgrid(2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9), indexing="ij")]

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from unilateral.study.text import hypotheses
+from unilateral.study.documents import hypotheses
 
 NUMBERS = {
     "violates_j": 0.111,

@@ -3,7 +3,7 @@
 import pytest
 
 from unilateral.errors import InputError
-from unilateral.study.text import formats, marks
+from unilateral.study import formats, marks
 
 BEGIN, END = "<!-- rates: begin -->", "<!-- rates: end -->"
 OTHER = "<!-- cost: begin -->\nb\n<!-- cost: end -->\n"

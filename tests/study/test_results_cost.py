@@ -9,11 +9,11 @@ import pytest
 from conftest import config
 from conftest import stored as table_of
 
-from unilateral.study.figures import work_precision
-from unilateral.study.judge import cost as trade
-from unilateral.study.judge.rates import NORMS
-from unilateral.study.runs.cost.variants import Variant, plan
-from unilateral.study.text import cost_tables
+from unilateral.study.experiments.cost import numbers as cost_tables
+from unilateral.study.experiments.cost import trade
+from unilateral.study.experiments.cost import work_precision_figure as work_precision
+from unilateral.study.experiments.cost.variants import Variant, plan
+from unilateral.study.rates import NORMS
 
 COARSEST = 1 / 16
 RATES = {"h1": 1.0, "hm12": 1.5, "l2": 1.0}

@@ -7,11 +7,12 @@ import pytest
 from conftest import RESULTS, ROOT, config
 from conftest import stored as table_of
 
-from unilateral.study.figures import extremes as figure
-from unilateral.study.judge.extremes import RESCUED
-from unilateral.study.runs import extremes
-from unilateral.study.runs.extremes import problem
-from unilateral.study.text import extremes_tables, marks, numbers
+from unilateral.study.documents import marks, numbers
+from unilateral.study.experiments.extremes import extremes_figure as figure
+from unilateral.study.experiments.extremes import measure as extremes
+from unilateral.study.experiments.extremes import numbers as extremes_tables
+from unilateral.study.experiments.extremes import problem
+from unilateral.study.experiments.extremes.kinds import RESCUED
 
 STUDY = config("extremes")["extremes"]
 AXES = STUDY["axes"]

@@ -10,7 +10,7 @@ from conftest import RESULTS, ROOT
 
 from unilateral.cli import main
 from unilateral.cli.application import application
-from unilateral.study.judge import claims, controls, results
+from unilateral.study.ledger import claims, controls, results
 
 pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
 EXAMPLES = application.get_command(click.Context(application), "claims").examples

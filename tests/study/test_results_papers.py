@@ -5,7 +5,7 @@ import re
 import pytest
 from conftest import ROOT
 
-from unilateral.study.text import marks
+from unilateral.study.documents import marks
 
 PAGES, WORDS = 12, 6500
 """At most, of paper.md: what somebody reads in one sitting."""

@@ -22,8 +22,17 @@ from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.stop import Stop
-from unilateral.study.judge import surfaces
-from unilateral.study.runs.sharpness import CUTOFF, MEASURED, START, T, measure, places, seen, transitions
+from unilateral.study.experiments.sharpness import surfaces
+from unilateral.study.experiments.sharpness.measure import (
+    CUTOFF,
+    MEASURED,
+    START,
+    T,
+    measure,
+    places,
+    seen,
+    transitions,
+)
 from unilateral.study.tables import VARIABLES
 
 SQUARE = named("square")

@@ -14,8 +14,8 @@ from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
-from unilateral.study.runs import scene as module
-from unilateral.study.runs.scene import PER_RUN, sweep
+from unilateral.study.experiments.scenes import measure as module
+from unilateral.study.experiments.scenes.measure import PER_RUN, sweep
 from unilateral.study.tables import VARIABLES
 
 SQUARE = named("square")

@@ -9,9 +9,9 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
-from unilateral.study.runs.scene import sweep
-from unilateral.study.runs.totals import totals
-from unilateral.study.text import error_tables
+from unilateral.study.experiments.scenes import numbers as error_tables
+from unilateral.study.experiments.scenes.measure import sweep
+from unilateral.study.experiments.scenes.totals import totals
 
 
 @pytest.fixture(scope="module")

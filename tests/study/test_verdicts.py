@@ -4,9 +4,9 @@ import pytest
 from conftest import ROOT
 
 from unilateral.errors import StorageError
-from unilateral.study.judge import claims
-from unilateral.study.judge import records as stored
-from unilateral.study.text import verdicts
+from unilateral.study.documents import verdicts
+from unilateral.study.ledger import claims
+from unilateral.study.ledger import records as stored
 
 
 def record(**changed):

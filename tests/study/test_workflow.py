@@ -22,8 +22,9 @@ from conftest import ROOT, copy_project
 
 from unilateral.errors import InputError
 from unilateral.study import config as configuration
-from unilateral.study import drawings
-from unilateral.study.judge import claims, ledger
+from unilateral.study import functions
+from unilateral.study.ledger import claims
+from unilateral.study.ledger import entries as ledger
 
 WORKFLOW = ROOT / "workflow"
 SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
@@ -32,7 +33,7 @@ GIVEN, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("
 FIGURE = WORKFLOW / "scripts/make_figure.py"
 """The script that imports the module of a figure by its name."""
 STARTS = [(script, "") for script in SCRIPTS if script != FIGURE]
-STARTS += [(FIGURE, module) for module in drawings.modules()]
+STARTS += [(FIGURE, module) for module in functions.figures().values()]
 
 
 def checked(study):
@@ -367,7 +368,7 @@ def imported(script):
 @pytest.mark.parametrize(("script", "module"), STARTS, ids=lambda start: getattr(start, "stem", start))
 def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, script, module):
     """And on its figure's module, if it draws one."""
-    name = f"study.figures.{module}" if module else ""
+    name = f"study.{module}" if module else ""
     used = imported(script) & graph().modules | ({f"unilateral.{name}"} if module else set())
     used |= {each for module in used for each in graph().find_upstream_modules(module)}
     used |= {".".join(each.split(".")[:k]) for each in used for k in range(1, each.count(".") + 2)}
@@ -375,13 +376,20 @@ def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, scri
     assert found == {file_of(each) for each in used}
 
 
-@pytest.mark.parametrize("module", drawings.modules())
+@pytest.mark.parametrize("module", functions.figures().values())
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
-    found = [
-        Path(file).stem for file in code(FIGURE.stem, f"study.figures.{module}") if "study/figures" in file
-    ]
-    assert sorted(found) == sorted(["__init__", "style", module])
+    found = [file for file in code(FIGURE.stem, f"study.{module}") if file.endswith(f"{functions.FIGURE}.py")]
+    assert found == [f"src/unilateral/study/{module.replace('.', '/')}.py"]
+
+
+def test_the_verdicts_depend_on_the_checks_of_all_experiments(code):
+    """Which are imported by their names."""
+    used = {claim.check.partition(".")[0] for claim in claims.ledger() if claim.check}
+    assert used == set(functions.checks())
+    assert 'f"study.experiments.{name}.checks") for name in functions.checks()' in rules()
+    found = code("judge_claims", "study.experiments.estimates.checks")
+    assert "src/unilateral/study/experiments/estimates/checks.py" in found
 
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
@@ -392,8 +400,8 @@ def test_a_rule_depends_on_the_data_that_its_modules_read(code):
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     found = code("solve_scene")
     assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
-    assert not [file for file in found if "figures" in file or "cli" in file]
-    assert "src/unilateral/solvers/uzawa.py" not in code(FIGURE.stem, "study.figures.rates")
+    assert not [file for file in found if "_figure" in file or "cli" in file]
+    assert "src/unilateral/solvers/uzawa.py" not in code(FIGURE.stem, "study.experiments.scenes.rates_figure")
 
 
 def each_rule():

@@ -29,6 +29,7 @@ rule algorithm:
 rule claims:
     input:
         code("judge_claims"),
+        [code("judge_claims", f"study.experiments.{name}.checks") for name in functions.checks()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         claims="results/claims.json",

@@ -2,9 +2,9 @@ import re
 from functools import cache
 from pathlib import Path
 
-from unilateral.study import resources
+from unilateral.study import functions, resources
 from unilateral.study.drawings import drawings, shown
-from unilateral.study.judge.ledger import entries
+from unilateral.study.ledger.entries import entries
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]
@@ -21,7 +21,7 @@ def code(script, module=""):
     """A script, what it imports of this project, what that imports, and the data files that are named there.
 
     A change of these files reruns the script's rule only. A script that imports a module of the library by
-    its name, such as study.figures.rates, depends on that module too.
+    its name, such as study.ledger.verdict_figure, depends on that module too.
     """
     package, _, name = module.rpartition(".")
     files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]

@@ -5,10 +5,9 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.problems import case
-from unilateral.study import tables
-from unilateral.study.judge import rates_table
-from unilateral.study.judge.rates import judge_all
-from unilateral.study.runs import deep
+from unilateral.study import rates_table, tables
+from unilateral.study.experiments.deep import measure as deep
+from unilateral.study.rates import judge_all
 
 
 def main(levels, timed, study, predicted, errors, rates, timings):

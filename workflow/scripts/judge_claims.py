@@ -5,9 +5,9 @@ from pathlib import Path
 
 from job import run
 
-from unilateral.study.judge.claims import judge
-from unilateral.study.judge.printed import summary
-from unilateral.study.judge.results import Results
+from unilateral.study.ledger.claims import judge
+from unilateral.study.ledger.printed import summary
+from unilateral.study.ledger.results import Results
 from unilateral.system.files import replacing
 
 

@@ -8,8 +8,8 @@ from unilateral.formulas.formula import real
 from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.judge.adaptive import rates_over
-from unilateral.study.runs import adaptive
+from unilateral.study.experiments.adaptive import measure as adaptive
+from unilateral.study.experiments.adaptive.rates import rates_over
 from unilateral.study.scenes import cases
 
 

@@ -6,8 +6,8 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.study import tables
-from unilateral.study.runs.cost import measure as cost
-from unilateral.study.runs.cost.variants import plan
+from unilateral.study.experiments.cost import measure as cost
+from unilateral.study.experiments.cost.variants import plan
 from unilateral.study.scenes import cases, domain
 
 

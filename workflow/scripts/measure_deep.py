@@ -8,7 +8,7 @@ from job import run
 from unilateral.formulas.formula import real
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.runs import deep
+from unilateral.study.experiments.deep import measure as deep
 from unilateral.study.scenes import cases
 from unilateral.system.memory import peak_mb
 

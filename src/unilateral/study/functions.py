@@ -8,6 +8,9 @@ from importlib import resources
 from typing import NamedTuple
 
 STUDY = resources.files("unilateral.study")
+EXTREMES = "experiments.extremes"
+FIGURE = "_figure"
+"""The end of the name of a figure's module."""
 OF_AXIS = ["values", "h", "H", "budget"]
 """The arguments of a function that makes an axis of extreme problems."""
 
@@ -19,18 +22,48 @@ class Arguments(NamedTuple):
     optional: list[str]
 
 
-def modules(folder: str) -> list[str]:
-    """The modules in a folder of the study, such as figures."""
-    names = [file.name for file in (STUDY / folder).iterdir()]
+def modules(package: str) -> list[str]:
+    """The modules of a package of the study, such as experiments.cost."""
+    names = [file.name for file in STUDY.joinpath(*package.split(".")).iterdir()]
     return sorted(
         name.removesuffix(".py") for name in names if name.endswith(".py") and name != "__init__.py"
     )
 
 
 @cache
-def functions(folder: str, module: str) -> dict[str, Arguments]:
-    """The functions of a module."""
-    source = (STUDY / folder / f"{module}.py").read_text(encoding="utf-8")
+def experiments() -> list[str]:
+    """The packages of the experiments, such as experiments.cost."""
+    folders = [each for each in (STUDY / "experiments").iterdir() if (each / "__init__.py").is_file()]
+    return sorted(f"experiments.{folder.name}" for folder in folders)
+
+
+@cache
+def figures() -> dict[str, str]:
+    """The figures by their names, each with its module, such as experiments.cost.work_precision_figure."""
+    found = {
+        name.removesuffix(FIGURE): f"{package}.{name}"
+        for package in (*experiments(), "ledger")
+        for name in modules(package)
+        if name.endswith(FIGURE)
+    }
+    return dict(sorted(found.items()))
+
+
+@cache
+def checks() -> dict[str, list[str]]:
+    """The functions that check claims, by the experiments' names."""
+    return {
+        package.rpartition(".")[2]: list(functions(f"{package}.checks"))
+        for package in experiments()
+        if "checks" in modules(package)
+    }
+
+
+@cache
+def functions(module: str) -> dict[str, Arguments]:
+    """The functions of a module of the study."""
+    *package, name = module.split(".")
+    source = STUDY.joinpath(*package, f"{name}.py").read_text(encoding="utf-8")
     found = [each for each in ast.parse(source).body if isinstance(each, ast.FunctionDef)]
     return {each.name: _arguments(each.args) for each in found}
 
@@ -44,10 +77,9 @@ def _arguments(given: ast.arguments) -> Arguments:
 @cache
 def axes() -> dict[str, str]:
     """The kinds of axes of extreme problems, which are the functions of `OF_AXIS`, and the module of each."""
-    folder = "runs/extremes"
     return {
         name: module
-        for module in modules(folder)
-        for name, arguments in functions(folder, module).items()
+        for module in modules(EXTREMES)
+        for name, arguments in functions(f"{EXTREMES}.{module}").items()
         if arguments.needed == OF_AXIS and not name.startswith("_")
     }

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from pages import FIGURES, page, recorded
 
 from unilateral.errors import InputError
-from unilateral.study import config, drawings
+from unilateral.study import config, drawings, functions
 
 ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
 
@@ -30,15 +30,15 @@ def committed():
 def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
     files = {f"{name}.{kind}" for name in committed() for kind in ("csv", "svg")}
     assert files == {file.name for file in (ROOT / "figures").iterdir()}
-    assert sorted(FIGURES) == drawings.modules()
-    assert all(committed()[name].module == module for module, (name, _) in FIGURES.items())
+    assert sorted(FIGURES) == list(functions.figures())
+    assert {module: committed()[name].module for module, (name, _) in FIGURES.items()} == functions.figures()
 
 
 @pytest.mark.parametrize("name", committed())
 def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, tmp_path):
     """Whatever settings a user has. Text is drawn as paths, and there is no date."""
     target = tmp_path / "figure.svg"
-    draw = import_module(f"unilateral.study.figures.{committed()[name].module}").draw
+    draw = import_module(f"unilateral.study.{committed()[name].module}").draw
     with rc_context(ODD), recorded() as pages:
         draw(ROOT / f"figures/{name}.csv", target)
     svg = target.read_bytes()
@@ -76,7 +76,7 @@ def test_another_process_gives_the_same_bytes(tmp_path):
     program = "import sys\nfrom importlib import import_module\n"
     for module, (name, _) in FIGURES.items():
         files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"
-        program += f"import_module('unilateral.study.figures.{module}').draw(*{files})\n"
+        program += f"import_module('unilateral.study.{functions.figures()[module]}').draw(*{files})\n"
     program += "assert 'matplotlib.pyplot' not in sys.modules"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
@@ -95,5 +95,5 @@ def test_another_table_gives_another_figure(figure):
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
     given = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        import_module(f"unilateral.study.figures.{figure}").draw(given, tmp_path / "figure.svg")
+        import_module(f"unilateral.study.{functions.figures()[figure]}").draw(given, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -6,7 +6,7 @@ import xarray as xr
 from pages import drawn, page, pairs, points, said, table
 
 from unilateral.study import tables
-from unilateral.study.figures import adaptive
+from unilateral.study.experiments.adaptive import adaptive_figure as adaptive
 
 
 def test_the_table(tmp_path):

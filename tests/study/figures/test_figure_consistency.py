@@ -15,8 +15,8 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact import cell_means
 from unilateral.study import tables
-from unilateral.study.figures import consistency
-from unilateral.study.runs.consistency import first_transition, leading
+from unilateral.study.experiments.estimates import consistency_figure as consistency
+from unilateral.study.experiments.estimates.consistency import first_transition, leading
 
 
 def cells():

@@ -6,7 +6,7 @@ import numpy as np
 from pages import page, said, study_errors, table
 
 from unilateral.study import tables
-from unilateral.study.figures import grid
+from unilateral.study.experiments.scenes import grid_figure as grid
 
 
 def test_the_table(tmp_path):

@@ -9,7 +9,7 @@ from pages import drawn, page, said, table
 
 from unilateral.errors import InputError
 from unilateral.study import tables
-from unilateral.study.figures import multiplier
+from unilateral.study.experiments.stability import multiplier_figure as multiplier
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pages import committed, drawn, lines, said
 
 import unilateral as ul
 from unilateral.geometry.polygon import named
-from unilateral.study.figures import portrait
+from unilateral.study.experiments.portrait import portrait_figure as portrait
 
 F = "-1 - 3*x - 9*x*y"
 DOMAIN = named("lshape")

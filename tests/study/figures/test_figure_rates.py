@@ -10,7 +10,7 @@ from pages import LEVELS, committed, drawn, page, said, study_errors, table
 
 from unilateral.errors import InputError
 from unilateral.study import tables
-from unilateral.study.figures import rates
+from unilateral.study.experiments.scenes import rates_figure as rates
 
 
 def study_rates():

@@ -8,9 +8,9 @@ from matplotlib.colors import to_hex
 from pages import lines, page, pairs, table
 
 from unilateral.study import tables
-from unilateral.study.figures import sharpness
-from unilateral.study.judge.surfaces import rates_over
-from unilateral.study.runs.sharpness import MEASURED
+from unilateral.study.experiments.sharpness import sharpness_figure as sharpness
+from unilateral.study.experiments.sharpness.measure import MEASURED
+from unilateral.study.experiments.sharpness.surfaces import rates_over
 
 NORMS = ("discrete", "hm12", "l2", "consistency")
 

@@ -374,7 +374,8 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
         "import sys, xarray; from unilateral.cli import main; from unilateral.norms import dual; "
         "from unilateral.geometry import partition, structured; "
         "from unilateral.geometry.polygon import square; "
-        "from unilateral.problems import case; from unilateral.study.runs import scene; "
+        "from unilateral.problems import case; "
+        "from unilateral.study.experiments.scenes import measure as scene; "
         "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
     forms = f"dual.Gram.of_table(xarray.open_dataset({str(table)!r}))"

@@ -28,7 +28,7 @@ from unilateral.formulas.decimals import between, up
 from unilateral.norms.dual import dual_norm
 from unilateral.problems import case
 from unilateral.solution import Solution
-from unilateral.study.judge import claims
+from unilateral.study.ledger import claims
 
 KEYS = [  # of --json, in the documented order
     *(

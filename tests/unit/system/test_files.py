@@ -18,8 +18,8 @@ from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.study import tables
-from unilateral.study.figures.style import figure_in
-from unilateral.study.text import marks
+from unilateral.study.documents import marks
+from unilateral.study.style import figure_in
 from unilateral.system import signals
 from unilateral.system.files import replacing, write_netcdf
 

@@ -1,0 +1,1 @@
+"""Large meshes by multigrid, beside what was predicted of them."""
