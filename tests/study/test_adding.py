@@ -27,14 +27,15 @@ PLACES = [
     ("workflow/config/rates.yaml", "  cases:\n", RATES),
     ("workflow/config/study.yaml", "\nscenes:\n", SCENE),
     ("workflow/config/study.yaml", "\nsurveys:\n", SURVEY),
-    ("src/unilateral/study/ledger/beyond.yaml", "scenes: [betasquare", ", mysurvey"),
+    ("src/unilateral/study/experiments/stability/claims.yaml", "parameters: { scenes: [betasquare", ", mysurvey"),
     (
         "src/unilateral/study/experiments/stability/my_figure_figure.py",
         "",
         (ROOT / "src/unilateral/study/experiments/stability/multiplier_figure.py").read_text(),
     ),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
-    ("src/unilateral/study/ledger/beyond.yaml", "", "\n" + CLAIM),
+    ("src/unilateral/study/experiments/stability/claims.yaml", "", "\n" + CLAIM),
+    ("src/unilateral/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
     ("src/unilateral/study/experiments/extremes/contact.py", "", KIND),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]

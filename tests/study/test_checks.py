@@ -25,6 +25,7 @@ from unilateral.study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING
 from unilateral.study.experiments.scenes import checks as rates
 from unilateral.study.experiments.sharpness import checks as exponents
 from unilateral.study.experiments.stability import checks as stability
+from unilateral.study.ledger import checks as shared
 from unilateral.study.ledger import evidence
 from unilateral.study.ledger.evidence import Unjudged
 
@@ -447,9 +448,9 @@ def surfaces():
 
 def test_surfaces_are_judged_on_their_two_finest_pairs():
     """From alpha = 1/4 on and at gamma = 1 the least is 0.875, on the pair before the last."""
-    assert made_is(-0.125, rates.surface, surfaces(), "table", "l2", 0.25, [1.0], 0.1)
-    assert made_is(-0.0625, rates.surface, surfaces(), "table", "l2", 0.5, [1.0], 0.1)
-    assert made_is(-0.75, rates.surface, surfaces(), "table", "l2", 0.25, [1.0, 2.0], 0.1)
+    assert made_is(-0.125, exponents.surface, surfaces(), "table", "l2", 0.25, [1.0], 0.1)
+    assert made_is(-0.0625, exponents.surface, surfaces(), "table", "l2", 0.5, [1.0], 0.1)
+    assert made_is(-0.75, exponents.surface, surfaces(), "table", "l2", 0.25, [1.0, 2.0], 0.1)
 
 
 def powers(changed=(), **variables):
@@ -579,7 +580,7 @@ def test_lemma_1_by_hand(changed, observed):
 
 
 def test_rates_of_the_consistency_term_may_not_be_lower_either():
-    assert made_is(0.25, rates.consistency_surface, surfaces(), "table", 0.1)
+    assert made_is(0.25, exponents.consistency_surface, surfaces(), "table", 0.1)
 
 
 # The estimates
@@ -895,16 +896,16 @@ def test_floors_are_within_a_factor_and_outgrow_their_predictions(measured, obse
 def test_values_that_are_not_known_are_not_judged_unless_none_is():
     of = over(("case", "step"), x=[[3.0, NAN], [4.0, 5.0]]) | over("case", y=[NAN, NAN])
     of, chosen = table(of, case=["c", "d"], step=[0, 1]), {"case": ["c"], "mesh": 0}
-    assert made_is(3, stability.values, of, "table", "x", 1.0, True)
-    assert made_is(5, stability.values, of, "{scene}/errors", "x", 1.0, False, ["a"])
-    assert made_is(3, stability.values, of, "table", "x", 1.0, False, select=chosen)
-    assert made_is("y is not known of table", stability.values, of, "table", "y", 1.0, True)
-    assert made_is(3, stability.smallest, of, "{scene}/errors", ["a"], ["x"], 1.0, "")
+    assert made_is(3, shared.values, of, "table", "x", 1.0, True)
+    assert made_is(5, shared.values, of, "{scene}/errors", "x", 1.0, False, ["a"])
+    assert made_is(3, shared.values, of, "table", "x", 1.0, False, select=chosen)
+    assert made_is("y is not known of table", shared.values, of, "table", "y", 1.0, True)
+    assert made_is(3, shared.smallest, of, "{scene}/errors", ["a"], ["x"], 1.0, "")
 
 
 def test_the_smallest_value_at_a_ratio_counts():
     of = table(over(PAIRS, x=[[5.0, 1.0], [9.0, 4.0]], h_over_H=[[0.5, 1], [0.25, 0.5]]))
-    assert made_is(4, stability.at_ratio, of, "{scene}/errors", ["a"], "x", 2, 0.5)
+    assert made_is(4, shared.at_ratio, of, "{scene}/errors", ["a"], "x", 2, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -924,7 +925,7 @@ def test_bounds_of_the_norm_of_1_enclose_it_and_are_close(lower, upper, observed
     """Diagonal forms in which 1 on four cells has that multiple of the norm, by e^s in place of coth."""
     quarter = 2 + (math.e + 1) / (math.e - 1)
     of = table(forms_of(5 * [lower**2 * quarter], 5 * [upper**2 * quarter]))
-    assert made_is(observed, stability.closed_form, of, "a")
+    assert made_is(observed, estimates.closed_form, of, "a")
 
 
 def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():
@@ -937,7 +938,7 @@ def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():
     of["a/errors"] = of["a/errors"].assign(
         **ratios, **over(PAIRS, beta_0=[[0.25, 9, 9], [9, 9, 1.0], [9, 9, 9]])
     )
-    made = stability.inverse_estimate(of, ["a"], 2)
+    made = estimates.inverse_estimate(of, ["a"], 2)
     assert made.observed == pytest.approx(math.sqrt(0.5))
     assert [line.strip() for line in made.lines] == [
         f"a, H = {H:g}: C = {math.sqrt(2 * H):.4g}" for H in (1, 0.25)
@@ -1014,13 +1015,13 @@ def test_edges_alone_are_judged_where_every_cell_has_them(edges, expected):
 
 
 def test_near_is_from_either_side():
-    assert made_is(0.25, stability.near, table(over("case", x=[2.125, 1.5])), "table", "x", 2.0, 1e-6, "")
+    assert made_is(0.25, shared.near, table(over("case", x=[2.125, 1.5])), "table", "x", 2.0, 1e-6, "")
 
 
 @pytest.mark.parametrize(("in_v", "in_mu", "observed"), [(1, 1, 1), (-0.5, 1, -0.5), (1, -0.5, -0.5)])
 def test_a_saddle_grows_in_both_variables(in_v, in_mu, observed):
     of = table(over("case", saddle_in_v=[1.0, in_v], saddle_in_mu=[1.0, in_mu]), case=["c", "d"])
-    assert made_is(observed, stability.saddle, of, "table")
+    assert made_is(observed, algorithm.saddle, of, "table")
 
 
 @pytest.mark.parametrize(
@@ -1029,7 +1030,7 @@ def test_a_saddle_grows_in_both_variables(in_v, in_mu, observed):
 )
 def test_two_multipliers_are_two_only_if_they_are_apart(violation, distance, expected):
     of = table(over((), violation=violation, same_u=1e-14, multiplier_distance=distance))
-    assert made_is(expected, stability.two_multipliers, of, "table", 0.1)
+    assert made_is(expected, algorithm.two_multipliers, of, "table", 0.1)
 
 
 @pytest.mark.parametrize(
@@ -1045,4 +1046,4 @@ def test_two_multipliers_are_two_only_if_they_are_apart(violation, distance, exp
 def test_bounds_that_cross_have_no_gap(lower, upper, expected):
     """Beside 1 and 1.25. Errors that are 0 to round-off, or not known, have none that counts."""
     of = over(RUN, hm12_error_lower=[[[1.0, lower]]], hm12_error_upper=[[[1.25, upper]]])
-    assert made_is(expected, stability.gap, table(of | over(("case", "mesh"), u_norm=[[1.0]])), ["a"], 0.75)
+    assert made_is(expected, estimates.gap, table(of | over(("case", "mesh"), u_norm=[[1.0]])), ["a"], 0.75)

@@ -29,7 +29,8 @@ rule algorithm:
 rule claims:
     input:
         code("judge_claims"),
-        [code("judge_claims", f"study.experiments.{name}.checks") for name in functions.checks()],
+        [code("judge_claims", f"study.{module}") for module in functions.checks().values()],
+        [f"src/unilateral/study/experiments/{name}/claims.yaml" for name in files()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         claims="results/claims.json",

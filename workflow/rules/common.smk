@@ -4,7 +4,7 @@ from pathlib import Path
 
 from unilateral.study import functions, resources
 from unilateral.study.drawings import drawings, shown
-from unilateral.study.ledger.entries import entries
+from unilateral.study.ledger.entries import entries, files
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]

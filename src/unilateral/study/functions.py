@@ -31,10 +31,10 @@ def modules(package: str) -> list[str]:
 
 
 @cache
-def experiments() -> list[str]:
-    """The packages of the experiments, such as experiments.cost."""
+def experiments() -> dict[str, str]:
+    """The experiments by name, each with its package, such as experiments.cost."""
     folders = [each for each in (STUDY / "experiments").iterdir() if (each / "__init__.py").is_file()]
-    return sorted(f"experiments.{folder.name}" for folder in folders)
+    return {name: f"experiments.{name}" for name in sorted(folder.name for folder in folders)}
 
 
 @cache
@@ -42,7 +42,7 @@ def figures() -> dict[str, str]:
     """The figures by their names, each with its module, such as experiments.cost.work_precision_figure."""
     found = {
         name.removesuffix(FIGURE): f"{package}.{name}"
-        for package in (*experiments(), "ledger")
+        for package in (*experiments().values(), "ledger")
         for name in modules(package)
         if name.endswith(FIGURE)
     }
@@ -50,13 +50,10 @@ def figures() -> dict[str, str]:
 
 
 @cache
-def checks() -> dict[str, list[str]]:
-    """The functions that check claims, by the experiments' names."""
-    return {
-        package.rpartition(".")[2]: list(functions(f"{package}.checks"))
-        for package in experiments()
-        if "checks" in modules(package)
-    }
+def checks() -> dict[str, str]:
+    """The modules of checks, by the experiments' names; those that serve several are the ledger's."""
+    packages = {"ledger": "ledger", **experiments()}
+    return {name: f"{package}.checks" for name, package in packages.items() if "checks" in modules(package)}
 
 
 @cache

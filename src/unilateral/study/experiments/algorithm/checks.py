@@ -88,3 +88,25 @@ def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, most: fl
     rows = {"steps times H over the logarithm of the tolerance": float(fine.max() / fine.min())}
     lines = [f"  H = {H:g}: {value:.4g}" for H, value in zip(sizes, scaled, strict=True)]
     return worst(rows, "largest over smallest, H <= 1/16", most, False)._replace(lines=lines)
+
+
+def saddle(tables: Tables, table: str) -> Evidence:
+    """The least of L(v, lambda_H) - L(u_h, lambda_H) and of L(u_h, lambda_H) - L(u_h, mu), relative."""
+    data = tables[table]
+    rows = {
+        f"{case}, {name}": float(data[name].sel(case=case))
+        for case in data["case"].values
+        for name in ("saddle_in_v", "saddle_in_mu")
+    }
+    return worst(rows, "the least growth away from the saddle", -ZERO, True)
+
+
+def two_multipliers(tables: Tables, table: str, apart: float) -> Evidence:
+    """How badly the second multiplier solves the problem of the first, and how far both are apart."""
+    data = tables[table]
+    rows = {name: float(data[name]) for name in ("violation", "same_u")}
+    distance = {"multiplier_distance": float(data["multiplier_distance"])}
+    return all_of(
+        worst(rows, "how far the second multiplier is from a solution with the same u_h", ZERO, False),
+        worst(distance, "the distance of the multipliers, relative", apart, True),
+    )

@@ -17,6 +17,7 @@ from unilateral.study.ledger.evidence import (
     Array,
     Evidence,
     Tables,
+    all_of,
     along_ratio,
     by_case,
     forms,
@@ -173,3 +174,44 @@ def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
         x = means - mu
         found.append(x @ (G @ x) + 2 * x @ mixed + gram.lower[m + c, m + c] + weight @ mu)
     return np.array(found)
+
+
+def closed_form(tables: Tables, scene: str) -> Evidence:
+    """||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds."""
+    gram = Gram.of_table(tables[f"{scene}/dual_norm"])
+    one = np.ones(gram.n_cells)
+    exact = np.sqrt(8 + 4 / np.tanh(0.5))
+    lower, upper = (np.sqrt(one @ form @ one) for form in gram.p0)
+    lines = [f"  {lower:.10g} <= {exact:.10g} <= {upper:.10g}"]
+    outside = max(lower / exact - 1, 1 - upper / exact, upper / lower - 1)
+    return Evidence("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
+
+
+def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> Evidence:
+    """C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H) times beta_0: at most 1, for V_h is a part of H^1.
+
+    C is that of the norm from below, so not too small. The lines are the constants.
+    """
+    found, constants = {}, []
+    for scene in scenes:
+        errors = tables[f"{scene}/errors"]
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            at = np.isclose(errors["h_over_H"].values[:, k], 1 / H_over_h)
+            if at.any():
+                C, name = inverse_constant(cells, gram.p0.lower), f"{scene}, H = {cells.H:g}"
+                found[name] = C * float(errors["beta_0"].values[at, k].max())
+                constants.append(f"  {name}: C = {C:.4g}")
+    return worst(found, f"the largest C beta_0 at H = {H_over_h:g}h", 1.0, False)._replace(lines=constants)
+
+
+def gap(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
+    """The largest upper/lower - 1 of the errors in the dual norm that are not 0, and the smallest."""
+    largest, smallest = {}, {}
+    for scene in scenes:
+        data = tables[f"{scene}/errors"]
+        lower, upper = (data[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
+        apart = (upper / lower - 1).where(upper > ZERO * data["u_norm"])
+        largest[scene], smallest[scene] = float(apart.max()), float(apart.min())
+    return all_of(
+        worst(largest, "the largest gap", most, False), worst(smallest, "the smallest gap", 0.0, True)
+    )

@@ -140,30 +140,3 @@ def _last_rates(
         name: data[variable].values for name, data in by_case(tables, "{scene}/errors", scenes, cases).items()
     }
     return {name: float(np.log(each[-3] / each[-1]) / np.log(4)) for name, each in errors.items()}
-
-
-def surface(
-    tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
-) -> Evidence:
-    """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
-    data = tables[table].sel(norm=norm, gamma=list(gammas))
-    excess = (data["rate"] - data["predicted"]).isel(pair=[-2, -1]).min("pair")
-    rows = {
-        f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
-        for alpha in data["alpha"].values
-        for gamma in gammas
-        if alpha >= least_alpha
-    }
-    return worst(rows, "the smallest rate less the predicted one", -tolerance, True)
-
-
-def consistency_surface(tables: Tables, table: str, most: float) -> Evidence:
-    """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
-    data = tables[table]
-    distance = abs(data["consistency_rate"].isel(pair=-1) - data["consistency_predicted"])
-    rows = {
-        f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
-        for alpha in data["alpha"].values
-        for gamma in data["gamma"].values
-    }
-    return worst(rows, "the largest distance from alpha + gamma + 1", most, False)
