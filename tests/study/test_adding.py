@@ -21,20 +21,25 @@ KIND = """
 def calm(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return nothing(values, h, H, budget)
 """
+STABILITY = "src/unilateral/study/experiments/stability"
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
     ("workflow/config/rates.yaml", "  cases:\n", RATES),
     ("workflow/config/study.yaml", "\nscenes:\n", SCENE),
     ("workflow/config/study.yaml", "\nsurveys:\n", SURVEY),
-    ("src/unilateral/study/experiments/stability/claims.yaml", "parameters: { scenes: [betasquare", ", mysurvey"),
     (
-        "src/unilateral/study/experiments/stability/my_figure_figure.py",
+        "src/unilateral/study/experiments/stability/claims.yaml",
+        "parameters: { scenes: [betasquare",
+        ", mysurvey",
+    ),
+    (
+        f"{STABILITY}/my_figure_figure.py",
         "",
-        (ROOT / "src/unilateral/study/experiments/stability/multiplier_figure.py").read_text(),
+        (ROOT / STABILITY / "multiplier_figure.py").read_text(),
     ),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
-    ("src/unilateral/study/experiments/stability/claims.yaml", "", "\n" + CLAIM),
+    (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
     ("src/unilateral/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
     ("src/unilateral/study/experiments/extremes/contact.py", "", KIND),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),

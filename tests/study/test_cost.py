@@ -25,7 +25,7 @@ from unilateral.solvers.uzawa import residual_bound, uzawa
 from unilateral.study import operations
 from unilateral.study.experiments.cost import history, trade
 from unilateral.study.experiments.cost import measure as cost
-from unilateral.study.experiments.cost import numbers as cost_tables
+from unilateral.study.experiments.cost import tables as cost_tables
 from unilateral.study.experiments.cost.variants import REFRESH, Variant, plan
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]

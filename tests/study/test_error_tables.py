@@ -66,14 +66,14 @@ def made_up_pairs():
 
 
 def test_lower_bounds_of_beta_are_rounded_down():
-    table = stability.beta(made_up_pairs(), [2, 4])
+    table = stability.least(made_up_pairs(), [2, 4])
     assert list(table) == ["β ≥ ... at H/h =", "2", "4"]
     assert table.values.tolist() == [["square", "0.73", "0.92"], ["gmsh", "0.77", "0.95"]]
 
 
 def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
     """By hand: four pairs keep it."""
-    found = numbers.flat(numbers.beta(made_up_pairs(), 2, 20))
+    found = numbers.flat(stability.beta(made_up_pairs(), 2, 20))
     assert found["kept"] == 4
     assert (found["flat.beta"], found["flat.mesh"]) == (0.508, "graded")
     assert (found["edges.beta"], found["edges.mesh"], found["edges.angle"]) == (0.187, "found", 1.14)
@@ -81,7 +81,7 @@ def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
 
 def test_the_rule_follows_its_parameters():
     """Control."""
-    assert numbers.beta(made_up_pairs(), 2, 42)["kept"] == 2
+    assert stability.beta(made_up_pairs(), 2, 42)["kept"] == 2
 
 
 def test_which_measure_predicts_beta():
@@ -133,9 +133,9 @@ def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
         [1.0, 0.5, 3.0, 0.2],
         [0.5, 0.5, 1.0, 0.1],
     ]
-    assert numbers.inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
+    assert stability.inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
 
 
 def test_what_is_told_of_theorems_comes_from_their_claims():
-    assert numbers.theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
-    assert numbers.theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0
+    assert sharpness.theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
+    assert sharpness.theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0

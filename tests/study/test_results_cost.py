@@ -9,7 +9,7 @@ import pytest
 from conftest import config
 from conftest import stored as table_of
 
-from unilateral.study.experiments.cost import numbers as cost_tables
+from unilateral.study.experiments.cost import tables as cost_tables
 from unilateral.study.experiments.cost import trade
 from unilateral.study.experiments.cost import work_precision_figure as work_precision
 from unilateral.study.experiments.cost.variants import Variant, plan

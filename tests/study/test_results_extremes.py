@@ -225,7 +225,7 @@ def test_the_figure_s_rows_are_the_points():
 
 
 def outcomes():
-    return numbers.flat(numbers.outcomes(stored()))
+    return numbers.flat(extremes_tables.outcomes(stored()))
 
 
 def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():

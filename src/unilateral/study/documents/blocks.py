@@ -13,7 +13,7 @@ from unilateral.study.documents.sources import Sources
 from unilateral.study.experiments.adaptive import numbers as adaptive
 from unilateral.study.experiments.benchmarks import commands, scores
 from unilateral.study.experiments.benchmarks import numbers as benchmarks
-from unilateral.study.experiments.cost import numbers as cost
+from unilateral.study.experiments.cost import tables as cost
 from unilateral.study.experiments.extremes import numbers as extremes
 from unilateral.study.experiments.scenes import numbers as scenes
 from unilateral.study.experiments.sharpness import numbers as sharpness
@@ -52,7 +52,7 @@ def collect(told: Sources) -> dict[str, str]:
     frames = verdicts.claims_tables(told.claims) | {
         "rates": scenes.rates(told.rates, real(study["judged_ratio"], "judged_ratio")),
         "rates-by-case": scenes.rates_by_case(told.rates, real(study["judged_ratio"], "judged_ratio")),
-        "beta": stability.beta(told.pairs, ratios),
+        "beta": stability.least(told.pairs, ratios),
         "correlations": stability.correlations(told.pairs, RULE.smallest_angle),
         "floors": scenes.floors(of["floors"]),
         "totals": scenes.totals(told.totals),

@@ -12,9 +12,9 @@ from importlib import resources
 import pandas as pd
 
 from unilateral.formulas.formula import real
-from unilateral.study.documents.numbers import uniform_beta
 from unilateral.study.documents.sources import Sources
 from unilateral.study.experiments.cells.checks import exponent, rates
+from unilateral.study.experiments.stability.numbers import uniform_beta
 from unilateral.study.formats import shown
 from unilateral.study.rates_table import smallest_rate
 from unilateral.system.declarations import own

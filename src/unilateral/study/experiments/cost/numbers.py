@@ -1,161 +1,82 @@
-"""What the study of cost finds, as documents show it: prices, losses at the same work, steps, targets."""
+"""What the study of cost recommends, and what that is worth, as documents name it."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+import math
+from typing import Any
 
-import pandas as pd
+import numpy as np
 import xarray as xr
 
-from unilateral.study.experiments.cost import trade
-from unilateral.study.formats import TITLES, cells, shown, span
-from unilateral.study.rates import NORMS
+from unilateral.study.experiments.cost import tables, trade
+from unilateral.study.experiments.cost.variants import REFRESH
 
-NAMES = {
-    "newton": "active set (`newton`)",
-    "barzilai_borwein": "Barzilai–Borwein",
-    "nesterov": "Nesterov",
-    "uzawa": "Uzawa",
-}
-LEVELS = (1e-1, 1e-3, 1e-6)
-"""At which the algorithms are compared."""
-COUNTED = {"setup": "the set-up's", "uzawa": "all of Uzawa's"}
-PRICE = {
-    "stop at": ("stop", "10^"),
-    "h": ("h", "1/n"),
-    "relative error": ("error", ".2g%"),
-    "operations": ("operations", "x10^"),
-    "over set-up's": ("over_setup", ".2f"),
-    "half of it costs": ("halving", "times"),
-}
-TARGET = {"reached": ("error", ".2g%"), "H/h": ("H_over_h", "g")} | {
-    title: PRICE[title] for title in ("h", "stop at", "operations")
-}
-"""Columns: what of a run they show, and in which format."""
-Spans = dict[float, tuple[float, float]]
+LARGEST_RATIO = 4.0
+"""Of H/h, up to which there are enough sizes for the growth of steps."""
 
 
-def by_case(cases: xr.Dataset) -> dict[str, xr.Dataset]:
-    """The runs of each."""
-    return {str(name): cases.sel(case=name) for name in cases["case"].values}
-
-
-def prices(
-    runs: dict[str, xr.Dataset], H_over_h: float, coarsest: float
-) -> dict[str, dict[str, trade.Price]]:
-    """Per norm, of runs of Uzawa's over (H_over_h, H, stop), at the largest level that is enough for it."""
-    found: dict[str, dict[str, trade.Price]] = {norm: {} for norm in NORMS}
-    for norm, (name, table) in itertools.product(NORMS, runs.items()):
-        stop = trade.enough(table, norm, coarsest)
-        found[norm][name] = trade.price(table.sel(H_over_h=H_over_h), norm, stop, coarsest)
-    return found
-
-
-def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
-    """By `trade.losses`, per norm and by the work that is counted, of each H/h the least and the largest.
-
-    In "setup" the set-up alone is counted, and errors are those of the discrete solution; in "uzawa" all
-    work of Uzawa's algorithm to the level that is enough for the case.
-    """
-    found: dict[str, dict[str, Spans]] = {}
-    for norm in NORMS:
-        both: dict[str, list[dict[float, float]]] = {name: [] for name in COUNTED}
-        for case in by_case(cases).values():
-            error, work = trade.relative(case, norm), case["operations"]
-            discrete = (error / trade.excess(case, norm)).isel(stop=-1)
-            both["setup"].append(trade.losses(discrete, case["setup_operations"]))
-            stop = trade.enough(case, norm, coarsest)
-            both["uzawa"].append(trade.losses(error.sel(stop=stop), work.sel(stop=stop)))
-        found[norm] = {name: _spans(of_cases) for name, of_cases in both.items()}
-    return found
-
-
-def _spans(of_cases: Sequence[dict[float, float]]) -> Spans:
-    ratios_ = sorted(set.intersection(*map(set, of_cases)))
+def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
+    """Over all cases: the loss against the best H/h, that H/h, the stops, Uzawa's share, half the error."""
+    lost = tables.losses(cases, coarsest)
+    of = tables.prices(tables.by_case(cases), H_over_h, coarsest)
+    added = [price.over_setup - 1 for price in of["h1"].values()]
     return {
-        ratio: (min(of[ratio] for of in of_cases), max(of[ratio] for of in of_cases)) for ratio in ratios_
+        "cases": cases.sizes["case"],
+        "compared_at": trade.SHOWN,
+        "lowest": float(cases["stop"].min()),
+        "loss": {n: {work: by[H_over_h][1] - 1 for work, by in lost[n].items()} for n in lost},
+        "best_ratio": {n: {work: tables.best_ratio(by) for work, by in lost[n].items()} for n in lost},
+        "enough": {norm: {name: price.stop for name, price in of[norm].items()} for norm in of},
+        "uzawa_adds": {"least": min(added), "most": max(added)},
+        "halving": {norm: max(price.halving for price in of[norm].values()) for norm in of},
     }
 
 
-def best_ratio(spans: Spans) -> float:
-    """The H/h whose largest loss is least."""
-    return min(spans, key=lambda ratio: spans[ratio][1])
+def newton_adds(crossed: xr.Dataset, H_over_h: float) -> float:
+    """Operations of the active set's steps over the set-up's, on the finest mesh."""
+    newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(stop=trade.SHOWN, method="nearest")
+    at = newton.dropna("H").isel(H=-1)
+    return float(at["operations"] / at["setup_operations"] - 1)
 
 
-def ratios(cases: xr.Dataset, coarsest: float) -> pd.DataFrame:
-    """Per norm and H/h the error at the same work over that of the best H/h."""
-    lost = losses(cases, coarsest)
-    of = sorted({ratio for by_work in lost.values() for spans in by_work.values() for ratio in spans})
-    rows = [
-        {"error of": TITLES[norm], "work": COUNTED[counted]}
-        | {f"{ratio:g}": span(spans[ratio], ".2f") if ratio in spans else "" for ratio in of}
-        for norm, by_work in lost.items()
-        for counted, spans in by_work.items()
-    ]
-    return pd.DataFrame(rows)
+def plain(crossed: xr.Dataset, H_over_h: float) -> dict[str, Any]:
+    """Uzawa's work over that of the cheapest algorithm, to the first and the last level shown."""
+    first, last = (tables.at_level(crossed, H_over_h, stop)["work"] for stop in tables.LEVELS[::2])
+    return {"first": first.sel(algorithm="uzawa").item(), "last": last.sel(algorithm="uzawa").item()}
 
 
-def price_table(cases: xr.Dataset, scenes: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
-    """Per norm and case the level that is enough, what is reached there, and the price."""
-    runs, base = {f"`{name}`": of for name, of in by_case(cases).items()}, cases["case"].values[0]
-    for name in scenes["scene"].values[1:]:
-        runs[f"`{base}`, {name}"] = scenes.sel(scene=name).expand_dims(H_over_h=[H_over_h])
-    rows = [
-        {"error of": TITLES[norm], "case": name} | cells(of._asdict(), PRICE)
-        for norm, by_name in prices(runs, H_over_h, coarsest).items()
-        for name, of in by_name.items()
-    ]
-    return pd.DataFrame(rows)
+def growth(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
+    """The exponents p of steps ~ H^-p, over H/h; by how many the steps of the active set grow at most."""
+    ratios = [float(ratio) for ratio in crossed["H_over_h"].values if ratio <= LARGEST_RATIO]
+    found: dict[str, Any] = {"largest_ratio": LARGEST_RATIO}
+    for name in ("uzawa", "nesterov"):
+        powers = [trade.growth(crossed, name, ratio, coarsest) for ratio in ratios]
+        found[name] = {"least": min(powers), "most": max(powers)}
+    return found | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
 
 
-def expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
-    """Of `prices` per norm the least and the largest over all cases."""
-    rows = []
-    for norm, by_name in prices(by_case(cases), H_over_h, coarsest).items():
-        of = pd.DataFrame(by_name.values())
-        titles = {"stop": "stop that was enough, of ‖u−u_h‖₁", "operations": "operations"}
-        titles |= {
-            "error": f"relative error at h = {shown(of['h'][0], '1/n')}",
-            "halving": "half of it costs",
-        }
-        rows.append(
-            {"for the error of": TITLES[norm]}
-            | {titles[name]: span(of[name], spec) for name, spec in PRICE.values() if name in titles}
-        )
-    return pd.DataFrame(rows)
+def elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> dict[str, Any]:
+    """What the partial elimination saves in a step, what it costs, and when it has paid."""
+    step, setup = algebra["step_operations"], algebra["setup_operations"].isel(H=-1)
+    over_S, h = step / step.sel(algebra="S"), algebra["h"].sel(algebra="S")
+    found: dict[str, Any] = {
+        name: {"h": float(h[k])} | {by: float(over_S.sel(algebra=by)[k]) for by in ("A", "A_3")}
+        for name, k in (("coarse", 0), ("fine", -1))
+    }
+    for name in ("uzawa", "barzilai_borwein"):
+        by_A = trade.by_A_over_by_S(algebra, crossed, name, H_over_h)
+        found[name] = float(by_A.sel(stop=tables.LEVELS[0]).isel(H=-1))
+    return found | {
+        "level": tables.LEVELS[0],
+        "setup": float(setup.sel(algebra="S") / setup.sel(algebra="A")),
+        "pays_after": math.ceil(trade.breaks_even(algebra)[-1]),
+    }
 
 
-def at_level(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
-    """By algorithm, on the finest mesh, the steps to a level, and the work over that of the cheapest."""
-    at = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
-    here = at[["steps", "operations"]].sel(stop=stop, method="nearest")
-    return here.assign(work=here["operations"] / here["operations"].min("algorithm"))
-
-
-def algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
-    """The same at some levels."""
-    rows = [{"algorithm": title} for title in NAMES.values()]
-    for stop in LEVELS:
-        here, level = at_level(crossed, H_over_h, stop), shown(stop, "10^")
-        for row, name in zip(rows, NAMES, strict=True):
-            of = here.sel(algorithm=name)
-            row[f"steps to {level}"] = shown(float(f"{of['steps'].item():.2g}"), "space")
-            row[f"work to {level}"] = f"{of['work'].item():.2f}"
-    return pd.DataFrame(rows)
-
-
-def targets(crossed: xr.Dataset, wanted: Sequence[float]) -> pd.DataFrame:
-    """Per norm and relative error the cheapest run of Uzawa's that reaches it.
-
-    `wanted` falls; of several errors that one run reaches the least is shown.
-    """
-    rows = []
-    for norm in NORMS:
-        runs = [(target, trade.cheapest(crossed, norm, target)) for target in wanted]
-        strictest = {run["operations"]: (target, run) for target, run in runs if run}
-        rows += [
-            {"error of": TITLES[norm], "at most": shown(target, ".2g%")} | cells(of, TARGET)
-            for target, of in strictest.values()
-        ]
-    return pd.DataFrame(rows)
+def in_precision(precision: xr.Dataset) -> dict[str, Any]:
+    """The lowest level that is reached on the finest mesh, in single precision and refined."""
+    steps, per_step = precision["steps"].isel(H=-1), precision["step_operations"].isel(H=-1)
+    adds = float(per_step.sel(precision="refined") / per_step.sel(precision="float64") - 1)
+    lowest = steps["stop"].where(np.isfinite(steps)).min("stop")
+    reached = {name: float(lowest.sel(precision=name)) for name in ("float32", "refined")}
+    return {**reached, "refined_every": REFRESH, "refined_adds": adds}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,10 @@ from unilateral.study.formats import shown
 
 ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
 TOLD = {RESCUED: "by another algorithm only"}
+SPARE = 3
+"""A factor: digits of what is rounding are not reproducible."""
+LAWS = ("odd", "shift", "short", "short_loaded", "scale_down", "scale_up", "angle", "slit", "side", "aspect")
+"""The axes whose numbers are cond(S)."""
 
 
 def limits(table: xr.Dataset) -> pd.DataFrame:
@@ -59,3 +64,26 @@ def _limits(of: xr.Dataset, what: str) -> str:
     return ", ".join(
         NEVER if math.isinf(x) else ALWAYS if math.isnan(x) else shown(x, "short") for x in found
     )
+
+
+def outcomes(table: xr.Dataset) -> dict[str, Any]:
+    """How many points there are, what became of them, what rounding explains, how far rho may go."""
+    count, solved = Counter(kinds(table).tolist()), table["u_norm"].values > 0
+    share = (table["allowance"] / table["u_norm"]).values[solved]
+    over_law = (table["measured"] / table["predicted"]).values[np.isin(table["axis_of"].values, LAWS)]
+    return {
+        "points": table.sizes["point"],
+        "axes": {"all": table.sizes["axis"], "unlimited": len(dull(table))},
+        **{name: count[name.replace("_", " ")] for name in ("right", "not_converged", "refused", "wrong")},
+        "by_tool": count[RESCUED],
+        "allowed": 10.0 ** math.ceil(math.log10(SPARE * np.max(share))),
+        "cond_over_law": float(np.max(over_law[np.isfinite(over_law)])),
+        "partial": {axis: _last_and_first(table, f"{axis}_partial") for axis in ("step", "printed")},
+    }
+
+
+def _last_and_first(table: xr.Dataset, axis: str) -> dict[str, Any]:
+    """The last value before the first that is not right, that one, and the local limit."""
+    of, values = table.sel(axis=axis), table["value"].values[table["axis_of"].values == axis]
+    first = float(of["measured_limit"])
+    return {"right": float(values[values < first].max()), "fails": first, "local": float(of["local_limit"])}

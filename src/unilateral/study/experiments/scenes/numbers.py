@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -105,3 +106,9 @@ def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
     heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
     return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
+
+
+def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:
+    """On how many meshes totals are bounded; at the re-entrant vertex lambda's bound over its error."""
+    index = corners["total_index_lambda"].sel(case="reentrant").values
+    return {"meshes": len(index), "reentrant": {"coarsest": float(index[0]), "finest": float(index[-1])}}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 import xarray as xr
@@ -32,3 +33,8 @@ def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFra
             share = {HELD: f"{100 * float(held.sel(alpha=alpha, gamma=gamma)):.3g} %"}
             rows.append({"α": f"{alpha:g}", "γ": f"{gamma:g}"} | lacks | share)
     return pd.DataFrame(rows, columns=["α", "γ", *(TITLES[norm] for norm in tolerances), HELD])
+
+
+def theorems(observed: Mapping[str, float]) -> dict[str, Any]:
+    """By how much an exponent of Theorem 2 is missed at most, and how near Lemma 1 comes to its bound."""
+    return {"deficit": max(0.0, -observed["T.H"]), "slack": 1 - observed["T.D"]}
