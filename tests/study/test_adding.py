@@ -28,16 +28,8 @@ PLACES = [
     ("workflow/config/rates.yaml", "  cases:\n", RATES),
     ("workflow/config/study.yaml", "\nscenes:\n", SCENE),
     ("workflow/config/study.yaml", "\nsurveys:\n", SURVEY),
-    (
-        "src/unilateral/study/experiments/stability/claims.yaml",
-        "parameters: { scenes: [betasquare",
-        ", mysurvey",
-    ),
-    (
-        f"{STABILITY}/my_figure_figure.py",
-        "",
-        (ROOT / STABILITY / "multiplier_figure.py").read_text(),
-    ),
+    (f"{STABILITY}/claims.yaml", "parameters: { scenes: [betasquare", ", mysurvey"),
+    (f"{STABILITY}/my_figure_figure.py", "", (ROOT / STABILITY / "multiplier_figure.py").read_text()),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
     ("src/unilateral/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
