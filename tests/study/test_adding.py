@@ -38,7 +38,7 @@ PLACES = [
 ]
 """What is added to a file, and behind which text or, without one, at its end.
 
-A figure has its example in tests/study/figures/pages.py, too.
+A figure has its example in tests/study/pages.py, too.
 """
 
 

@@ -378,7 +378,11 @@ def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, scri
 @pytest.mark.parametrize("module", functions.figures().values())
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
-    found = [file for file in code(FIGURE.stem, f"study.{module}") if file.endswith(f"{functions.FIGURE}.py") and "make_" not in file]
+    found = [
+        file
+        for file in code(FIGURE.stem, f"study.{module}")
+        if file.endswith(f"{functions.FIGURE}.py") and "make_" not in file
+    ]
     assert found == [f"src/unilateral/study/{module.replace('.', '/')}.py"]
 
 
