@@ -3,7 +3,8 @@
 import pytest
 
 from unilateral.errors import InputError
-from unilateral.study import formats, marks
+from unilateral.study import formats
+from unilateral.study.documents import marks
 
 BEGIN, END = "<!-- rates: begin -->", "<!-- rates: end -->"
 OTHER = "<!-- cost: begin -->\nb\n<!-- cost: end -->\n"

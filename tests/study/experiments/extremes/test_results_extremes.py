@@ -138,7 +138,7 @@ def test_condition_numbers_follow_their_laws(axis, exponent):
     assert slope == pytest.approx(exponent, abs=0.1)
 
 
-@pytest.mark.parametrize("axis", numbers.LAWS)
+@pytest.mark.parametrize("axis", extremes_tables.LAWS)
 def test_condition_numbers_are_hardly_above_what_is_predicted_of_them(axis):
     """2.5 times at most, for the law is that of lower bounds of lambda_max and of the shortest cell."""
     measured, predicted = numbers_of(axis, "measured", "predicted")
