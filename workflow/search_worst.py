@@ -27,7 +27,7 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.mesh import Mesh, with_boundary
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import Bounds, dual_norm
+from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.system.files import replacing
 
@@ -130,7 +130,7 @@ def _cumulative(lengths: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _reference(points: tuple[float, ...]) -> tuple[Partition, Bounds]:
+def _reference(points: tuple[float, ...]) -> tuple[Partition, Bracket]:
     partition = from_points(square(), points)
     return partition, dual_norm(partition).gram().p0
 

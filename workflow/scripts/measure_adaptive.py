@@ -15,7 +15,7 @@ from unilateral.study.scenes import cases
 
 def main(examples, study, stop, errors, infsup, timings, rates):
     problems = [*chain.from_iterable(map(cases, study["scenes"])), *map(problem_file.load, examples)]
-    h, limits, found = real(study["h"], "adaptive.h"), adaptive.Limits(**study["most"]), []
+    h, limits, found = real(study["h"], "adaptive.h"), adaptive.MostUnknowns(**study["most"]), []
     for problem in problems:
         found.append(adaptive.measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")

@@ -32,7 +32,7 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor import Cantor
 from unilateral.problems.case_parts import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
-from unilateral.problems.data import Known, on_sides, places
+from unilateral.problems.data import KnownSolution, on_sides, places
 from unilateral.problems.flux import Flux, none
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.units import Units
@@ -40,7 +40,7 @@ from unilateral.system import declarations
 
 
 @dataclass(frozen=True, eq=False)
-class Case(Known):
+class Case(KnownSolution):
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on

@@ -5,7 +5,7 @@ from __future__ import annotations
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.dual import Bounds
+from unilateral.norms.dual import Bracket
 from unilateral.norms.infsup import InfSup, cellwise, infsup
 from unilateral.norms.pairing import certified_cellwise, pairing_constant
 from unilateral.norms.resolution import Resolution, resolution
@@ -21,7 +21,7 @@ OF_PAIR = (
 )
 
 
-def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Bounds) -> dict[str, float]:
+def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Bracket) -> dict[str, float]:
     """The constants of (3.4) and of Theorem 5 of one pair, and how finely the mesh resolves the cells."""
     return {
         **resolution(mesh, partition)._asdict(),

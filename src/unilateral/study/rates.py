@@ -83,7 +83,7 @@ class Expectation:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class JudgedRates:
     """Levels h, H and their errors (k,); the pairs' h's and rates (p,); the verdict with its reasons.
 
     `unfit` says why the runs cannot be judged, `against` what speaks against them.
@@ -126,7 +126,7 @@ class Judgement:
         return "\n".join([*lines, f"bound on the finest level {self.bound:.4e}", *self.why, self.verdict])
 
 
-def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> Judgement:
+def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> JudgedRates:
     """The judgement of a case's errors in a norm along a fixed h/H, from the table of a scene."""
     runs = along_ratio(table.sel(case=case), h_over_H)
     h, H, error = runs["h"].values, runs["H"].values, error_in(runs, norm).values
@@ -145,7 +145,7 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
         against = _why_slow(rate, levels[coarse], h[coarse], expected) + _why_large(runs, norm, expected)
     fitted = math.nan if expected.rate == "exact" else _fit(h[levels], error[levels])
     pairs = (h[coarse], h[fine], rate, levels[coarse])
-    return Judgement(h, H, error, *pairs, fitted, _bound(runs, expected), expected, unfit, against)
+    return JudgedRates(h, H, error, *pairs, fitted, _bound(runs, expected), expected, unfit, against)
 
 
 def _fit(h: Array, error: Array) -> float:
@@ -204,7 +204,7 @@ def _why_large(runs: xr.Dataset, norm: str, expected: Expectation) -> Reasons:
 
 def judge_all(
     table: xr.Dataset, study: Mapping[str, Any], asymptotic: Mapping[str, Mapping[str, Any]]
-) -> dict[tuple[str, str, float], Judgement]:
+) -> dict[tuple[str, str, float], JudgedRates]:
     """The judgements of all cases of a table, in all norms and along all ratios h/H of the study.
 
     `study` is the table of expected rates; `asymptotic` the declaration of each case.

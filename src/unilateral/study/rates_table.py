@@ -9,13 +9,15 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.rates import Judgement
+from unilateral.study.rates import JudgedRates
 
 INDEX = ["case", "norm", "h_over_H"]
 OF_PAIRS = ("h_coarse", "h_fine", "rate", "asymptotic")
 
 
-def collect(judgements: Mapping[tuple[str, str, float], Judgement], judged_ratio: float | None) -> xr.Dataset:
+def collect(
+    judgements: Mapping[tuple[str, str, float], JudgedRates], judged_ratio: float | None
+) -> xr.Dataset:
     """The table of rates from judgements by (case, norm, h/H); verdicts at one h/H, or at none."""
     pairs, rows = {}, {}
     for key, found in judgements.items():

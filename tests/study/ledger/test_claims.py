@@ -17,7 +17,7 @@ from conftest import RESULTS, config
 from unilateral import cli
 from unilateral.errors import InputError, StorageError
 from unilateral.formulas.formula import real
-from unilateral.norms.dual import Bounds, Gram
+from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
 from unilateral.study import tables
 from unilateral.study.documents import marks, verdicts
@@ -260,7 +260,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
 
     def shortcut(gram):
         lengths = np.diff(gram.points)
-        return Bounds(*2 * [np.diag(lengths.max() * lengths)])
+        return Bracket(*2 * [np.diag(lengths.max() * lengths)])
 
     changed = Results(RESULTS, results())
     for name in {name for claim in LEDGER.values() for name in claim.reads if name.endswith("/infsup")}:

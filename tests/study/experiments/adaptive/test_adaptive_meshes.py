@@ -20,7 +20,7 @@ from unilateral.study.experiments.adaptive import numbers as adaptive_tables
 from unilateral.study.experiments.adaptive.rates import rates_over
 from unilateral.study.tables import VARIABLES
 
-LIMITS = adaptive.Limits(100, 50)
+LIMITS = adaptive.MostUnknowns(100, 50)
 STOP = Stop(fraction=0.01)
 
 
@@ -92,7 +92,7 @@ def test_seconds_add_up(measured):
 def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
     """On a triangle, by gmsh; two edges in every cell."""
     problem = problem_of(polygon="[[0, 0], [1, 0], [0, 1]]", f="3*x - 2", g="0")
-    errors, constants, _ = adaptive.measure(problem, 1 / 4, adaptive.Limits(60, 30), STOP)
+    errors, constants, _ = adaptive.measure(problem, 1 / 4, adaptive.MostUnknowns(60, 30), STOP)
     assert errors["h1_error"].isnull().all()
     assert np.isnan(float(errors["asymptotic_from"]))
     bounds = errors["h1_bound"].sel(kind="adapted").dropna("level").values

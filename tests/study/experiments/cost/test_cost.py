@@ -297,7 +297,7 @@ def measured(costly_steps=50):
     variants = [
         v for v in plan(STUDY) if v.scene == "square" and v.case == "thirds" and v.H_over_h in (2.0, 4.0)
     ]
-    limits = cost.Limits(STOPS, 100_000, costly_steps)
+    limits = cost.StepLimits(STOPS, 100_000, costly_steps)
     mesh = condensed("square", 16).mesh
     return cost.measure(mesh, [load("thirds")], gram(), variants, [1 / 8, 1 / 4], limits)
 

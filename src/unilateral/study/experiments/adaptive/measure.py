@@ -36,7 +36,7 @@ from unilateral.study.beta import constants
 Row = dict[str, float]
 
 
-class Limits(NamedTuple):
+class MostUnknowns(NamedTuple):
     """The most unknowns of a mesh, and of one on which beta is measured."""
 
     unknowns: int
@@ -57,7 +57,7 @@ KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adap
 
 
 def measure(
-    problem: Case | Problem, h: float, limits: Limits, stop: Stop
+    problem: Case | Problem, h: float, limits: MostUnknowns, stop: Stop
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     """Errors, constants of (3.4), and timings over (kind, level), NaN beyond a kind's last level.
 
@@ -86,7 +86,7 @@ def asymptotic_from(problem: Case | Problem) -> float:
 
 
 def _rows(
-    problem: Case | Problem, first: Mesh, kind: str, limits: Limits, stop: Stop
+    problem: Case | Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
 ) -> Iterator[tuple[Row, Row, Row]]:
     """What is measured of each level; its time is that of the bound, too, and of all levels before."""
     spent, begin = 0.0, process_time()

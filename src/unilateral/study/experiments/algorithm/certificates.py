@@ -17,7 +17,7 @@ from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 from unilateral.study import operations
-from unilateral.study.experiments.algorithm.measure import Known, known
+from unilateral.study.experiments.algorithm.measure import SolvedCase, known
 from unilateral.study.uzawa_variants import VARIANTS, iterate
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def certificates(
     return xr.Dataset(table, {"case": [case.name for case in cases], "step": list(recorded)})
 
 
-def _bounds(of: Known, steps: int) -> dict[str, float]:
+def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
     operator, offset = of.spaces.operator, of.discrete.offset
     rho = 0.9 / operator.lambda_max
     mu = iterate(operator, offset, rho, steps, VARIANTS[0])

@@ -20,7 +20,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.ritz import moments
 from unilateral.problems.case import Case
-from unilateral.study.experiments.algorithm.measure import DIRECTIONS, Known, known
+from unilateral.study.experiments.algorithm.measure import DIRECTIONS, SolvedCase, known
 
 DEGREE = 12
 """Of the rule for the solution with the flux 1, which is entire."""
@@ -43,7 +43,7 @@ def formulation(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.D
     return xr.Dataset({**table, **of_spaces}, {"case": [case.name for case in cases]})
 
 
-def _weak(of: Known, rng: np.random.Generator) -> dict[str, float]:
+def _weak(of: SolvedCase, rng: np.random.Generator) -> dict[str, float]:
     """The residual of (P*) in the dual norm of V_h, and the least (u, v - u)_1 - (f, v - u)_0 of (1.5).
 
     The residual is relative to ||u||_1; elsewhere without the flux. v = u + w, relative to ||u||_1 ||w||_1,
@@ -81,7 +81,7 @@ def _least_gaps(case: Case, mesh: Mesh) -> Array:
     return np.minimum(least, np.roll(least, 1))
 
 
-def _in_K(of: Known, multiplier: Array, suffix: str) -> dict[str, float]:
+def _in_K(of: SolvedCase, multiplier: Array, suffix: str) -> dict[str, float]:
     """The least (u_h, v - u_h)_1 - (f, v - u_h)_0 over |(f, u_h)_0|, v random in K(h,H) with (3.1).
 
     u_h is that of the multiplier. The cell means of v - g are 0 of the first v, and >= 0 of the others.

@@ -28,7 +28,7 @@ BOUNDED = 1e6
 """Distances beyond it count as that."""
 
 
-class Known(NamedTuple):
+class SolvedCase(NamedTuple):
     """A case's discrete problem with lambda_H (m,) from the active set."""
 
     discrete: CondensedProblem
@@ -40,13 +40,13 @@ class Known(NamedTuple):
         return self.discrete.spaces
 
 
-def known(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> Iterator[Known]:
+def known(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> Iterator[SolvedCase]:
     """The cases on one mesh and one partition."""
     spaces = mixed_spaces(condense(mesh), partition)
     for case in cases:
         exact = Exact(ritz_projection(case, spaces.condensed), cell_means(case, partition))
         discrete = with_solution(spaces, exact)
-        yield Known(discrete, exact, active_set(spaces.operator, discrete.offset, np.inf).lambda_H)
+        yield SolvedCase(discrete, exact, active_set(spaces.operator, discrete.offset, np.inf).lambda_H)
 
 
 def algorithm(
@@ -78,14 +78,14 @@ def algorithm(
     return xr.Dataset(table, coords).assign(steps=((), steps))
 
 
-def _distance(of: Known, share: float, steps: int, variant: str) -> float:
+def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
     operator, H_i = of.spaces.operator, of.spaces.partition.lengths
     found = iterate(operator, of.discrete.offset, share * 2 / operator.lambda_max, steps, variant)
     difference = np.where(np.isfinite(found), np.clip(found - of.lambda_H, -1e100, 1e100), 1e100)
     return min(float(np.sqrt(H_i @ difference**2 / (H_i @ of.lambda_H**2))), BOUNDED)
 
 
-def _factor(of: Known, share: float) -> float:
+def _factor(of: SolvedCase, share: float) -> float:
     """Of the stationary multiplier with that share of D, over lambda_H, in L2."""
     spaces, H_i = of.spaces, of.spaces.partition.lengths
     scaled = DualOperator(spaces.operator.half * np.sqrt(share), H_i, spaces.mesh.polygon.area)
@@ -93,7 +93,7 @@ def _factor(of: Known, share: float) -> float:
     return float(np.sqrt(H_i @ other**2 / (H_i @ of.lambda_H**2)))
 
 
-def _saddle(of: Known, multiplier: Array, rng: np.random.Generator, suffix: str) -> dict[str, float]:
+def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix: str) -> dict[str, float]:
     """The smallest L(v, lambda_H) - L(u_h, lambda_H), L(u_h, lambda_H) - L(u_h, mu) and excess of (4.4).
 
     For random v and mu >= 0, u_h that of the multiplier lambda_H; L(v, mu) = ||v||_1^2 / 2 - (f, v)
@@ -119,7 +119,7 @@ def _saddle(of: Known, multiplier: Array, rng: np.random.Generator, suffix: str)
     return {f"{name}{suffix}": min(values) / abs(at) for name, values in found.items()}
 
 
-def _off_cells(of: Known) -> float:
+def _off_cells(of: SolvedCase) -> float:
     """The part of u_h - g, in L2, that is not constant on the cells; relative."""
     mesh, partition, case = of.spaces.mesh, of.spaces.partition, of.exact.ritz.case
     trace = of.spaces.response(of.discrete.load, of.lambda_H)[mesh.boundary]

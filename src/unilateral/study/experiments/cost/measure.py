@@ -41,7 +41,7 @@ DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_dis
 NORMS_OF = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
 
 
-class Limits(NamedTuple):
+class StepLimits(NamedTuple):
     """The stopping levels, falling; the most steps of a run, and of one with a solve in every step."""
 
     stops: Sequence[float]
@@ -55,7 +55,7 @@ def measure(
     gram: Gram,
     variants: Sequence[Variant],
     sizes: Sequence[float],
-    limits: Limits,
+    limits: StepLimits,
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """The variants of these cases on one mesh, where H is one of `sizes`: a table of counts, one of seconds.
 

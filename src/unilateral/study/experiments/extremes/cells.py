@@ -10,7 +10,7 @@ from unilateral.geometry.polygon import square
 from unilateral.study.experiments.extremes.outcome import NOTHING, Axis, Budget, by_law, predicted, within
 from unilateral.study.experiments.extremes.problem import (
     Array,
-    Problem,
+    ExtremeProblem,
     full,
     on_square,
     posed,
@@ -24,7 +24,7 @@ from unilateral.study.experiments.extremes.trial import Start, attempts, conditi
 def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """h/H on structured meshes, below 1/2 at the given H, else at the given h; S is singular from 1 on."""
 
-    def problem(value: float) -> Problem:
+    def problem(value: float) -> ExtremeProblem:
         edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
         return on_square(edge, cell, waves)
 
@@ -35,7 +35,7 @@ def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h with an odd number of edges e: beta is like 1/e, so cond(S) ~ 1/(H beta^2) like e^3."""
 
-    def problem(edges: float) -> Problem:
+    def problem(edges: float) -> ExtremeProblem:
         counts = np.full(4, int(edges) // 4)
         counts[3] += int(edges) - counts.sum()
         points = square().divided(counts)
@@ -49,7 +49,7 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h, the points inside the sides moved by that fraction of a cell: cond(S) ~ fraction^-2."""
     mesh = structured_square(h)
 
-    def problem(fraction: float) -> Problem:
+    def problem(fraction: float) -> ExtremeProblem:
         return posed(mesh, shifted(square(), h, fraction), waves)
 
     rows = attempts(values, problem, budget, condition)
@@ -60,7 +60,7 @@ def short(values: Array, h: float, H: float, budget: Budget, start: Start = 0.0)
     """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
     mesh, points = structured_square(h), uniform(square(), H).points
 
-    def problem(length: float) -> Problem:
+    def problem(length: float) -> ExtremeProblem:
         return posed(mesh, from_points(square(), np.sort(np.append(points, 0.5 + length))), waves)
 
     rows = attempts(values, problem, budget, condition, start)
@@ -70,7 +70,7 @@ def short(values: Array, h: float, H: float, budget: Budget, start: Start = 0.0)
 def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """The same, with lambda^0 = 1/length on that cell and 0 on all others."""
 
-    def start(length: float, of: Problem) -> Array:
+    def start(length: float, of: ExtremeProblem) -> Array:
         H_i = of.spaces.operator.H_i
         return (H_i == H_i.min()) / length
 
@@ -83,10 +83,10 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
     inside = ~np.isin(aligned.points, square().starts)
     there = posed(mesh, aligned, waves).spaces.operator.D
 
-    def problem(distance: float) -> Problem:
+    def problem(distance: float) -> ExtremeProblem:
         return posed(mesh, Partition(square(), aligned.points + distance * inside), waves)
 
-    def change(of: Problem, _: Array) -> float:
+    def change(of: ExtremeProblem, _: Array) -> float:
         return float(np.abs(of.spaces.operator.D - there).max() / np.abs(there).max())
 
     rows = attempts(values, problem, budget, change)
@@ -96,7 +96,7 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h of those values, g orthogonal to the kernel of S: how far another multiplier with this u_h is."""
 
-    def distance(of: Problem, found: Array) -> float:
+    def distance(of: ExtremeProblem, found: Array) -> float:
         return of.distance(found, of.lambda_H)
 
     return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), NOTHING)
@@ -105,7 +105,7 @@ def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h, that gap on every other cell, so that lambda_H is unique: how far it is from a smooth one."""
 
-    def distance(of: Problem, found: Array) -> float:
+    def distance(of: ExtremeProblem, found: Array) -> float:
         return of.distance(found, smoothed(of.lambda_H))
 
     rows = attempts(values, lambda gap: _contact_at_h(h, gap), budget, distance)
@@ -119,7 +119,7 @@ def smoothed(lambda_H: Array) -> Array:
     return np.asarray(lambda_H - kernel * (kernel @ lambda_H) / len(lambda_H))
 
 
-def _contact_at_h(h: float, gap: float) -> Problem:
+def _contact_at_h(h: float, gap: float) -> ExtremeProblem:
     """Contact on all cells, or with that gap on every other one."""
 
     def contact(partition: Partition) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, predicted, within
 from unilateral.study.experiments.extremes.problem import (
     Array,
-    Problem,
+    ExtremeProblem,
     condensed,
     full,
     made,
@@ -31,11 +31,11 @@ SCALES = 1e-10
 def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f and g multiplied by that: how far the active set's lambda_H is from that of 1, multiplied."""
 
-    def change(problem: Problem, found: Array) -> float:
+    def change(problem: ExtremeProblem, found: Array) -> float:
         unit = problem.lambda_H.max()
         return float(np.abs(found / unit - problem.lambda_H / unit).max())
 
-    def problem(times: float) -> Problem:
+    def problem(times: float) -> ExtremeProblem:
         return on_square(h, H, waves, times)
 
     rows = attempts(values, problem, budget, change)
@@ -59,7 +59,7 @@ def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda = 0 and u = g on that share of the boundary, reached from above."""
 
-    def problem(share: float) -> Problem:
+    def problem(share: float) -> ExtremeProblem:
         def contact(partition: Partition) -> tuple[Array, Array]:
             lambda_H, gap = waves(partition)
             kept = place(partition) > share
@@ -81,11 +81,11 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
         integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi
         return np.zeros(partition.n_cells), 1 - integral / partition.lengths
 
-    def there(_: float, of: Problem) -> Array:
+    def there(_: float, of: ExtremeProblem) -> Array:
         points = of.spaces.partition.points
         return ((points[:-1] < TOUCH) & (points[1:] > TOUCH)).astype(float)
 
-    def smallest_gap(of: Problem, found: Array) -> float:
+    def smallest_gap(of: ExtremeProblem, found: Array) -> float:
         return float(of.spaces.operator.gap(found, of.discrete.offset).min())
 
     rows = attempts(values, lambda size: on_square(size * h / H, size, contact), budget, smallest_gap, there)
@@ -98,7 +98,7 @@ def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
     D = mixed_spaces(condensed(mesh), partition).operator.D
     unit = square().area / square().perimeter
 
-    def problem(width: float) -> Problem:
+    def problem(width: float) -> ExtremeProblem:
         g = np.where(np.arange(partition.n_cells) == 1, 2 * width - 1, -1.0)
         held = np.maximum(g, 0) * partition.lengths / np.diag(D)
         gap = D @ held / partition.lengths - g
@@ -121,20 +121,20 @@ def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
 
-    def problem(size: float) -> Problem:
+    def problem(size: float) -> ExtremeProblem:
         return on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
 
     rows = attempts(values, problem, budget, _held, start=1.0)
     return Axis(predicted(rows, np.zeros(len(rows))))
 
 
-def _first_residual(problem: Problem) -> float:
+def _first_residual(problem: ExtremeProblem) -> float:
     """Of plain Uzawa from 0: ||min(0, rho F(0))||_0."""
     of = problem.spaces.operator
     rho = STEPS["uzawa"].share / of.lambda_max
     return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.discrete.offset)))
 
 
-def _held(problem: Problem, found: Array) -> float:
+def _held(problem: ExtremeProblem, found: Array) -> float:
     """How many cells the active set loads."""
     return float(np.count_nonzero(found > problem.rounding * problem.norm(problem.u)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from unilateral.solvers.uzawa import DualResult
-from unilateral.study.experiments.extremes.problem import Array, Problem
+from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
 
 RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
 NO_TOOL = ""
@@ -92,7 +92,7 @@ class Budget:
     accuracy: float
     max_steps: int
 
-    def tolerance(self, problem: Problem) -> float:
+    def tolerance(self, problem: ExtremeProblem) -> float:
         """In ||.||_{-1/2,h}; relative to 1 where lambda_H is 0."""
         return self.accuracy * (problem.size or 1.0)
 
@@ -107,7 +107,7 @@ class Budget:
         return float((self.max_steps / np.log(self.accuracy)) ** 2)
 
 
-def judge(problem: Problem, result: DualResult, tolerance: float) -> Verdict:
+def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
     """By the true error; a result that says more than is true, or nothing, is wrong, whatever its error."""
     error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
     outcome = RIGHT if result.converged else NOT_CONVERGED

@@ -15,7 +15,7 @@ from unilateral.fem.spaces import DualOperator
 from unilateral.fem.sparse import elimination_order, factorise, last_block
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, crossing, judge, untooled
-from unilateral.study.experiments.extremes.problem import Array, Problem, full, on_square
+from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem, full, on_square
 
 
 def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -43,7 +43,7 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
     return Axis(rows, crossing(values, np.array(bounds), budget.accuracy))
 
 
-def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
+def operator_in(problem: ExtremeProblem, precision: DTypeLike) -> DualOperator:
     """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
     spaces, mesh = problem.spaces, problem.spaces.mesh
     A = spaces.condensed.A.astype(precision)
@@ -52,7 +52,7 @@ def operator_in(problem: Problem, precision: DTypeLike) -> DualOperator:
     return DualOperator(half, spaces.partition.lengths.astype(precision), mesh.polygon.area)
 
 
-def _bound_of_floor(problem: Problem) -> float:
+def _bound_of_floor(problem: ExtremeProblem) -> float:
     """How large the bound with rho = 1/lambda_max(S) may be, over `size`, per relative error e in L2.
 
     In full contact R = rho S e, so ||R||_0 <= ||e||_0 and ||R||_S <= lambda_max^(1/2) ||e||_0.
@@ -62,7 +62,7 @@ def _bound_of_floor(problem: Problem) -> float:
     return float(np.sqrt(of.lambda_max) * (1 + np.sqrt(problem.condition))) * in_L2 / problem.size
 
 
-def _last(problem: Problem, operator: DualOperator, steps: int) -> Array:
+def _last(problem: ExtremeProblem, operator: DualOperator, steps: int) -> Array:
     """Uzawa's last iterate lambda (m,), every operation in the operator's precision."""
     root = np.sqrt(operator.H_i)
     S, b = operator.S, (root * problem.discrete.offset).astype(root.dtype)

@@ -33,7 +33,7 @@ Contact = Callable[[Partition], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class ExtremeProblem:
     """The discrete problem that the library gets, and its solution u (n,), lambda_H (m,).
 
     `size` is ||lambda_H||_{-1/2,h}, the error of the multiplier 0.
@@ -89,7 +89,7 @@ class Problem:
         return unit * float(np.sqrt(max(v / unit @ (self.spaces.condensed.A @ (v / unit)), 0.0)))
 
 
-def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: float = 1.0) -> Problem:
+def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: float = 1.0) -> ExtremeProblem:
     """The problem with these lambda_H and cell means of u - g, both (m,); all data multiplied by `times`.
 
     lambda_H is measured in units of |Omega| / |boundary|, with which u(1) is about 1.
@@ -104,15 +104,15 @@ def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: f
     discrete = with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means - times * gap)
     unit = float(lambda_H.max()) or 1.0
     size = unit * float(np.linalg.norm(spaces.operator.half @ (lambda_H / unit)))
-    return Problem(discrete, u, lambda_H, size)
+    return ExtremeProblem(discrete, u, lambda_H, size)
 
 
-def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0) -> Problem:
+def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0) -> ExtremeProblem:
     """The problem with that contact."""
     return made(mesh, partition, *contact(partition), times)
 
 
-def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> Problem:
+def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> ExtremeProblem:
     """The same on a structured mesh of the unit square and a uniform partition."""
     return posed(structured_square(h), uniform(square(), H), contact, times)
 

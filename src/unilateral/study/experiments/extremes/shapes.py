@@ -16,7 +16,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import tensor
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, crossing, predicted, within
-from unilateral.study.experiments.extremes.problem import Array, Contact, Problem, full, posed, waves
+from unilateral.study.experiments.extremes.problem import Array, Contact, ExtremeProblem, full, posed, waves
 from unilateral.study.experiments.extremes.trial import attempts, condition
 
 SLACK = 1e-12
@@ -73,13 +73,13 @@ def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """The square moved that far: the change of S, and the share of an edge by which rounding moves nodes."""
 
-    def problem(distance: float) -> Problem:
+    def problem(distance: float) -> ExtremeProblem:
         polygon = Polygon(square().vertices + distance * np.array([1, -1]), "square")
         return posed(meshes.unstructured(polygon, h), uniform(polygon, H), waves)
 
     here = problem(0.0).spaces.operator.S
 
-    def change(of: Problem, _: Array) -> float:
+    def change(of: ExtremeProblem, _: Array) -> float:
         return float(np.abs(of.spaces.operator.S - here).max() / np.abs(here).max())
 
     rows = attempts(values, problem, budget, change)
@@ -105,7 +105,7 @@ def _thin(
         polygon = of(value)
         return meshes.unstructured(polygon, h * polygon.lengths.max())
 
-    def problem(value: float) -> Problem:
+    def problem(value: float) -> ExtremeProblem:
         polygon = mesh(value).polygon
         partition = uniform(polygon, H * polygon.lengths.max())
         return posed(mesh(value), partition, contact)

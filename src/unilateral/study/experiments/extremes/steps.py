@@ -8,7 +8,7 @@ import numpy as np
 
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, Row, judge, untooled
-from unilateral.study.experiments.extremes.problem import Array, Problem, full, on_square, waves
+from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem, full, on_square, waves
 from unilateral.study.experiments.extremes.trial import attempt
 from unilateral.study.uzawa_variants import VARIANTS, iterate
 
@@ -35,13 +35,13 @@ def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return Axis(_as_printed(values, problem, budget), 0.5, local_limit=0.5 * local_limit(problem))
 
 
-def local_limit(problem: Problem) -> float:
+def local_limit(problem: ExtremeProblem) -> float:
     """lambda_max of S over that on the held cells, which alone decide once no other cell is loaded again."""
     held, S = np.flatnonzero(problem.lambda_H), problem.spaces.operator.S
     return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
 
 
-def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
+def _as_meant(values: Array, problem: ExtremeProblem, budget: Budget) -> list[Row]:
     """By every algorithm; the number is the error that plain Uzawa leaves after all steps, relative."""
 
     def left(share: float, *_: object) -> float:
@@ -53,7 +53,7 @@ def _as_meant(values: Array, problem: Problem, budget: Budget) -> list[Row]:
     ]
 
 
-def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
+def _as_printed(values: Array, problem: ExtremeProblem, budget: Budget) -> list[Row]:
     """By the iteration itself, with the bound of its last iterate; the number is the same."""
     operator, tolerance, rows = problem.spaces.operator, budget.tolerance(problem), []
     for share in values.tolist():
@@ -65,7 +65,7 @@ def _as_printed(values: Array, problem: Problem, budget: Budget) -> list[Row]:
     return rows
 
 
-def _last(problem: Problem, share: float, budget: Budget, variant: str) -> Array:
+def _last(problem: ExtremeProblem, share: float, budget: Budget, variant: str) -> Array:
     operator = problem.spaces.operator
     rho = share * 2 / operator.lambda_max
     return iterate(operator, problem.discrete.offset, rho, budget.max_steps, variant)

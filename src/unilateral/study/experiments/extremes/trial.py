@@ -15,18 +15,18 @@ from unilateral.solvers.steps import STEPS
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.study.experiments.extremes.outcome import NO_TOOL, REFUSED, WRONG, Budget, Row, Verdict, judge
-from unilateral.study.experiments.extremes.problem import Array, Problem
+from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
 
 PLAIN, EXACT, TOOL = "uzawa", "active_set", "the tool"
-Measure = Callable[[Problem, Array], float]
+Measure = Callable[[ExtremeProblem, Array], float]
 """A number of a problem and the active set's lambda_H (m,)."""
-Start = float | Callable[[float, Problem], float | Array]
+Start = float | Callable[[float, ExtremeProblem], float | Array]
 """lambda^0, on every cell or (m,); it may depend on the value on the axis and on the problem."""
 
 
 def attempt(
     value: float,
-    make: Callable[[float], Problem],
+    make: Callable[[float], ExtremeProblem],
     budget: Budget,
     measure: Measure,
     start: Start = 0.0,
@@ -58,7 +58,7 @@ def attempt(
 
 def attempts(
     values: Array,
-    make: Callable[[float], Problem],
+    make: Callable[[float], ExtremeProblem],
     budget: Budget,
     measure: Measure,
     start: Start = 0.0,
@@ -67,12 +67,14 @@ def attempts(
     return [attempt(value, make, budget, measure, start) for value in values.tolist()]
 
 
-def condition(problem: Problem, _: Array) -> float:
+def condition(problem: ExtremeProblem, _: Array) -> float:
     """The condition number of S, as a measure."""
     return problem.condition
 
 
-def _verdicts(problem: Problem, budget: Budget, begin: Array, share: float | None) -> dict[str, Verdict]:
+def _verdicts(
+    problem: ExtremeProblem, budget: Budget, begin: Array, share: float | None
+) -> dict[str, Verdict]:
     """Of every algorithm by its name, and of the tool's choice, which is one of them with its own rho."""
     operator, offset, steps = problem.spaces.operator, problem.discrete.offset, budget.max_steps
     of = (operator, offset, budget.tolerance(problem))
@@ -89,7 +91,7 @@ def _verdicts(problem: Problem, budget: Budget, begin: Array, share: float | Non
     return verdicts | {TOOL: tool}
 
 
-def _verdict(problem: Problem, run: Callable[[], DualResult], tolerance: float) -> Verdict:
+def _verdict(problem: ExtremeProblem, run: Callable[[], DualResult], tolerance: float) -> Verdict:
     try:
         return judge(problem, run(), tolerance)
     except InputError as error:

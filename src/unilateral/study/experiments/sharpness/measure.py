@@ -74,7 +74,7 @@ def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SeenFamily:
     """The family seen from a partition, whatever the mesh: by exponent alpha and place, over the gammas.
 
     `gram` has the columns of these u, one for each alpha and place.
@@ -92,16 +92,16 @@ def seen(
     partition: Partition,
     at: Sequence[sympy.Expr],
     exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]],
-) -> Seen:
+) -> SeenFamily:
     """Of the transitions at these places."""
     alphas, gammas = exponents
     members = [[transitions(partition.polygon, x, alpha, gammas) for x in at] for alpha in alphas]
     means = [[cell_means_of_gaps(cases, partition) for cases in row] for row in members]
     every_u = [cases[0] for row in members for cases in row]
-    return Seen(partition, at, exponents, members, means, dual_norm(partition, every_u).gram(every_u))
+    return SeenFamily(partition, at, exponents, members, means, dual_norm(partition, every_u).gram(every_u))
 
 
-def measure(condensed: Condensed, of: Seen, stop: Stop) -> xr.Dataset:
+def measure(condensed: Condensed, of: SeenFamily, stop: Stop) -> xr.Dataset:
     """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
     (alphas, gammas), at, partition, gram = of.exponents, of.at, of.partition, of.gram
     mesh, polygon = condensed.mesh, condensed.mesh.polygon

@@ -15,7 +15,7 @@ from unilateral.fem.spaces import SINGULAR, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import Bounds, dual_norm
+from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import worst_multiplier
 from unilateral.study.beta import OF_PAIR, constants
 from unilateral.study.experiments.stability.families import Spec, meshes_of
@@ -25,9 +25,9 @@ class Grams:
     """The Gram matrices of P0, made once for partitions that are alike."""
 
     def __init__(self) -> None:
-        self.known: dict[tuple[bytes, bytes], Bounds] = {}
+        self.known: dict[tuple[bytes, bytes], Bracket] = {}
 
-    def of(self, partition: Partition) -> Bounds:
+    def of(self, partition: Partition) -> Bracket:
         """(m, m) each."""
         alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
         if alike not in self.known:
