@@ -13,7 +13,7 @@ from conftest import ROOT
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from unilateral.study import functions
+from unilateral.study import registry
 
 FIGURES = {  # of each module a figure in git, and numbers that are drawn as they are
     "adaptive": ("adaptive", ["error", "bound", "beta", "beta_of_edges"]),
@@ -65,7 +65,7 @@ def drawn(figure, table):
     with TemporaryDirectory() as folder, recorded() as pages:
         path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
         table.to_csv(path, index=False)
-        import_module(f"unilateral.study.{functions.figures()[figure]}").draw(path, target)
+        import_module(f"unilateral.study.{registry.figures()[figure]}").draw(path, target)
         return pages[0], target.read_bytes()
 
 

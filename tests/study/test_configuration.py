@@ -18,7 +18,7 @@ from unilateral.errors import InputError
 from unilateral.geometry import polygon
 from unilateral.problems import case
 from unilateral.study import config as configuration
-from unilateral.study import functions
+from unilateral.study import registry
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
@@ -282,7 +282,7 @@ SAID = [
     ),
     (
         ("figures.verdict.module", "verdicts"),
-        f"figures.verdict.module: it is 'verdicts'; it has to be one of {', '.join(functions.figures())}",
+        f"figures.verdict.module: it is 'verdicts'; it has to be one of {', '.join(registry.figures())}",
     ),
     (
         ("figures.rates.scenes", ["square", "nowhere"]),
@@ -306,7 +306,7 @@ SAID = [
     ),
     (
         ("extremes.axes.odd.kind", "even"),
-        f"extremes.axes.odd.kind: it is 'even'; it has to be one of {', '.join(functions.axes())}",
+        f"extremes.axes.odd.kind: it is 'even'; it has to be one of {', '.join(registry.axes())}",
     ),
     (
         ("totals.levels", 7),
@@ -327,7 +327,7 @@ def test_what_is_said(change, said):
 
 
 def test_a_module_that_is_no_figure_is_told(monkeypatch):
-    monkeypatch.setattr(functions, "functions", lambda *_: {"table": functions.Arguments([], [])})
+    monkeypatch.setattr(registry, "functions", lambda *_: {"table": registry.Arguments([], [])})
     said = "figures.rates.module: rates has to have the functions `table` and `draw`"
     assert fault(copy.deepcopy(STUDY)) == f"workflow/config/figures.yaml, field {said}"
 

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from pages import FIGURES, page, recorded
 
 from unilateral.errors import InputError
-from unilateral.study import config, drawings, functions
+from unilateral.study import config, drawings, registry
 
 ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
 
@@ -30,8 +30,8 @@ def committed():
 def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
     files = {f"{name}.{kind}" for name in committed() for kind in ("csv", "svg")}
     assert files == {file.name for file in (ROOT / "figures").iterdir()}
-    assert sorted(FIGURES) == list(functions.figures())
-    assert {module: committed()[name].module for module, (name, _) in FIGURES.items()} == functions.figures()
+    assert sorted(FIGURES) == list(registry.figures())
+    assert {module: committed()[name].module for module, (name, _) in FIGURES.items()} == registry.figures()
 
 
 @pytest.mark.parametrize("name", committed())
@@ -76,7 +76,7 @@ def test_another_process_gives_the_same_bytes(tmp_path):
     program = "import sys\nfrom importlib import import_module\n"
     for module, (name, _) in FIGURES.items():
         files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"
-        program += f"import_module('unilateral.study.{functions.figures()[module]}').draw(*{files})\n"
+        program += f"import_module('unilateral.study.{registry.figures()[module]}').draw(*{files})\n"
     program += "assert 'matplotlib.pyplot' not in sys.modules"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
@@ -95,5 +95,5 @@ def test_another_table_gives_another_figure(figure):
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
     given = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        import_module(f"unilateral.study.{functions.figures()[figure]}").draw(given, tmp_path / "figure.svg")
+        import_module(f"unilateral.study.{registry.figures()[figure]}").draw(given, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -22,7 +22,7 @@ from conftest import ROOT, copy_project
 
 from unilateral.errors import InputError
 from unilateral.study import config as configuration
-from unilateral.study import functions
+from unilateral.study import registry
 from unilateral.study.ledger import claims
 
 WORKFLOW = ROOT / "workflow"
@@ -32,7 +32,7 @@ GIVEN, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("
 FIGURE = WORKFLOW / "scripts/make_figure.py"
 """The script that imports the module of a figure by its name."""
 STARTS = [(script, "") for script in SCRIPTS if script != FIGURE]
-STARTS += [(FIGURE, module) for module in functions.figures().values()]
+STARTS += [(FIGURE, module) for module in registry.figures().values()]
 
 
 def checked(study):
@@ -375,13 +375,13 @@ def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, scri
     assert found == {file_of(each) for each in used}
 
 
-@pytest.mark.parametrize("module", functions.figures().values())
+@pytest.mark.parametrize("module", registry.figures().values())
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
     found = [
         file
         for file in code(FIGURE.stem, f"study.{module}")
-        if file.endswith(f"{functions.FIGURE}.py") and "make_" not in file
+        if file.endswith(f"{registry.FIGURE}.py") and "make_" not in file
     ]
     assert found == [f"src/unilateral/study/{module.replace('.', '/')}.py"]
 
@@ -389,8 +389,8 @@ def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, modul
 def test_the_verdicts_depend_on_the_checks_of_all_experiments(code):
     """Which are imported by their names."""
     used = {claim.check.partition(".")[0] for claim in claims.ledger() if claim.check}
-    assert used == set(functions.checks())
-    assert 'f"study.{module}") for module in functions.checks().values()' in rules()
+    assert used == set(registry.checks())
+    assert 'f"study.{module}") for module in registry.checks().values()' in rules()
     found = code("judge_claims", "study.experiments.estimates.checks")
     assert "src/unilateral/study/experiments/estimates/checks.py" in found
 

@@ -29,7 +29,7 @@ rule algorithm:
 rule claims:
     input:
         code("judge_claims"),
-        [code("judge_claims", f"study.{module}") for module in functions.checks().values()],
+        [code("judge_claims", f"study.{module}") for module in registry.checks().values()],
         [f"src/unilateral/study/experiments/{name}/claims.yaml" for name in files()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:

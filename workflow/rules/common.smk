@@ -2,7 +2,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from unilateral.study import functions, resources
+from unilateral.study import registry, resources
 from unilateral.study.drawings import drawings, shown
 from unilateral.study.ledger.entries import entries, files
 from unilateral.study.sizes import normed

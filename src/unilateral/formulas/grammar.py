@@ -73,7 +73,7 @@ def _check(size: int, limit: int, message: str) -> None:
 
 
 class Reader(ast.NodeVisitor):
-    """Makes the syntax tree of a formula a `FormulaPart`; raises InputError for what the grammar does not have."""
+    """Makes a `FormulaPart` of a formula's syntax tree; raises InputError for what the grammar has not."""
 
     def __init__(self, source: str, variables: Iterable[str], where: str) -> None:
         self.source, self.where = source, where

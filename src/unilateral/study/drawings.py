@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from functools import reduce
 from typing import Any, NamedTuple
 
-from unilateral.study import functions
+from unilateral.study import registry
 
 Fields = Mapping[str, Any]
 Place = tuple[str | int, ...]
@@ -54,7 +54,7 @@ def _drawing(entry: Fields, scene: str, study: Fields) -> Drawing:
     given = entry["parameters"]
     cases = [*given.get("cases", []), *([given["case"]] if "case" in given else [])]
     return Drawing(
-        module=functions.figures()[entry["module"]],
+        module=registry.figures()[entry["module"]],
         shows=entry["shows"],
         reads={key: _files(files, scene, study["surveys"]) for key, files in entry["reads"].items()},
         arguments={key: _fields(where, scene, study) for key, where in entry["study"].items()} | given,
@@ -87,7 +87,7 @@ def faults(study: Fields) -> Iterator[tuple[Place, str]]:
 
 def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
     """A module, a scene or a field of the configuration."""
-    if entry["module"] not in (known := functions.figures()):
+    if entry["module"] not in (known := registry.figures()):
         yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(known)}"
     for i, scene in enumerate(entry["scenes"]):
         if scene not in study["scenes"]:
@@ -123,7 +123,7 @@ def _folders(files: str | list[str]) -> list[str]:
 
 def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     module, given = entry["module"], [*entry["reads"], *entry["study"], *entry["parameters"]]
-    of_module = functions.functions(functions.figures()[module])
+    of_module = registry.functions(registry.figures()[module])
     if not {"table", "draw"} <= set(of_module):
         yield ("module",), f"{module} has to have the functions `table` and `draw`"
         return

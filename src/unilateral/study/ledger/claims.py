@@ -1,10 +1,10 @@
 """The ledger: every statement of the paper, a check on the study's results, and a verdict.
 
-An experiment declares its claims in `claims.yaml`, and its `checks` measure them. A check
-gives an observed number and the one it has to reach or to stay below; its margin is what is left, relative
-to the latter. A claim whose margin is not negative gets the verdict that the ledger declares for that case,
-any other one fails. Where a precondition of the check does not hold the claim is not judged, for that
-reason, and does not hold either. A control is a spoilt result on which the check has to fail; the smallest
+An experiment declares its claims in `claims.yaml`, and its `checks` measure them. A check gives an observed
+number and the one it has to reach or to stay below; its margin is what is left, relative to the latter. A
+claim whose margin is not negative gets the verdict that the ledger declares for that case, any other one
+fails. Where a precondition of the check does not hold the claim is not judged, for that reason, and does not
+hold either. A control is a spoilt result on which the check has to fail; the smallest
 share of it at which it does is how small an error the check sees. A statement that no number can refute is
 declared with the reason, and has no check.
 """
@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import Any
 
 from unilateral.errors import InputError
-from unilateral.study import functions
+from unilateral.study import registry
 from unilateral.study.ledger.controls import smallest_share, spoilt, told
 from unilateral.study.ledger.entries import entries
 from unilateral.study.ledger.evidence import Evidence, Tables, Unjudged
@@ -51,7 +51,7 @@ class Claim:
     def measure(self, results: Tables) -> Evidence:
         """The check's evidence. Raises Unjudged, and InputError for a table that is missing."""
         experiment, function = self.check.split(".")
-        checks = import_module(f"unilateral.study.{functions.checks()[experiment]}")
+        checks = import_module(f"unilateral.study.{registry.checks()[experiment]}")
         evidence: Evidence = getattr(checks, function)(results, **self.parameters)
         return evidence
 
@@ -159,8 +159,8 @@ def declared(entry: Mapping[str, Any]) -> Claim:
 
 def _is_there(experiment: str, function: str) -> bool:
     """Whether the experiment has that check; as its source tells, for an import takes a second."""
-    module = functions.checks().get(experiment)
-    return module is not None and function in functions.functions(module)
+    module = registry.checks().get(experiment)
+    return module is not None and function in registry.functions(module)
 
 
 def _of_spoilt_scenes(claim: Claim) -> Claim:

@@ -6,7 +6,7 @@ from importlib import resources
 from typing import Any
 
 from unilateral.errors import InputError
-from unilateral.study import functions
+from unilateral.study import registry
 from unilateral.system.declarations import own
 
 STUDY = resources.files("unilateral.study")
@@ -35,5 +35,5 @@ def entries() -> list[dict[str, Any]]:
 
 def files() -> dict[str, Any]:
     """The files of the experiments' claims, by the experiments' names."""
-    folders = {name: STUDY.joinpath(*package.split(".")) for name, package in functions.experiments().items()}
+    folders = {name: STUDY.joinpath(*package.split(".")) for name, package in registry.experiments().items()}
     return {name: folder / FILE for name, folder in folders.items() if (folder / FILE).is_file()}

@@ -9,13 +9,13 @@ import numpy as np
 import xarray as xr
 
 from unilateral.formulas.formula import real
-from unilateral.study import functions
+from unilateral.study import registry
 from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps
 from unilateral.study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
 __all__ = ["Budget", "survey"]
 MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
-KINDS = {name: getattr(MODULES[module], name) for name, module in functions.axes().items()}
+KINDS = {name: getattr(MODULES[module], name) for name, module in registry.axes().items()}
 """The function of each kind of axis."""
 COLUMNS = (
     "value",

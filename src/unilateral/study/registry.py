@@ -1,4 +1,7 @@
-"""Functions of the study's modules as their source declares them, for an import takes a second."""
+"""The experiments, figures, checks and kinds of axes that there are.
+
+They are found by the names of modules and functions, in their source, for an import takes a second.
+"""
 
 from __future__ import annotations
 
