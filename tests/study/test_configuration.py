@@ -22,10 +22,7 @@ from unilateral.study import registry
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = yaml.safe_load(Path(SCHEMA).read_text())
-FILES = [
-    f"workflow/config/{name}.yaml"
-    for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
-]
+FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
 STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
 REMOVED = object()
@@ -234,7 +231,7 @@ SAID = [
     (
         ("scenes.Quick", {}),
         "scenes: a name in it is 'Quick'; it has to be a name of at most 30 small letters and digits, a "
-        "letter first, and none of adaptive, algorithm, benchmarks, cells, cost, deep, extremes, logs, "
+        "letter first, and none of adaptive, algorithm, benchmarks, cells, cost, extremes, logs, "
         "paper, report, sharpness",
     ),
     (
@@ -433,8 +430,6 @@ ACCEPTED = [
     (r"finds\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
     (r"cost\.stops\.\d+", "tiny"),
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
-    (r"resources\..*\.(mb|seconds|size)", "three|float|tiny"),
-    (r"resources\..*\.(size|growth|growth\.\w+)", "removed|mapping"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
     (r".*\.(label|name|what|shows|f)", "text|upper|path|half|scientific"),
@@ -514,7 +509,7 @@ EXTREME = {
 
 
 @pytest.mark.parametrize("value", EXTREME)
-@pytest.mark.parametrize("path", ["deep.H_over_h", "algorithm.steps", "stop.fraction", "documents"])
+@pytest.mark.parametrize("path", ["adaptive.factor", "algorithm.steps", "stop.fraction", "documents"])
 def test_what_no_file_may_hold_is_refused_in_one_short_sentence(path, value):
     """As it can be given with --config. Control: `changed` with the value that is there is accepted."""
     given, said = EXTREME[value]

@@ -17,7 +17,7 @@ rule algorithm:
     log:
         "results/logs/algorithm.log",
     resources:
-        **asked("algorithm"),
+        **SOLVES,
     params:
         study=config["algorithm"],
     message:
@@ -37,7 +37,7 @@ rule claims:
     log:
         "results/logs/claims.log",
     resources:
-        **asked("claims"),
+        **TELLS,
     message:
         "The ledger: every statement judged"
     script:

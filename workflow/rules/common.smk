@@ -2,7 +2,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from unilateral.study import registry, resources
+from unilateral.study import registry
 from unilateral.study.drawings import drawings, shown
 from unilateral.study.ledger.entries import entries, files
 from unilateral.study.sizes import normed
@@ -63,13 +63,16 @@ def imports(source):
     return found
 
 
-def asked(rule):
-    """The resources of a rule's jobs."""
+def asked(mem_mb, minutes):
+    """What a rule's jobs ask a cluster for, twice that at each further attempt; see docs/cluster.md."""
+    return {
+        "mem_mb": lambda wildcards, attempt: mem_mb << attempt - 1,
+        "runtime": lambda wildcards, attempt: minutes << attempt - 1,
+    }
 
-    def of(quantity):
-        return lambda wildcards, attempt: quantity(config, rule, dict(wildcards.items()), attempt)
 
-    return {"mem_mb": of(resources.mem_mb), "runtime": of(resources.runtime)}
+SOLVES = asked(2000, 15)
+TELLS = asked(1000, 5)
 
 
 def scene_of(wildcards):

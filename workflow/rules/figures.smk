@@ -27,7 +27,7 @@ rule figure:
     log:
         "results/logs/figure/{figure}.log",
     resources:
-        **asked("figure"),
+        **TELLS,
     params:
         module=lambda wildcards: DRAWN[wildcards.figure].module,
         arguments=lambda wildcards: DRAWN[wildcards.figure].arguments,

@@ -16,7 +16,7 @@ from unilateral.study.documents import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [
     f"workflow/config/{name}.yaml"
-    for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
+    for name in ("study", "rates", "worst_infsup", "extremes", "figures")
 ]
 DOCUMENTS = [
     "README.md",

@@ -1,1 +1,0 @@
-"""Large meshes by multigrid, beside what was predicted of them."""
