@@ -12,8 +12,7 @@ from unilateral.errors import InputError
 min_version("9.0")
 
 PARAMETERS = [
-    f"workflow/config/{name}.yaml"
-    for name in ("study", "rates", "worst_infsup", "extremes", "figures")
+    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
 ]
 
 try:
