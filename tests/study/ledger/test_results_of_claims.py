@@ -37,12 +37,19 @@ def test_the_examples_of_help_work_as_typed(monkeypatch, capsys, example):
     assert (out != "", err) == (True, "")
 
 
-def test_json_has_what_is_stored_and_whether_it_holds(capsys):
-    """`claims.json` is what the pipeline judged; a claim that were judged otherwise here would differ."""
+def test_json_has_what_is_stored_and_whether_it_holds(capsys, monkeypatch):
+    """`claims.json` is what the pipeline judged; a claim that were judged otherwise here would differ.
+
+    A seventh of the claims: to find what each sees takes time.
+    """
+    some = {claim.id: claim for claim in claims.ledger()[::7]}
+    monkeypatch.setattr(claims, "ledger", lambda: tuple(some.values()))
     assert main(["claims", "--json", "--results", str(RESULTS)]) == 0
     out, err = capsys.readouterr()
     assert (err, out.count("\n")) == ("", 1)
     found, stored = json.loads(out)["claims"], json.loads((RESULTS / "claims.json").read_text())
+    stored = [each for each in stored if each["id"] in some]
+    assert len(stored) > 12
     assert [{name: each[name] for name in stored[0]} for each in found] == stored
     for each in found:
         if not claims.find(each["id"]).check:
