@@ -1,4 +1,4 @@
-# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial, `... deep` large meshes.
+# The study: `snakemake -j2` builds everything, `... figures` the figures, `... paper` the paper, `... quick` a trial.
 import fcntl
 import os
 import sys
@@ -12,8 +12,7 @@ from unilateral.errors import InputError
 min_version("9.0")
 
 PARAMETERS = [
-    f"workflow/config/{name}.yaml"
-    for name in ("study", "rates", "worst_infsup", "extremes", "figures", "resources")
+    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
 ]
 
 try:
@@ -46,7 +45,6 @@ include: "workflow/rules/cost.smk"
 include: "workflow/rules/extremes.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
-include: "workflow/rules/deep.smk"
 include: "workflow/rules/documents.smk"
 include: "workflow/rules/paper.smk"
 include: "workflow/rules/manifest.smk"
@@ -74,8 +72,3 @@ rule paper:
 rule quick:
     input:
         *files_by_rule(["quick"]).values(),
-
-
-rule deep:
-    input:
-        rules.deep_levels.output,

@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks import plan
 from benchmarks.plan import FOLDER, ROOT, Run
 from unilateral.errors import InputError
-from unilateral.files import replacing
+from unilateral.system.files import replacing
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 STARTS, GUESS = 3.0, 2e-5

@@ -21,7 +21,7 @@ from benchmarks import plan
 from benchmarks.__main__ import GUESS, Runner, available, on_one_thread, started
 from benchmarks.plan import FOLDER, ROOT, Run
 from unilateral.errors import InputError
-from unilateral.files import replacing
+from unilateral.system.files import replacing
 
 MEDIANS = ("cpu_seconds", "wall", "peak_mb", "bound_over_solve")
 TOLD = ("relative_bound", "levels_over_last", "over_bound")

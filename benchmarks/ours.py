@@ -20,7 +20,7 @@ from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.source import enclosed
-from unilateral.discrete import with_load
+from unilateral.discrete.condensed import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import nested_cells

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from unilateral import declarations
 from unilateral.errors import InputError
+from unilateral.system import declarations
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parent

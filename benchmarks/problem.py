@@ -27,14 +27,13 @@ from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.source import enclosed
-from unilateral.discrete import obstacle_means
+from unilateral.discrete.condensed import obstacle_means
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import h1_matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import load as p1_load
-from unilateral.files import replacing
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.partition import Partition
@@ -47,6 +46,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.solvers.multigrid import Multigrid, multigrid
+from unilateral.system.files import replacing
 
 CONVERGED = 1e-7
 """The algebraic error of w: below all errors in H1 here by four orders of magnitude."""

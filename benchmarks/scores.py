@@ -24,8 +24,8 @@ from unilateral.errors import InputError
 from unilateral.exchange import score as scores
 from unilateral.exchange.export import export
 from unilateral.exchange.read import exported, foreign
-from unilateral.files import replacing
 from unilateral.formulas.formula import real
+from unilateral.system.files import replacing
 
 DIGITS = 4
 """That are stored: more of them depend on the processor."""

@@ -14,7 +14,7 @@ import pytest
 import scipy.sparse as sp
 import yaml
 
-from unilateral.discrete import with_solution
+from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
@@ -28,7 +28,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import load as load_case
 from unilateral.problems.certificate import certify
 from unilateral.study import tables
-from unilateral.study.judge import claims
+from unilateral.study.ledger import claims
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"

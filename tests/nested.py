@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.fem.hierarchy import Hierarchy, Level, hierarchy
+from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.geometry.mesh import Mesh, refine, refine_some
 
@@ -68,7 +68,7 @@ def assembled(mesh: Mesh) -> sp.csr_array:
     return sp.csr_array(stiffness + mass)
 
 
-def prolongation(level: Level) -> sp.csr_array:
+def prolongation(level: FinerSpace) -> sp.csr_array:
     """(n, before) of a level, from that before."""
     new = sp.csr_array((level.n - level.before, level.before)).tolil()
     new[:, level.ends] = level.P.toarray()

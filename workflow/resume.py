@@ -5,7 +5,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from unilateral.files import HIDDEN
+from unilateral.system.files import HIDDEN
 
 LOCKS = Path(".snakemake/locks")
 WRITTEN = ["results/**/", "figures/", "docs/", ""]

@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.files import replacing
 from unilateral.geometry.mesh import Mesh, with_boundary
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import Bounds, dual_norm
+from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import infsup
+from unilateral.system.files import replacing
 
 Array = NDArray[np.float64]
 FOUND = Path(__file__).parent / "config" / "worst_infsup.yaml"
@@ -130,7 +130,7 @@ def _cumulative(lengths: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _reference(points: tuple[float, ...]) -> tuple[Partition, Bounds]:
+def _reference(points: tuple[float, ...]) -> tuple[Partition, Bracket]:
     partition = from_points(square(), points)
     return partition, dual_norm(partition).gram().p0
 

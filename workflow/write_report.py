@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from unilateral.files import replacing
+from unilateral.system.files import replacing
 
 PARTS = Path(__file__).parent / "report"
 

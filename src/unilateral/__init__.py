@@ -6,8 +6,8 @@
 True
 
 `__init__.pyi` lists what there is; it is made in `api` and imported when it is asked for. The method is in
-`geometry`, `formulas`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `discrete`, `nested`
-and `accuracy`. The `study` uses the method, never the other way. `cli` is the command line.
+`formulas`, `geometry`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `discrete`, `accuracy`
+and `solution`. The `study` uses the method, never the other way. `cli` is the command line.
 """
 
 from importlib import import_module

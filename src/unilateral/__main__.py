@@ -2,7 +2,7 @@
 
 import sys
 
-from unilateral.signals import leave_when_interrupted
+from unilateral.system.signals import leave_when_interrupted
 
 
 def main() -> int:

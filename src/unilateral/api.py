@@ -24,9 +24,9 @@ from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search, search
 from unilateral.accuracy.watch import Watch
-from unilateral.certificate import SIZE, relative
-from unilateral.choice import cheapest, check_size, levels_for
+from unilateral.discrete.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
+from unilateral.formulas.decimals import up
 from unilateral.formulas.formula import compile_numpy, parse, real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -35,13 +35,13 @@ from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.outward import up
 from unilateral.problems import problem as problems
 from unilateral.problems import problem_file
 from unilateral.problems.data import is_case
 from unilateral.problems.sampled import Function, Sampled, check_vertices
 from unilateral.problems.scaled import scaled
-from unilateral.solution import Solution, not_converged, not_unique
+from unilateral.solution.certificate import SIZE, relative
+from unilateral.solution.solution import Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.study import tables
-from unilateral.study.judge import benchmarks as judge
-from unilateral.study.text import benchmark_tables
+from unilateral.study.experiments.benchmarks import numbers as benchmark_tables
+from unilateral.study.experiments.benchmarks import ratios as judge
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 N = 16

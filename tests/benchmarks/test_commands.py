@@ -17,7 +17,7 @@ from benchmarks import commands, plan
 from benchmarks.commands import Whole
 from unilateral import api
 from unilateral.errors import InputError
-from unilateral.study.text import command_tables
+from unilateral.study.experiments.benchmarks import commands as command_tables
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 PLAN = plan.read(COMMITTED)

@@ -8,7 +8,7 @@ from conftest import ROOT
 
 from benchmarks import plan, scores
 from unilateral.errors import InputError
-from unilateral.study.text import score_tables
+from unilateral.study.experiments.benchmarks import scores as score_tables
 
 COMMITTED = pd.read_csv(ROOT / "benchmarks/scores.csv")
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")

@@ -14,7 +14,7 @@ from tempfile import TemporaryFile
 import snakemake.cli
 
 from unilateral.study import config
-from unilateral.study.judge import claims  # noqa: F401 - imported for the Snakefile
+from unilateral.study.ledger import claims  # noqa: F401 - imported for the Snakefile
 
 ROOT = Path(__file__).parents[2]
 

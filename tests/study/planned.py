@@ -1,4 +1,6 @@
-"""The jobs that targets need where nothing is made yet, as JSON: of each its rule, input, output and params.
+"""The jobs that targets need where nothing is made yet, as JSON.
+
+Of each its rule, input, output, params and log, and the memory that it asks for.
 
 `python planned.py TARGET ...`, in a folder with a Snakefile. One process plans for all tests. Snakemake's
 public interface runs or prints jobs and does not list them, so `_workflow.dag`, a private name, is read.
@@ -22,7 +24,8 @@ def main(targets):
 def described(job):
     named = {name: files if isinstance(files, str) else list(files) for name, files in job.input.items()}
     described = {"rule": job.rule.name, "named": named, "params": dict(job.params.items())}
-    return described | {"input": list(map(str, job.input)), "output": list(map(str, job.output))}
+    asked = {"mem_mb": job.resources.get("mem_mb"), "log": list(map(str, job.log))}
+    return described | asked | {"input": list(map(str, job.input)), "output": list(map(str, job.output))}
 
 
 if __name__ == "__main__":

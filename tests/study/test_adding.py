@@ -21,26 +21,24 @@ KIND = """
 def calm(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return nothing(values, h, H, budget)
 """
+STABILITY = "src/unilateral/study/experiments/stability"
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
     ("workflow/config/rates.yaml", "  cases:\n", RATES),
     ("workflow/config/study.yaml", "\nscenes:\n", SCENE),
     ("workflow/config/study.yaml", "\nsurveys:\n", SURVEY),
-    ("src/unilateral/study/judge/ledger/beyond.yaml", "scenes: [betasquare", ", mysurvey"),
-    (
-        "src/unilateral/study/figures/my_figure.py",
-        "",
-        (ROOT / "src/unilateral/study/figures/multiplier.py").read_text(),
-    ),
+    (f"{STABILITY}/claims.yaml", "parameters: { scenes: [betasquare", ", mysurvey"),
+    (f"{STABILITY}/my_figure_figure.py", "", (ROOT / STABILITY / "multiplier_figure.py").read_text()),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
-    ("src/unilateral/study/judge/ledger/beyond.yaml", "", "\n" + CLAIM),
-    ("src/unilateral/study/runs/extremes/contact.py", "", KIND),
+    (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
+    ("src/unilateral/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
+    ("src/unilateral/study/experiments/extremes/contact.py", "", KIND),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]
 """What is added to a file, and behind which text or, without one, at its end.
 
-A figure has its example in tests/study/figures/pages.py, too.
+A figure has its example in tests/study/pages.py, too.
 """
 
 
@@ -65,8 +63,7 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
     table = run(project, "-m", "snakemake", "-n", "-c1", *targets).partition("Job stats:")[2]
     jobs = {"dual_norm": 1, "solve": 1, "rates": 1, "surveys": 1, "figure": 1, "total": 5}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
-    code = (
-        "from unilateral.study.judge.claims import find; from unilateral.study.runs.extremes import KINDS; "
-    )
+    code = "from unilateral.study.ledger.claims import find; "
+    code += "from unilateral.study.experiments.extremes.measure import KINDS; "
     code += "print(find('3.1d').reads, KINDS['calm'].__module__)"
-    assert run(project, "-c", code) == "('square/infsup',) unilateral.study.runs.extremes.contact\n"
+    assert run(project, "-c", code) == "('square/infsup',) unilateral.study.experiments.extremes.contact\n"

@@ -99,7 +99,7 @@ def test_a_job_stamps_its_tables_and_refuses_those_of_another_configuration(tmp_
 
 def test_a_job_that_is_ended_leaves_nothing_half_written(tmp_path):
     """By SIGTERM, in the midst of writing."""
-    code = "from unilateral.files import replacing\n"
+    code = "from unilateral.system.files import replacing\n"
     code += f"    with replacing({str(tmp_path / 'a.txt')!r}): os.kill(os.getpid(), signal.SIGTERM)"
     found, _ = ended(code, tmp_path)
     assert found.returncode == 143

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.study.judge import rates_table
-from unilateral.study.judge.rates import Expectation, judge
+from unilateral.study import rates_table
+from unilateral.study.rates import Expectation, judge
 
 UNFIT = "algebraic error is above"
 LEVELS = 0.5 ** np.arange(3, 9)

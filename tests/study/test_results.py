@@ -13,8 +13,9 @@ from conftest import RESULTS, config, stored
 
 from unilateral.formulas.formula import real
 from unilateral.problems import case
-from unilateral.study.judge import claims, printed, rates
-from unilateral.study.judge.results import Results
+from unilateral.study import rates
+from unilateral.study.ledger import claims, printed
+from unilateral.study.ledger.results import Results
 
 EXPECTED = config("rates")["rates"]
 SCENES = {name: scene for name, scene in config("study")["scenes"].items() if scene.get("judged", True)}

@@ -22,8 +22,8 @@ from conftest import ROOT, copy_project
 
 from unilateral.errors import InputError
 from unilateral.study import config as configuration
-from unilateral.study import drawings
-from unilateral.study.judge import claims, ledger
+from unilateral.study import registry
+from unilateral.study.ledger import claims
 
 WORKFLOW = ROOT / "workflow"
 SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
@@ -32,7 +32,7 @@ GIVEN, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("
 FIGURE = WORKFLOW / "scripts/make_figure.py"
 """The script that imports the module of a figure by its name."""
 STARTS = [(script, "") for script in SCRIPTS if script != FIGURE]
-STARTS += [(FIGURE, module) for module in drawings.modules()]
+STARTS += [(FIGURE, module) for module in registry.figures().values()]
 
 
 def checked(study):
@@ -48,7 +48,7 @@ STUDY = checked(copy.deepcopy(GIVEN))
 def planned(tmp_path_factory):
     """All jobs, of a copy of the project in which nothing is made yet."""
     tree = copy_project(tmp_path_factory.mktemp("study"))
-    command = [sys.executable, Path(__file__).with_name("planned.py"), "all", "quick", "deep"]
+    command = [sys.executable, Path(__file__).with_name("planned.py"), "all", "quick"]
     found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=120)
     assert found.returncode == 0, found.stderr
     return json.loads(found.stdout.splitlines()[-1])
@@ -128,13 +128,6 @@ def test_quick_plans_the_quick_scene_only(plan):
     assert built(files) == {"quick"}
 
 
-def test_large_meshes_are_a_job_each_and_no_part_of_the_whole_study(plan):
-    files, jobs = plan("deep")
-    assert jobs == {"deep_level": len(STUDY["deep"]["h"]), "deep_levels": 1, "deep": 1}
-    assert built(files) == {"deep"}
-    assert "deep" not in built(plan("all")[0])
-
-
 def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planned):
     """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
     (targets,) = [job["input"] for job in planned if job["rule"] == "all"]
@@ -185,8 +178,6 @@ PARAMS = {
     "algorithm": {"study": "algorithm"},
     "extremes": {"study": "extremes"},
     "cost_runs": {"of_job": "cost.jobs.{number}"},
-    "deep_level": {"scene": "deep", "stop": "stop"},
-    "deep_levels": {"study": "rates"},
 }
 """The fields of the configuration that rules are given."""
 
@@ -229,7 +220,7 @@ def test_surveys_write_their_tables_in_their_order(planned):
 def test_a_job_depends_on_the_cases_of_its_scene(planned):
     """And on no other."""
     cases = {name: scene["cases"] for name, scene in STUDY["scenes"].items()}
-    own = {name: STUDY[name]["cases"] for name in ("cells", "algorithm", "deep")}
+    own = {name: STUDY[name]["cases"] for name in ("cells", "algorithm")}
     for job in of_rules(planned, ["dual_norm", "solve", "rates", "totals", "floors", "cells", "algorithm"]):
         wanted = own.get(job["rule"]) or cases[job["params"]["name"]]
         found = [file for file in job["input"] if file.startswith("manufactured/")]
@@ -248,16 +239,6 @@ def test_jobs_of_the_study_of_cost_are_those_of_the_configuration(planned):
     assert collected["named"] == {
         "runs": [job["output"][0] for job in jobs],
         "timed": [job["output"][1] for job in jobs],
-    }
-
-
-def test_levels_of_large_meshes_are_those_of_the_configuration(planned):
-    jobs = sorted(of_rules(planned, ["deep_level"]), key=lambda job: job["output"])
-    assert [job["params"]["h"] for job in jobs] == STUDY["deep"]["h"]
-    (collected,) = of_rules(planned, ["deep_levels"])
-    assert collected["named"] == {
-        "levels": [f"results/deep/levels/{i}.nc" for i in range(len(jobs))],
-        "timed": [f"results/deep/levels/{i}_timings.nc" for i in range(len(jobs))],
     }
 
 
@@ -367,7 +348,7 @@ def imported(script):
 @pytest.mark.parametrize(("script", "module"), STARTS, ids=lambda start: getattr(start, "stem", start))
 def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, script, module):
     """And on its figure's module, if it draws one."""
-    name = f"study.figures.{module}" if module else ""
+    name = f"study.{module}" if module else ""
     used = imported(script) & graph().modules | ({f"unilateral.{name}"} if module else set())
     used |= {each for module in used for each in graph().find_upstream_modules(module)}
     used |= {".".join(each.split(".")[:k]) for each in used for k in range(1, each.count(".") + 2)}
@@ -375,25 +356,58 @@ def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, scri
     assert found == {file_of(each) for each in used}
 
 
-@pytest.mark.parametrize("module", drawings.modules())
+@pytest.mark.parametrize("module", registry.figures().values())
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
     found = [
-        Path(file).stem for file in code(FIGURE.stem, f"study.figures.{module}") if "study/figures" in file
+        file
+        for file in code(FIGURE.stem, f"study.{module}")
+        if file.endswith(f"{registry.FIGURE}.py") and "make_" not in file
     ]
-    assert sorted(found) == sorted(["__init__", "style", module])
+    assert found == [f"src/unilateral/study/{module.replace('.', '/')}.py"]
+
+
+def test_the_verdicts_depend_on_the_checks_of_all_experiments(code):
+    """Which are imported by their names."""
+    used = {claim.check.partition(".")[0] for claim in claims.ledger() if claim.check}
+    assert used == set(registry.checks())
+    assert 'f"study.{module}") for module in registry.checks().values()' in rules()
+    found = code("judge_claims", "study.experiments.estimates.checks")
+    assert "src/unilateral/study/experiments/estimates/checks.py" in found
 
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
     data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
-    assert data == {"case.schema.yaml", "polygons.yaml", "variables.yaml", *ledger.FILES}
+    assert data == {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"}
 
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     found = code("solve_scene")
     assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
-    assert not [file for file in found if "figures" in file or "cli" in file]
-    assert "src/unilateral/solvers/uzawa.py" not in code(FIGURE.stem, "study.figures.rates")
+    assert not [file for file in found if "_figure" in file or "cli" in file]
+    assert "src/unilateral/solvers/uzawa.py" not in code(FIGURE.stem, "study.experiments.scenes.rates_figure")
+
+
+PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
+SNAKEMAKE = 350
+"""MB that Snakemake's own two processes took in a job of Slurm."""
+
+
+def over(planned, share=1.0):
+    """The jobs that took more than this share of the memory that they ask for, as their logs tell."""
+    told = {job["log"][0]: job for job in planned if job["log"]}
+    peaks = {log: int(PEAK.search((ROOT / log).read_text(encoding="utf-8"))[1]) for log in told}
+    assert len(peaks) > 50
+    return [log for log, peak in peaks.items() if SNAKEMAKE + peak > share * told[log]["mem_mb"]]
+
+
+def test_every_job_stayed_below_the_memory_that_it_asks_for(planned):
+    assert over(planned) == []
+
+
+def test_jobs_that_ask_for_too_little_are_noticed(planned):
+    """Control: with half of it some are over."""
+    assert over(planned, share=0.5)
 
 
 def each_rule():

@@ -16,13 +16,14 @@ import xarray as xr
 from conftest import DATA, ROOT
 
 import unilateral as ul
-from unilateral import api, plot
+from unilateral import api
 from unilateral.accuracy import plan as of_plan
 from unilateral.fem.p1 import h1_norm
+from unilateral.formulas.decimals import up
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.outward import up
+from unilateral.solution import plot
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]

@@ -18,7 +18,7 @@ rule adaptive:
     benchmark:
         "results/benchmarks/adaptive.tsv"
     resources:
-        **asked("adaptive"),
+        **SOLVES,
     params:
         study=ADAPTIVE,
         stop=config["stop"],

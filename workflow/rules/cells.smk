@@ -11,7 +11,7 @@ rule cells:
     log:
         "results/logs/cells.log",
     resources:
-        **asked("cells"),
+        **SOLVES,
     params:
         study=config["cells"],
         stop=config["stop"],

@@ -17,7 +17,7 @@ rule algorithm:
     log:
         "results/logs/algorithm.log",
     resources:
-        **asked("algorithm"),
+        **SOLVES,
     params:
         study=config["algorithm"],
     message:
@@ -29,13 +29,15 @@ rule algorithm:
 rule claims:
     input:
         code("judge_claims"),
+        [code("judge_claims", f"study.{module}") for module in registry.checks().values()],
+        [f"src/unilateral/study/experiments/{name}/claims.yaml" for name in files()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         claims="results/claims.json",
     log:
         "results/logs/claims.log",
     resources:
-        **asked("claims"),
+        **TELLS,
     message:
         "The ledger: every statement judged"
     script:

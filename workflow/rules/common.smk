@@ -2,9 +2,9 @@ import re
 from functools import cache
 from pathlib import Path
 
-from unilateral.study import resources
+from unilateral.study import registry
 from unilateral.study.drawings import drawings, shown
-from unilateral.study.judge.ledger import entries
+from unilateral.study.ledger.entries import entries, files
 from unilateral.study.sizes import normed
 
 SCENES = config["scenes"]
@@ -21,7 +21,7 @@ def code(script, module=""):
     """A script, what it imports of this project, what that imports, and the data files that are named there.
 
     A change of these files reruns the script's rule only. A script that imports a module of the library by
-    its name, such as study.figures.rates, depends on that module too.
+    its name, such as study.ledger.verdict_figure, depends on that module too.
     """
     package, _, name = module.rpartition(".")
     files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]
@@ -63,13 +63,16 @@ def imports(source):
     return found
 
 
-def asked(rule):
-    """The resources of a rule's jobs."""
+def asked(mem_mb, minutes):
+    """What a rule's jobs ask a cluster for, twice that at each further attempt; see docs/cluster.md."""
+    return {
+        "mem_mb": lambda wildcards, attempt: mem_mb << attempt - 1,
+        "runtime": lambda wildcards, attempt: minutes << attempt - 1,
+    }
 
-    def of(quantity):
-        return lambda wildcards, attempt: quantity(config, rule, dict(wildcards.items()), attempt)
 
-    return {"mem_mb": of(resources.mem_mb), "runtime": of(resources.runtime)}
+SOLVES = asked(2000, 15)
+TELLS = asked(1000, 5)
 
 
 def scene_of(wildcards):

@@ -21,7 +21,7 @@ rule cost_runs:
     log:
         "results/logs/cost_runs/{job}.log",
     resources:
-        **asked("cost_runs"),
+        **SOLVES,
     params:
         scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
         number="{job}",
@@ -45,7 +45,7 @@ rule cost:
     log:
         "results/logs/cost.log",
     resources:
-        **asked("cost"),
+        **TELLS,
     params:
         study=RUNS,
         axes=AXES,

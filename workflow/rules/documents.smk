@@ -30,7 +30,7 @@ rule numbers:
     log:
         "results/logs/numbers.log",
     resources:
-        **asked("numbers"),
+        **TELLS,
     params:
         study={
             **{name: config[name] for name in ("adaptive", "cost", "extremes", "infsup")},
@@ -57,7 +57,7 @@ rule documents:
     log:
         "results/logs/documents.log",
     resources:
-        **asked("documents"),
+        **TELLS,
     message:
         "The documents' numbers and tables"
     script:

@@ -11,7 +11,7 @@ rule extremes:
     benchmark:
         "results/benchmarks/extremes.tsv"
     resources:
-        **asked("extremes"),
+        **SOLVES,
     params:
         study=config["extremes"],
     message:

@@ -10,7 +10,7 @@ wildcard_constraints:
 
 rule figure:
     input:
-        lambda wildcards: code("make_figure", f"study.figures.{DRAWN[wildcards.figure].module}"),
+        lambda wildcards: code("make_figure", f"study.{DRAWN[wildcards.figure].module}"),
         lambda wildcards: case_files(DRAWN[wildcards.figure].cases),
         unpack(lambda wildcards: DRAWN[wildcards.figure].reads),
     output:
@@ -27,7 +27,7 @@ rule figure:
     log:
         "results/logs/figure/{figure}.log",
     resources:
-        **asked("figure"),
+        **TELLS,
     params:
         module=lambda wildcards: DRAWN[wildcards.figure].module,
         arguments=lambda wildcards: DRAWN[wildcards.figure].arguments,

@@ -31,7 +31,7 @@ rule manifest:
     log:
         "results/logs/manifest.log",
     resources:
-        **asked("manifest"),
+        **TELLS,
     params:
         study=config,
     message:

@@ -23,7 +23,7 @@ rule typeset:
     log:
         "results/logs/typeset/{paper}.log",
     resources:
-        **asked("typeset"),
+        **TELLS,
     message:
         "The {wildcards.paper} as HTML and PDF"
     script:

@@ -30,7 +30,7 @@ rule pages:
     log:
         "results/logs/pages.log",
     resources:
-        **asked("pages"),
+        **TELLS,
     message:
         "The pages of the report"
     script:

@@ -10,7 +10,7 @@ rule dual_norm:
     log:
         "results/logs/dual_norm/{scene}.log",
     resources:
-        **asked("dual_norm"),
+        **SOLVES,
     params:
         scene=scene_of,
         name="{scene}",
@@ -36,7 +36,7 @@ rule solve:
     benchmark:
         "results/benchmarks/solve/{scene}.tsv"
     resources:
-        **asked("solve"),
+        **SOLVES,
     params:
         scene=scene_of,
         name="{scene}",
@@ -57,7 +57,7 @@ rule rates:
     log:
         "results/logs/rates/{scene}.log",
     resources:
-        **asked("rates"),
+        **TELLS,
     params:
         name="{scene}",
         study=config["rates"],
@@ -79,7 +79,7 @@ rule totals:
     log:
         "results/logs/totals/{scene}.log",
     resources:
-        **asked("totals"),
+        **SOLVES,
     params:
         scene=scene_of,
         name="{scene}",
@@ -102,7 +102,7 @@ rule floors:
     log:
         "results/logs/floors/{scene}.log",
     resources:
-        **asked("floors"),
+        **TELLS,
     params:
         name="{scene}",
         ratio=config["rates"]["judged_ratio"],

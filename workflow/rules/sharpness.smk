@@ -14,7 +14,7 @@ rule sharpness:
     benchmark:
         "results/benchmarks/sharpness.tsv"
     resources:
-        **asked("sharpness"),
+        **SOLVES,
     params:
         study=config["sharpness"],
         stop=config["stop"],

@@ -11,7 +11,7 @@ rule surveys:
     benchmark:
         "results/benchmarks/surveys.tsv"
     resources:
-        **asked("surveys"),
+        **SOLVES,
     params:
         study=SURVEYS,
         finds=config["finds"],

@@ -4,7 +4,7 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.study import tables
-from unilateral.study.runs.totals import totals as bounded
+from unilateral.study.experiments.scenes.totals import totals as bounded
 from unilateral.study.scenes import cases, partitions, refinements, stored_mesh
 
 

@@ -3,9 +3,9 @@
 from job import run
 
 from unilateral.study import tables
-from unilateral.study.judge.cost import along
-from unilateral.study.runs.cost.measure import along_runs
-from unilateral.study.runs.cost.variants import plan
+from unilateral.study.experiments.cost.measure import along_runs
+from unilateral.study.experiments.cost.trade import along
+from unilateral.study.experiments.cost.variants import plan
 
 
 def main(runs, timed, study, axes, cost, timings, factors):

@@ -2,8 +2,8 @@
 
 from job import run
 
-from unilateral.study.judge import records
-from unilateral.study.text import marks, verdicts
+from unilateral.study.documents import marks, verdicts
+from unilateral.study.ledger import records
 
 
 def main(numbers, blocks, claims, documents):

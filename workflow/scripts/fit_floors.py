@@ -5,7 +5,7 @@ from job import run
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import tables
-from unilateral.study.judge.floors import floors as fitted
+from unilateral.study.experiments.scenes.floors import floors as fitted
 
 
 def main(errors, name, ratio, floors):

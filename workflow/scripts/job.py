@@ -7,9 +7,9 @@ from contextlib import suppress
 from time import perf_counter
 
 from unilateral.errors import InputError
-from unilateral.memory import peak_mb
-from unilateral.signals import cleaning_up
 from unilateral.study import origin
+from unilateral.system.memory import peak_mb
+from unilateral.system.signals import cleaning_up
 
 
 def run(main, job):

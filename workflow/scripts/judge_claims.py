@@ -5,10 +5,10 @@ from pathlib import Path
 
 from job import run
 
-from unilateral.files import replacing
-from unilateral.study.judge.claims import judge
-from unilateral.study.judge.printed import summary
-from unilateral.study.judge.results import Results
+from unilateral.study.ledger.claims import judge
+from unilateral.study.ledger.printed import summary
+from unilateral.study.ledger.results import Results
+from unilateral.system.files import replacing
 
 
 def main(tables, claims):

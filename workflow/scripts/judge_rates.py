@@ -4,9 +4,8 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.problems import case
-from unilateral.study import tables
-from unilateral.study.judge import rates_table
-from unilateral.study.judge.rates import judge_all
+from unilateral.study import rates_table, tables
+from unilateral.study.rates import judge_all
 
 
 def main(errors, name, study, judged, rates):

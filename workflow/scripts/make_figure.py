@@ -8,7 +8,7 @@ from unilateral.study.tables import save_csv
 
 
 def main(module, arguments, csv, svg, **reads):
-    figure = import_module(f"unilateral.study.figures.{module}")
+    figure = import_module(f"unilateral.study.{module}")
     save_csv(figure.table(**reads, **arguments), csv)
     figure.draw(csv, svg)
 

@@ -8,14 +8,14 @@ from unilateral.formulas.formula import real
 from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.judge.adaptive import rates_over
-from unilateral.study.runs import adaptive
+from unilateral.study.experiments.adaptive import measure as adaptive
+from unilateral.study.experiments.adaptive.rates import rates_over
 from unilateral.study.scenes import cases
 
 
 def main(examples, study, stop, errors, infsup, timings, rates):
     problems = [*chain.from_iterable(map(cases, study["scenes"])), *map(problem_file.load, examples)]
-    h, limits, found = real(study["h"], "adaptive.h"), adaptive.Limits(**study["most"]), []
+    h, limits, found = real(study["h"], "adaptive.h"), adaptive.MostUnknowns(**study["most"]), []
     for problem in problems:
         found.append(adaptive.measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")

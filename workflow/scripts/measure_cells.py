@@ -7,8 +7,8 @@ from unilateral.formulas.symbolic import number_of
 from unilateral.geometry.structured import structured
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.runs.alternating import measure as measure_alternating
-from unilateral.study.runs.cells import measure
+from unilateral.study.experiments.cells.alternating import measure as measure_alternating
+from unilateral.study.experiments.cells.measure import measure
 from unilateral.study.scenes import cases, domain
 
 

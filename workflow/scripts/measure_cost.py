@@ -6,8 +6,8 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.study import tables
-from unilateral.study.runs.cost import measure as cost
-from unilateral.study.runs.cost.variants import plan
+from unilateral.study.experiments.cost import measure as cost
+from unilateral.study.experiments.cost.variants import plan
 from unilateral.study.scenes import cases, domain
 
 
@@ -16,7 +16,7 @@ def main(norm, scene, number, of_job, study, runs, timings):
     gram, problems = Gram.of_table(tables.load(norm)), cases(scene)
     planned = [variant for variant in plan(study) if variant.scene == name]
     sizes = [real(H, "cost.H") for H in study["H"]]
-    limits = cost.Limits(study["stops"], study["max_steps"], study["costly_steps"])
+    limits = cost.StepLimits(study["stops"], study["max_steps"], study["costly_steps"])
     meshes = [structured(domain(scene), real(size, "cost.jobs.h")) for size in h]
     found = [cost.measure(mesh, problems, gram, planned, sizes, limits) for mesh in meshes]
     given = {f"scenes.{name}": scene, f"cost.jobs.{number}": of_job}

@@ -4,7 +4,7 @@ from job import run
 
 from unilateral.geometry.partition import common_refinement
 from unilateral.study import tables
-from unilateral.study.runs.forms import dual_forms
+from unilateral.study.experiments.estimates.forms import dual_forms
 from unilateral.study.scenes import cases, partitions
 from unilateral.study.sizes import normed
 

@@ -10,8 +10,8 @@ from unilateral.geometry import partition, polygon
 from unilateral.geometry.structured import structured
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.judge.surfaces import along_levels, rates_over
-from unilateral.study.runs import sharpness
+from unilateral.study.experiments.sharpness import measure as sharpness
+from unilateral.study.experiments.sharpness.surfaces import along_levels, rates_over
 
 
 def main(study, stop, errors, rates, fixed_errors, fixed_rates):

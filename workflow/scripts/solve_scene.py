@@ -7,7 +7,7 @@ from unilateral.norms.dual import Gram
 from unilateral.norms.infsup import of_runs
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
-from unilateral.study.runs.scene import sweep
+from unilateral.study.experiments.scenes.measure import sweep
 from unilateral.study.scenes import cases, coarsest_mesh, partitions, refinements
 from unilateral.study.sizes import limits
 

@@ -3,8 +3,8 @@
 from job import run
 
 from unilateral.geometry.polygon import Polygon, named
-from unilateral.study.runs.families import partition_of
-from unilateral.study.runs.stability import Grams, survey
+from unilateral.study.experiments.stability.families import partition_of
+from unilateral.study.experiments.stability.measure import Grams, survey
 from unilateral.study.tables import save
 
 

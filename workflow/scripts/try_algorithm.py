@@ -6,9 +6,9 @@ from unilateral.formulas.formula import real
 from unilateral.geometry import partition
 from unilateral.geometry.structured import structured
 from unilateral.study import tables
-from unilateral.study.runs import algorithm as experiments
-from unilateral.study.runs import algorithm_cost as trials
-from unilateral.study.runs import formulation as statements
+from unilateral.study.experiments.algorithm import certificates as trials
+from unilateral.study.experiments.algorithm import formulation as statements
+from unilateral.study.experiments.algorithm import measure as experiments
 from unilateral.study.scenes import cases, domain
 
 

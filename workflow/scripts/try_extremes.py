@@ -4,7 +4,7 @@ from job import run
 
 from unilateral.formulas.formula import real
 from unilateral.study import tables
-from unilateral.study.runs.extremes import Budget, survey
+from unilateral.study.experiments.extremes.measure import Budget, survey
 
 
 def main(study, extremes):

@@ -2,10 +2,10 @@
 
 from job import run
 
-from unilateral.files import replacing
-from unilateral.study.judge import records
-from unilateral.study.text import marks, provenance, verdicts
-from unilateral.study.text.typesetting import page_of
+from unilateral.study.documents import marks, provenance, verdicts
+from unilateral.study.documents.typesetting import page_of
+from unilateral.study.ledger import records
+from unilateral.system.files import replacing
 
 
 def main(numbers, blocks, claims, manifest, parameters, texts, filter, template, pages):

@@ -2,7 +2,7 @@
 
 from job import run
 
-from unilateral.study.text.typesetting import typeset
+from unilateral.study.documents.typesetting import typeset
 
 if __name__ == "__main__":
     run(typeset, snakemake)

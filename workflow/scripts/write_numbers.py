@@ -2,9 +2,9 @@
 
 from job import run
 
-from unilateral.study.text import blocks as shown
-from unilateral.study.text import numbers as named
-from unilateral.study.text import sources
+from unilateral.study.documents import blocks as shown
+from unilateral.study.documents import numbers as named
+from unilateral.study.documents import sources
 
 
 def main(study, numbers, blocks, **paths):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.division import Division, divided, evenness, uniform
 from unilateral.accuracy.level import WORTH, Level, standing, unknowable, without_contact
-from unilateral.memory import available_mb
+from unilateral.system.memory import available_mb
 
 MARGIN = 0.93
 """Of the error that is wanted: what the next level aims at."""

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from unilateral.accuracy.level import Level, refinement_pays
-from unilateral.choice import SHARP, SPARSE, wants_multigrid
+from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.solvers.stop import Stop
 
 BYTES_PER_MB = 2**20

@@ -10,7 +10,7 @@ from unilateral.accuracy.division import evenness
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.misfit import underflow
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 
@@ -31,7 +31,7 @@ class Level:
     Of the seconds, `enclosing` is the part in which f is enclosed. The bound was `predicted`, if it could be.
     """
 
-    solved: Solution
+    solved: DiscreteSolution
     goal: Goal
     seconds: float
     mb: float = 0.0
@@ -85,7 +85,7 @@ class Level:
         return self.total <= wanted and self.algebraic <= SHARE * wanted
 
 
-def target(solved: Solution, goal: Goal) -> float:
+def target(solved: DiscreteSolution, goal: Goal) -> float:
     """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm.
 
     An absolute one is the accuracy itself.

@@ -17,8 +17,8 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.bounds.source import enclosed
-from unilateral.choice import condensed, wants_multigrid
-from unilateral.discrete_solution import AIM, AnyDiscrete, Solution
+from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
+from unilateral.discrete.choice import condensed, wants_multigrid
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -27,9 +27,9 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.memory import available_mb, forget_peak, peak_mb
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop
+from unilateral.system.memory import available_mb, forget_peak, peak_mb
 
 GROWTH = 0.4
 """Of triangles, over their distance from a boundary of many short sides; faster, and gmsh makes flat ones."""
@@ -78,10 +78,10 @@ def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
     return adapted(mesh)
 
 
-def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: Solution | None) -> AnyDiscrete:
+def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: DiscreteSolution | None) -> DiscreteProblem:
     """The discrete problem on a mesh, from the solution on the one before, if there is one."""
     if wants_multigrid(stop, math.inf):
-        from unilateral.multilevel import after  # and with it PyAMG
+        from unilateral.discrete.multilevel import after  # and with it PyAMG
 
         return after(last, problem, of)
     found = condensed(problem, of.mesh, of.partition)
@@ -112,7 +112,7 @@ def _cells(polygon: Polygon, H: float) -> Partition:
 
 
 def _solved(
-    discrete: AnyDiscrete, goal: Goal, stop: Stop, done: Sequence[Level], predicted: float, watch: Watch
+    discrete: DiscreteProblem, goal: Goal, stop: Stop, done: Sequence[Level], predicted: float, watch: Watch
 ) -> Level:
     """A level whose bound will be as `predicted`, about."""
     in_norm = 1.0 if goal.norm == "h1" else discrete.beta

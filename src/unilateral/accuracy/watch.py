@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field
 
 from unilateral.accuracy.goal import Goal
-from unilateral.memory import forget_peak, peak_mb
+from unilateral.system.memory import forget_peak, peak_mb
 
 ENCLOSING = "f enclosed"
 """The phase of a level whose time hardly depends on its size."""

@@ -71,7 +71,7 @@ def sums_of(of_p: Array, area: Array, squares: Array) -> Sums:
     return Sums(float(squares.sum()), square, integral, float(area.sum()), len(area))
 
 
-class Search:
+class AncestorSearch:
     """From the triangles of the first mesh, or of the one `before`, to those that came from them.
 
     On the mesh in hand the triangles have the polynomials `of` (m,), found so many `halvings` (m,) above. Of

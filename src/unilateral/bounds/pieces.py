@@ -20,7 +20,7 @@ GAPS = 8.0
 """Times the rounding of coordinates: how wide gaps between pieces are at most."""
 
 
-class Pieces(NamedTuple):
+class TrianglePieces(NamedTuple):
     """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
 
     The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there.
@@ -37,9 +37,9 @@ class Pieces(NamedTuple):
     jumping: Array
     integral: Array
 
-    def of(self, kept: Mask) -> Pieces:
+    def of(self, kept: Mask) -> TrianglePieces:
         rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
-        return Pieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
+        return TrianglePieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
 
 
 def rounded_size(mesh: Mesh) -> float:
@@ -51,7 +51,7 @@ def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return shares(corners) * mesh.areas[parent]
 
 
-def areas(mesh: Mesh, pieces: Pieces) -> Array:
+def areas(mesh: Mesh, pieces: TrianglePieces) -> Array:
     return areas_of(mesh, pieces.corners, pieces.parent)
 
 
@@ -65,7 +65,7 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Ar
     return areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
 
 
-def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[Pieces, Index]:
+def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[TrianglePieces, Index]:
     """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
     found, owners = [], []
     for block in blocks(len(parent)):
@@ -74,7 +74,7 @@ def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[
         owners.append(owner + block.start)
     along = (0, 0, 0, 1, 0, 0, 0)
     fields = zip(zip(*found, strict=True), along, strict=True)
-    return Pieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
+    return TrianglePieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
 
 
 def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
@@ -96,7 +96,7 @@ def on_triangles(vertices: Array, size: float, data: Data) -> tuple[Array, Array
     return f.c, _known(f), order[:, 0]
 
 
-def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
+def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> TrianglePieces:
     vertices = corners @ mesh.points[mesh.triangles[parent]]
     order, perimeter = _ordered(vertices)
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
@@ -104,7 +104,7 @@ def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     steps, wrong = sides(vertices, data.jumps, size)
     f, area = _model(vertices, size, data, steps), areas_of(mesh, corners, parent)
     outer = with_gaps(area, perimeter, size)
-    found = Pieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
+    found = TrianglePieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
         here = {each: value[at] for each, value in steps.items()}
@@ -116,7 +116,7 @@ def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Pieces:
     return found
 
 
-def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
+def _jump(found: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
     """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
 
     p is changed by a constant so that its integral is that of f.
@@ -130,7 +130,7 @@ def _jump(found: Pieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: 
 
 
 def _jumps(
-    found: Pieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
+    found: TrianglePieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
 ) -> None:
     """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
     both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}

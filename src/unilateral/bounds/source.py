@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.ancestors import Search, Seen, Sums, even_h, sums_of
+from unilateral.bounds.ancestors import AncestorSearch, Seen, Sums, even_h, sums_of
 from unilateral.bounds.pieces import (
-    Pieces,
+    TrianglePieces,
     areas,
     known_at_points,
     polynomials,
@@ -146,7 +146,7 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
     if before:
         for array, old in zip(values, _values(before), strict=True):
             array[: len(old)] = old
-    search = Search(mesh, data, before.mesh if before else mesh.coarse or mesh, *_known(before))
+    search = AncestorSearch(mesh, data, before.mesh if before else mesh.coarse or mesh, *_known(before))
     wide = search.wide()
     values.put(mesh, np.flatnonzero(search.new & ~wide), search.seen)
     left = np.flatnonzero(search.new & wide)
@@ -193,12 +193,12 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
     return _projected(mesh, done), sums
 
 
-def _rest(mesh: Mesh, pieces: Pieces) -> Array:
+def _rest(mesh: Mesh, pieces: TrianglePieces) -> Array:
     """(k,) the pieces' E^2, a lack in the integral spread over their triangles."""
     return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
 
 
-def _projected(mesh: Mesh, done: list[Pieces]) -> Values:
+def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Values:
     n = len(mesh.triangles)
     moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
     for pieces in done:

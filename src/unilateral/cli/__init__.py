@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from unilateral.cli import streams
 from unilateral.cli.streams import tell
 from unilateral.errors import InputError, SolutionWarning
-from unilateral.signals import INTERRUPTED, cleaning_up
+from unilateral.system.signals import INTERRUPTED, cleaning_up
 
 FAILED = 4
 

@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
-from unilateral.choice import check_size
 from unilateral.cli.streams import load, say
+from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.read import exported, foreign
 from unilateral.exchange.score import Rate, Scored
-from unilateral.files import check_target, replacing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
+from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
 DOES_NOT_HOLD = 1

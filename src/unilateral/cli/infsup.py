@@ -10,12 +10,12 @@ import numpy as np
 
 from unilateral import api
 from unilateral.arrays import Array, Index
-from unilateral.certificate import text
-from unilateral.choice import check_condensed, check_size
 from unilateral.cli.streams import say
+from unilateral.discrete.choice import check_condensed, check_size
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.decimals import between
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -25,8 +25,8 @@ from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.norms.resolution import RULE, OfCells, boundary_angles, fine, of_cells, resolution, steep
-from unilateral.outward import between
 from unilateral.problems.problem_file import polygon_of
+from unilateral.system.as_json import text
 
 LISTED = 10
 """Cells that break the rule, and triangles, up to which text names them."""

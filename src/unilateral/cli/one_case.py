@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
-from unilateral.certificate import text as as_text
 from unilateral.cli.cases import MOST_INTERVALS, certified, domains, polygon_record
 from unilateral.exchange.formulas import DEFINITIONS, NO_FORMULAS, formulas, module
 from unilateral.exchange.score import PROVED
@@ -14,6 +13,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import Certificate
 from unilateral.problems.polar import Polar
+from unilateral.system.as_json import text as as_text
 
 WIDTH = 100
 LEGEND = (

@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
-from unilateral.files import replacing
 from unilateral.formulas.constants import rounded
+from unilateral.formulas.decimals import down, up
 from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
-from unilateral.outward import down, up
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
+from unilateral.system.files import replacing
 
 PICTURES = (".svg", ".png", ".pdf")
 FREE, HELD = "tab:gray", "tab:blue"

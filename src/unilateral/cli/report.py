@@ -13,9 +13,9 @@ import numpy as np
 from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import NOT_ENCLOSED, Search
-from unilateral.certificate import SIZE, Bounds, relative
 from unilateral.cli.streams import as_options
-from unilateral.outward import between, down, up
+from unilateral.formulas.decimals import between, down, up
+from unilateral.solution.certificate import SIZE, Bounds, relative
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 DIGITS = ".4e"

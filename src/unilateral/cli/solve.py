@@ -15,8 +15,6 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
-from unilateral.certificate import text, write_text
-from unilateral.choice import bound_mb
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
@@ -29,13 +27,15 @@ from unilateral.cli.report import (
 )
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
+from unilateral.discrete.choice import bound_mb
 from unilateral.errors import BudgetError, InputError
-from unilateral.files import check_target
-from unilateral.memory import available_mb, keep_freed, peak_mb
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution import ENDINGS, Solution, not_converged, not_unique
+from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
+from unilateral.system import as_json
+from unilateral.system.files import check_target
+from unilateral.system.memory import available_mb, keep_freed, peak_mb
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -133,7 +133,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         say(head(printed))
     if not (options.json or found.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
-    say(text(printed) if options.json else table(printed, bounds, doubt))
+    say(as_json.text(printed) if options.json else table(printed, bounds, doubt))
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED
@@ -167,7 +167,7 @@ def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) ->
     """Writes the files; .json has what is printed by --json."""
     for file in _targets(options):
         if file.suffix == ".json":
-            write_text(printed, file)
+            as_json.write(printed, file)
         else:
             found.save(file)
 

@@ -12,7 +12,7 @@ import sys
 from importlib import import_module
 from typing import Any, TextIO
 
-from unilateral.signals import leave
+from unilateral.system.signals import leave
 
 NAMES = {
     "α": "alpha", "β": "beta", "γ": "gamma", "ε": "epsilon", "λ": "lambda", "μ": "mu", "ρ": "rho",

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 
 from unilateral.accuracy.watch import Watch
-from unilateral.signals import leave
+from unilateral.system.signals import leave
 
 TICK = 0.02
 """Seconds from one look to the next, in which at most some ten MB are taken."""

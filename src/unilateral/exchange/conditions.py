@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Mask
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import CondensedProblem
 from unilateral.errors import InputError
 from unilateral.exchange.held import held_cells, held_edges, obstacle
 from unilateral.exchange.trace import Trace, constant
@@ -50,7 +50,9 @@ class Conditions:
     s: Array
     mu: Array
 
-    def multiplier_load(self, discrete: Discrete, load: Array, tolerance: float) -> tuple[Array, float]:
+    def multiplier_load(
+        self, discrete: CondensedProblem, load: Array, tolerance: float
+    ) -> tuple[Array, float]:
         """(nb,) of the multiplier that belongs to a load (n,), and a bound on its error in H1."""
         if not len(self.g):
             return np.zeros(len(discrete.mesh.boundary)), 0.0
@@ -72,7 +74,9 @@ class Conditions:
 class Equal(Conditions):
     """u = g in place of u >= g."""
 
-    def multiplier_load(self, discrete: Discrete, load: Array, tolerance: float) -> tuple[Array, float]:
+    def multiplier_load(
+        self, discrete: CondensedProblem, load: Array, tolerance: float
+    ) -> tuple[Array, float]:
         condensed = discrete.spaces.condensed
         half = dual_operator(condensed, self.B, self.weights).half
         missing = -self.weights * self.means(condensed.solve(load)[discrete.mesh.boundary])
@@ -82,13 +86,15 @@ class Equal(Conditions):
 class Reversed(Conditions):
     """u <= g with multipliers <= 0."""
 
-    def multiplier_load(self, discrete: Discrete, load: Array, tolerance: float) -> tuple[Array, float]:
+    def multiplier_load(
+        self, discrete: CondensedProblem, load: Array, tolerance: float
+    ) -> tuple[Array, float]:
         turned = Conditions(self.what, self.B, self.weights, -self.g, self.s, -self.mu)
         found, bound = turned.multiplier_load(discrete, -load, tolerance)
         return -found, bound
 
 
-def conditions(case: Case, discrete: Discrete, mu: Trace) -> Iterator[Conditions]:
+def conditions(case: Case, discrete: CondensedProblem, mu: Trace) -> Iterator[Conditions]:
     """Those that mu may belong to; none on free sides.
 
     A mu that is constant on the cells of the exported partition, or on parts of these, may belong to it.
@@ -121,7 +127,9 @@ def _on_cells(case: Case, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions
     return found.kept(held_cells(case, cells))
 
 
-def mistaken(case: Case, discrete: Discrete, mu: Trace, trace: Array) -> Iterator[tuple[str, Conditions]]:
+def mistaken(
+    case: Case, discrete: CondensedProblem, mu: Trace, trace: Array
+) -> Iterator[tuple[str, Conditions]]:
     """Conditions that an author may have in place of the right ones, and what is wrong with them.
 
     `trace` (nb,) is u on the boundary: a side is ignored if mu is 0 there, and u below g.
@@ -160,7 +168,9 @@ def moves(mu: Trace) -> Iterator[tuple[str, Trace]]:
                     )
 
 
-def _ignored(case: Case, discrete: Discrete, mu: Trace, trace: Array) -> Iterator[tuple[str, Conditions]]:
+def _ignored(
+    case: Case, discrete: CondensedProblem, mu: Trace, trace: Array
+) -> Iterator[tuple[str, Conditions]]:
     """Without the sides that look ignored; nodes at their ends that look so, too, are left out."""
     first = next(conditions(case, discrete, mu))
     below, pushed = _below_and_pushed(first, trace)

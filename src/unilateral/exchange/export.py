@@ -26,13 +26,13 @@ from unilateral.exchange.held import held_cells, held_edges, obstacle
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
-from unilateral.files import hidden_beside, write_netcdf
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact import cell_means
 from unilateral.problems.case import Case
+from unilateral.system.files import hidden_beside, write_netcdf
 
 LEVEL_FILES = {
     "mesh.msh": "the mesh, for Gmsh's readers",

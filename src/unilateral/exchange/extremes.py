@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import CondensedProblem
 from unilateral.exchange.conditions import conditions
 from unilateral.exchange.read import Foreign
 from unilateral.exchange.trace import continuous
@@ -47,7 +47,7 @@ class Extremes(NamedTuple):
         return f"{where}: {', '.join(known)}"
 
 
-def extremes(case: Case, given: Foreign, discrete: Discrete) -> Extremes | None:
+def extremes(case: Case, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
     """Of the first conditions that the multiplier may belong to, else at the nodes; None if all is free.
 
     At a node lambda is its integral with the hat over that of the hat.

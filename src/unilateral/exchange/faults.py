@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from unilateral.arrays import Array
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import CondensedProblem
 from unilateral.exchange.conditions import conditions, mistaken
 from unilateral.exchange.equation import EXPLAINS, explanations, renumbered, with_load
 from unilateral.exchange.fault import Fault, either, unexplained, wrong
@@ -18,8 +18,8 @@ from unilateral.exchange.read import Foreign
 from unilateral.exchange.readings import ahead, plain, readings
 from unilateral.exchange.residual import Fit, Residual, flux_load
 from unilateral.exchange.trace import Trace
+from unilateral.formulas.decimals import down, up
 from unilateral.norms.dual import Errors
-from unilateral.outward import down, up
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 
@@ -37,7 +37,7 @@ class Judged(NamedTuple):
     remarks: list[str]
 
 
-def judged(case: Case, given: Foreign, discrete: Discrete, own: Errors, u_h: Array) -> Judged:
+def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
     """By this project's `own` errors on the level, and its u_h (n,).
 
     A bug inside is told only if a right solution is left without it and without further known bugs, of the

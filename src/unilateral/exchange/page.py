@@ -15,8 +15,8 @@ from unilateral import __version__
 from unilateral.arrays import Array
 from unilateral.exchange.held import obstacle
 from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
-from unilateral.plot import svg
 from unilateral.problems.case import Case
+from unilateral.solution.plot import svg
 
 TITLES = {"h1": "u in H¹", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"}
 DRAWN = {"h1": "$u$ in $H^1$", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}

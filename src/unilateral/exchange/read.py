@@ -30,7 +30,7 @@ SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class ExportedLevel:
     """One level of an exported folder."""
 
     name: str
@@ -43,13 +43,13 @@ class Foreign:
     """u (n,) at the nodes of a level, and a multiplier if there is one; `kind` says what it was."""
 
     file: str
-    level: Level
+    level: ExportedLevel
     u: Array
     multiplier: Trace | None
     kind: str
 
 
-def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[Level]]:
+def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]:
     """What `export` wrote. Raises InputError with the file that is missing or damaged."""
     folder = Path(folder)
     try:
@@ -62,12 +62,12 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[Level]]:
         raise InputError(f"{folder}: this is no folder that 'unilateral export' wrote ({error})") from error
 
 
-def _level(folder: Path, case: Case, name: str) -> Level:
+def _level(folder: Path, case: Case, name: str) -> ExportedLevel:
     mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
-    return Level(name, mesh, read_partition(folder / name / "partition.csv", case.polygon))
+    return ExportedLevel(name, mesh, read_partition(folder / name / "partition.csv", case.polygon))
 
 
-def foreign(levels: list[Level], file: str, multiplier: str | None = None) -> Foreign:
+def foreign(levels: list[ExportedLevel], file: str, multiplier: str | None = None) -> Foreign:
     """The solution in a file, of the level whose nodes it has; its multiplier may be in another file.
 
     Raises InputError for missing points, another mesh, values that are not finite, and what cannot be read.
@@ -89,7 +89,7 @@ def foreign(levels: list[Level], file: str, multiplier: str | None = None) -> Fo
     return Foreign(file, level, values["u"], trace, kind)
 
 
-def _matched(levels: list[Level], points: Array, file: str) -> tuple[Level, Index]:
+def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[ExportedLevel, Index]:
     """The level, and the node of each point (k,)."""
     wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if wrong.size:
@@ -122,7 +122,7 @@ def _place(points: Array, index: Index) -> tuple[float, ...]:
     return tuple(points[index[0]].tolist())
 
 
-def _at_nodes(level: Level, node: Index, found: Handed, name: str, file: str) -> Array:
+def _at_nodes(level: ExportedLevel, node: Index, found: Handed, name: str, file: str) -> Array:
     """(n,) values at the nodes; multipliers are needed on the boundary only."""
     given = found.nodal[name]
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
@@ -143,7 +143,7 @@ def _at_nodes(level: Level, node: Index, found: Handed, name: str, file: str) ->
 
 
 def _multiplier(
-    level: Level, node: Index, found: Handed, values: dict[str, Array], file: str
+    level: ExportedLevel, node: Index, found: Handed, values: dict[str, Array], file: str
 ) -> tuple[Trace | None, str]:
     mesh = level.mesh
     given = [found.cells is not None, found.edges is not None, "multiplier" in values, "reaction" in values]

@@ -17,7 +17,7 @@ from unilateral.problems.case import Case
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class MeantMultiplier:
     """A multiplier as the boundary load (nb,) that it is if it was meant like that; `fault` says how.
 
     `mu` is None where that says all, and its conditions need not be looked at.
@@ -28,12 +28,12 @@ class Reading:
     mu: Trace | None
 
 
-def plain(mu: Trace, mesh: Mesh) -> Reading:
+def plain(mu: Trace, mesh: Mesh) -> MeantMultiplier:
     """As it was handed in."""
-    return Reading("", mu.load(mesh), mu)
+    return MeantMultiplier("", mu.load(mesh), mu)
 
 
-def readings(mu: Trace, mesh: Mesh, right: Array) -> Iterator[Reading]:
+def readings(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
     """Other ways to read it, where u's equation has the `right` load (nb,)."""
     if mu.nodal is None:
         yield from _of_cells(mu, mesh, right)
@@ -47,26 +47,26 @@ def readings(mu: Trace, mesh: Mesh, right: Array) -> Iterator[Reading]:
         ("the multiplier's values are reactions; hand these in as `reaction`", mu.nodal),
         ("the reactions are values of a multiplier; hand these in as `multiplier`", mass @ (mass @ mu.nodal)),
     ):
-        yield Reading(fault, np.asarray(load), of_reactions(mesh, np.asarray(load)))
+        yield MeantMultiplier(fault, np.asarray(load), of_reactions(mesh, np.asarray(load)))
 
 
-def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[Reading]:
+def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
     divided = constant(mu.cells, mu.values / mu.cells.lengths)
     fault = "the multiplier's values are integrals over the cells; hand in means"
-    yield Reading(fault, divided.load(mesh), divided)
+    yield MeantMultiplier(fault, divided.load(mesh), divided)
     for text, moved in moves(mu):
         fault = f"{text}; it has to begin at vertex 0 and run anticlockwise"
-        yield Reading(fault, moved.load(mesh), moved)
+        yield MeantMultiplier(fault, moved.load(mesh), moved)
     spread = coupling(mesh, mu.cells) @ (right / boundary_mass(mesh).sum(axis=1))
     as_reactions = of_reactions(mesh, right)
     means = coupling(mesh, mu.cells) @ as_reactions.nodal
     for how, values in (("their shares in the cells", spread), ("the means of their function", means)):
         fault = f"the multiplier is nodal reactions, made {how}; hand in `reaction`"
         other = mu.load(mesh) - constant(mu.cells, values / mu.cells.lengths).load(mesh)
-        yield Reading(fault, right + other, as_reactions)
+        yield MeantMultiplier(fault, right + other, as_reactions)
 
 
-def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[Reading]:
+def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMultiplier]:
     """The multiplier after one more step of Uzawa's iteration than u has.
 
     That is max(0, mu_u - rho times the means of u - g). mu_u has the `right` load (nb,); rho > 0 is nearest.
@@ -80,4 +80,4 @@ def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[Reading
         if rho > 0:
             step = each.B.T @ np.maximum(0, mu_u - rho * gap)
             what = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
-            yield Reading(what, right + mu.load(of.discrete.mesh) - step, None)
+            yield MeantMultiplier(what, right + mu.load(of.discrete.mesh) - step, None)

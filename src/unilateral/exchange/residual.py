@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.discrete import Discrete
+from unilateral.discrete.condensed import CondensedProblem
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.problems.case import Case
@@ -41,7 +41,7 @@ class Fit(NamedTuple):
 class Residual:
     """Of u (n,) on a `discrete` problem, with a load (n,)."""
 
-    discrete: Discrete
+    discrete: CondensedProblem
     u: Array
     load: Array
 
@@ -112,7 +112,7 @@ class Residual:
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))
 
 
-def loads(case: Case, discrete: Discrete) -> Iterator[tuple[str, Array]]:
+def loads(case: Case, discrete: CondensedProblem) -> Iterator[tuple[str, Array]]:
     """Loads (n,) that a right solver may have: the exported one, and f by simple rules, with their names."""
     mesh = discrete.mesh
     yield "", discrete.load
@@ -128,7 +128,7 @@ def loads(case: Case, discrete: Discrete) -> Iterator[tuple[str, Array]]:
     yield "at the midpoints of the edges", p1_load(mesh, mesh.areas[:, None] / 6 * of_corner)
 
 
-def flux_load(discrete: Discrete) -> Array:
+def flux_load(discrete: CondensedProblem) -> Array:
     """<lambda, phi_j> (nb,) of a case's lambda."""
     assert discrete.exact is not None
     return discrete.exact.ritz.flux_load

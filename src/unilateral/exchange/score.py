@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from unilateral.arrays import Array
-from unilateral.discrete import discretise, solve
+from unilateral.discrete.condensed import discretise, solve
 from unilateral.exchange.extremes import Extremes, extremes
 from unilateral.exchange.faults import Judged, judged
 from unilateral.exchange.read import SAME, Foreign
 from unilateral.exchange.trace import Trace, constant
+from unilateral.formulas.decimals import down, up
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
-from unilateral.outward import down, up
 from unilateral.problems.case import Case
 
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}

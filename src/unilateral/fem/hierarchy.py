@@ -22,7 +22,7 @@ from unilateral.geometry.refinement import Step
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class FinerSpace:
     """V_l with n nodes, after V_{l-1} with the first of them.
 
     `ends` (o,) are the ends of the halved edges, `P` (k, o) makes of values there those at the k new nodes.
@@ -56,7 +56,7 @@ class Level:
         """v, with values at the nodes of the level before, gets those at the new nodes, in place."""
         v[self.before : self.n] = self.P @ v[self.ends]
 
-    def with_rows(self, rows: sp.csr_array) -> Level:
+    def with_rows(self, rows: sp.csr_array) -> FinerSpace:
         """The same with the rows (s, n) of its nodes, or all."""
         if self.smoothed is None:
             return replace(self, rows=rows)
@@ -83,7 +83,7 @@ class Hierarchy:
     coarse: Mesh
     A_0: sp.csr_array
     coarsest: SuperLU
-    levels: Sequence[Level]
+    levels: Sequence[FinerSpace]
     A: sp.csr_array
     mass: Array
     boundary: Index
@@ -156,7 +156,7 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
     return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
 
 
-def _rows(level: Level, points: Array, nodes: Int32) -> sp.csr_array:
+def _rows(level: FinerSpace, points: Array, nodes: Int32) -> sp.csr_array:
     """Of the triangles with those nodes (T, 3)."""
     if level.step.after:
         return matrix(level.step.after, points)[0]
@@ -172,7 +172,7 @@ def _on_level_0(mesh: Mesh) -> Hierarchy:
     return Hierarchy(*level_0, [], A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
 
 
-def _level(step: Step, halved: Int16) -> Level:
+def _level(step: Step, halved: Int16) -> FinerSpace:
     """Without its rows."""
     n, k = step.n, len(step.ends)
     changed = np.zeros(n, dtype=bool)
@@ -184,4 +184,4 @@ def _level(step: Step, halved: Int16) -> Level:
     P = sp.csr_array((np.full(2 * k, 0.5), place[step.ends.ravel()], start), shape=(k, len(ends)))
     smoothed = None if step.after else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
     met = 1 + int(np.bincount(P.indices).max())
-    return Level(n + k, ends, P, smoothed, None, None, step, halved, met)
+    return FinerSpace(n + k, ends, P, smoothed, None, None, step, halved, met)

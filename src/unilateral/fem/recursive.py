@@ -55,7 +55,7 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class CondensedPart:
     """A union of coarse triangles, condensed to the nodes (o,) that are left, with the matrix K (o, o).
 
     `met` (o,) says how many of its triangles meet at each node.
@@ -76,7 +76,7 @@ class Recursive:
         uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
         uses[mesh.boundary] += 1  # these are never met often enough
         parts = [
-            Part(line, np.ones_like(line), K)
+            CondensedPart(line, np.ones_like(line), K)
             for lines, K in zip(nodes, matrices, strict=True)
             for line in lines
         ]
@@ -123,7 +123,7 @@ class Recursive:
             whole[:, child[:, None], child] += K
         return self._eliminated(whole, inner, outer)
 
-    def _joined(self, parts: list[Part], points: Array, uses: Index) -> Part:
+    def _joined(self, parts: list[CondensedPart], points: Array, uses: Index) -> CondensedPart:
         """The union of all parts, halved across its longer extent, and each half first joined in itself."""
         if len(parts) == 1:
             return parts[0]
@@ -143,7 +143,9 @@ class Recursive:
             at = rank[np.searchsorted(nodes, part.nodes)]
             K[0, at[:, None], at] += part.K
         nodes, met = nodes[order], met[order]
-        return Part(nodes[i:], met[i:], self._eliminated(K, nodes[None, None, :i], nodes[None, None, i:])[0])
+        return CondensedPart(
+            nodes[i:], met[i:], self._eliminated(K, nodes[None, None, :i], nodes[None, None, i:])[0]
+        )
 
     def _eliminated(self, K: Array, inner: Index, outer: Index) -> Array:
         """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes, as a stage more."""

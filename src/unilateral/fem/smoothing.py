@@ -7,10 +7,10 @@ import scipy.sparse as sp
 from pyamg.amg_core import gauss_seidel
 
 from unilateral.arrays import Array
-from unilateral.fem.hierarchy import Level
+from unilateral.fem.hierarchy import FinerSpace
 
 
-def downward(level: Level, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
+def downward(level: FinerSpace, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
     """x (s,), one sweep of Gauss and Seidel from 0 for r (n,), and what was left then; r loses S x."""
     if level.smoothed is None:
         x, of = np.zeros(level.n), r[: level.n]
@@ -24,7 +24,7 @@ def downward(level: Level, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
     return x[:k], r[level.smoothed]
 
 
-def upward(level: Level, S: sp.csr_array, e: Array, x: Array, left: Array) -> None:
+def upward(level: FinerSpace, S: sp.csr_array, e: Array, x: Array, left: Array) -> None:
     """e (n,), which has only what comes from below, gets x and a sweep backward for what is left (s,)."""
     if level.smoothed is None:
         below, y = e[: level.n], np.zeros(level.n)

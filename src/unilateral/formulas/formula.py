@@ -44,7 +44,7 @@ def parse(text: object, variables: Sequence[str], where: str) -> Expression:
     try:
         with warnings.catch_warnings(action="ignore"):  # of Python's parser
             tree = grammar.tree(source, where)
-        part: grammar.Part = grammar.Reader(source, variables, where).visit(tree)
+        part: grammar.FormulaPart = grammar.Reader(source, variables, where).visit(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
         mended = hints.hint(source, error)

@@ -44,7 +44,7 @@ OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
 COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
 
 
-class Part(NamedTuple):
+class FormulaPart(NamedTuple):
     """The value of a part of a formula, at least its degree, and how many functions are nested in it."""
 
     value: Expression
@@ -73,12 +73,12 @@ def _check(size: int, limit: int, message: str) -> None:
 
 
 class Reader(ast.NodeVisitor):
-    """Makes the syntax tree of a formula a `Part`; raises InputError for what the grammar does not have."""
+    """Makes a `FormulaPart` of a formula's syntax tree; raises InputError for what the grammar has not."""
 
     def __init__(self, source: str, variables: Iterable[str], where: str) -> None:
         self.source, self.where = source, where
-        self.names = {name: Part(variable(name), 1.0) for name in variables}
-        self.names["pi"] = Part(variable("pi"))
+        self.names = {name: FormulaPart(variable(name), 1.0) for name in variables}
+        self.names["pi"] = FormulaPart(variable("pi"))
 
     def refuse(self, node: ast.AST, why: str) -> InputError:
         return InputError(f"{self.where}: '{shown(self.text(node))}' {why}")
@@ -88,7 +88,7 @@ class Reader(ast.NodeVisitor):
 
     def checked(
         self, node: ast.AST, value: Callable[[], Expression], degree: float = 0.0, functions: int = 0
-    ) -> Part:
+    ) -> FormulaPart:
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         try:
             found = value()
@@ -103,21 +103,21 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
-        return Part(found, degree, functions if found.variables else 0)
+        return FormulaPart(found, degree, functions if found.variables else 0)
 
-    def generic_visit(self, node: ast.AST) -> Part:
+    def generic_visit(self, node: ast.AST) -> FormulaPart:
         raise self.refuse(node, "is not allowed in a formula")
 
-    def visit_Compare(self, node: ast.Compare) -> Part:
+    def visit_Compare(self, node: ast.Compare) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{STEP}")
 
-    def visit_IfExp(self, node: ast.IfExp) -> Part:
+    def visit_IfExp(self, node: ast.IfExp) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{STEP}")
 
-    def visit_Tuple(self, node: ast.Tuple) -> Part:
+    def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
 
-    def visit_Constant(self, node: ast.Constant) -> Part:
+    def visit_Constant(self, node: ast.Constant) -> FormulaPart:
         try:
             value = Decimal(self.text(node))
         except InvalidOperation:
@@ -126,28 +126,28 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, "has a number that is too large or too small")
         return self.checked(node, lambda: number(Fraction(value)))
 
-    def visit_Name(self, node: ast.Name) -> Part:
+    def visit_Name(self, node: ast.Name) -> FormulaPart:
         if node.id not in self.names:
             raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {offered(FUNCTIONS)}")
         return self.names[node.id]
 
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> Part:
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> FormulaPart:
         if not isinstance(node.op, ast.USub | ast.UAdd):
             raise self.refuse(node, "is not allowed in a formula")
         operand = self.visit(node.operand)
         return operand._replace(value=-operand.value) if isinstance(node.op, ast.USub) else operand
 
-    def visit_BinOp(self, node: ast.BinOp) -> Part:
+    def visit_BinOp(self, node: ast.BinOp) -> FormulaPart:
         """By a loop along a chain such as a + b + c, which may be longer than Python's recursion is deep."""
         chain = [node]
         while isinstance(chain[-1].left, ast.BinOp):
             chain.append(chain[-1].left)
-        found: Part = self.visit(chain[-1].left)
+        found: FormulaPart = self.visit(chain[-1].left)
         for each in reversed(chain):
             found = self.combined(each, found, self.visit(each.right))
         return found
 
-    def combined(self, node: ast.BinOp, left: Part, right: Part) -> Part:
+    def combined(self, node: ast.BinOp, left: FormulaPart, right: FormulaPart) -> FormulaPart:
         """What the operator makes of both."""
         if type(node.op) not in OPERATORS:
             power = "; write x**2 for x^2" if isinstance(node.op, ast.BitXor) else ""
@@ -165,7 +165,7 @@ class Reader(ast.NodeVisitor):
         operator = OPERATORS[type(node.op)]
         return self.checked(node, lambda: operator(left.value, right.value), degree, functions)
 
-    def visit_Call(self, node: ast.Call) -> Part:
+    def visit_Call(self, node: ast.Call) -> FormulaPart:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
             factor = isinstance(node.func, ast.Constant) or self.text(node.func) in self.names
             raise self.refuse(node, not_called(self.text(node.func), factor, FUNCTIONS))
@@ -196,7 +196,7 @@ class Reader(ast.NodeVisitor):
         if hides_kink(base, k):
             raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
 
-    def checked_power(self, node: ast.AST, argument: Part, power: Part) -> float:
+    def checked_power(self, node: ast.AST, argument: FormulaPart, power: FormulaPart) -> float:
         """That of pos, which is a number."""
         k = power.value.rational
         if k is None or not (0 <= k <= MAX_DEGREE and k.denominator <= MAX_DENOMINATOR):

@@ -12,11 +12,11 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.files import replacing
 from unilateral.geometry.checks import anticlockwise, boundary_edges, check_arrays
 from unilateral.geometry.mesh import Mesh, from_arrays
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
+from unilateral.system.files import replacing
 
 STRAIGHT = 1e-9
 """The sine of the angle up to which a boundary runs on."""

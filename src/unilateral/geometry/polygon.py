@@ -9,9 +9,9 @@ from importlib import resources
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.declarations import own
 from unilateral.errors import InputError, meant
 from unilateral.geometry.plane import cross, first_crossing
+from unilateral.system.declarations import own
 
 MAX_VERTICES = 1000
 """Polygons with more sides are taken for a mistake: such as curves that are drawn by points."""

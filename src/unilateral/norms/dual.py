@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
 
-class Bounds(NamedTuple):
+class Bracket(NamedTuple):
     """Guaranteed lower and upper bounds, of equal shapes."""
 
     lower: Array
@@ -100,18 +100,18 @@ class Gram:
         return Gram(partition.points, means, lower, upper, self.oscillation)
 
     @property
-    def p0(self) -> Bounds:
+    def p0(self) -> Bracket:
         """(m, m) each: Gram matrices of P0(T_H), the true one between them as quadratic forms."""
         m = self.n_cells
-        return Bounds(self.lower[:m, :m], self.upper[:m, :m])
+        return Bracket(self.lower[:m, :m], self.upper[:m, :m])
 
-    def error(self, c: int, difference: Array) -> Bounds:
+    def error(self, c: int, difference: Array) -> Bracket:
         """Bounds (k,) of ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
         x = np.zeros((len(difference), len(self.lower)))
         x[:, : self.n_cells] = difference
         x[:, self.n_cells + c] = 1.0
         lower, upper = (np.sum((x @ form) * x, axis=1) for form in (self.lower, self.upper))
-        return Bounds(_root(lower), _root(upper) + self.oscillation[c])
+        return Bracket(_root(lower), _root(upper) + self.oscillation[c])
 
     @cached_property
     def best_approximations(self) -> Array:
@@ -128,14 +128,14 @@ class DualNorm:
     partition: Partition
     spaces: ReferenceSpaces
 
-    def of_p0(self, mu_H: Array, partition: Partition | None = None) -> Bounds:
+    def of_p0(self, mu_H: Array, partition: Partition | None = None) -> Bracket:
         """Bounds (k,) of ||mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells of T_H.
 
         Another partition may be given; its points need not be nodes of the reference mesh.
         """
         return self._bounds(of_p0(self.spaces, partition or self.partition, mu_H))
 
-    def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bounds:
+    def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bracket:
         """Bounds (k,) of ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells.
 
         Or linear there, with the values (k, m, 2) at their ends.
@@ -160,10 +160,10 @@ class DualNorm:
             np.concatenate([part.oscillation for part in of_cases] or [np.empty(0)]),
         )
 
-    def _bounds(self, mu: Functionals) -> Bounds:
+    def _bounds(self, mu: Functionals) -> Bracket:
         lower = np.diag(self.spaces.suprema(mu.loads))
         upper = np.diag(self.spaces.least_fluxes(mu.fluxes))
-        return Bounds(_root(lower), _root(upper) + mu.oscillation)
+        return Bracket(_root(lower), _root(upper) + mu.oscillation)
 
 
 def dual_norm(

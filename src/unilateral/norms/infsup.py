@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.spaces import DualOperator
-from unilateral.norms.dual import Bounds
+from unilateral.norms.dual import Bracket
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +36,7 @@ class InfSup(NamedTuple):
     beta_0: float
 
 
-def infsup(operator: DualOperator, gram: Bounds) -> InfSup:
+def infsup(operator: DualOperator, gram: Bracket) -> InfSup:
     """The constants of a mesh and a partition, from the Gram matrices (m, m) of P0(T_H).
 
     beta is at most 1, for V_h is conforming; beta^2 <= 1e-12, which is rounding, counts as 0.

@@ -19,7 +19,6 @@ from typing import Any, ClassVar
 import numpy as np
 import sympy
 
-from unilateral import declarations
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.elementary import Steps
@@ -33,14 +32,15 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor import Cantor
 from unilateral.problems.case_parts import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
-from unilateral.problems.data import Known, on_sides, places
+from unilateral.problems.data import KnownSolution, on_sides, places
 from unilateral.problems.flux import Flux, none
 from unilateral.problems.obstacle import Obstacle, enclosed
 from unilateral.problems.units import Units
+from unilateral.system import declarations
 
 
 @dataclass(frozen=True, eq=False)
-class Case(Known):
+class Case(KnownSolution):
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on

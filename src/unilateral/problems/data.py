@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
 
-class Known:
+class KnownSolution:
     """What cases are; their module takes longer to import than a small problem."""
 
 
 def is_case(problem: object) -> TypeGuard[Case]:
-    return isinstance(problem, Known)
+    return isinstance(problem, KnownSolution)
 
 
 class Data(Protocol):

@@ -13,7 +13,15 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.piecewise import PLACES, SHORTEST, SIGNS, Pieces, Piecewise, SideModel, in_pieces
+from unilateral.problems.piecewise import (
+    PLACES,
+    SHORTEST,
+    SIGNS,
+    IntervalPieces,
+    Piecewise,
+    SideModel,
+    in_pieces,
+)
 
 CUT = (3 - 5**0.5) / 2
 """Of a side, where it is cut first: then no jump that is written as a fraction is in the middle of a piece.
@@ -59,7 +67,7 @@ def none(polygon: Polygon) -> Flux:
     return enclosed(polygon, lambda _, t: t, ())
 
 
-def _jumps(pieces: Pieces, doubt: Array) -> Array:
+def _jumps(pieces: IntervalPieces, doubt: Array) -> Array:
     """(k + 1,) what lies between neighbours on one side at most; 0 at vertices, whose place is exact."""
     ends = np.abs((SIGNS @ pieces.c)[1:] - pieces.c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
     inner = np.where(pieces.side[1:] == pieces.side[:-1], ends, 0.0)

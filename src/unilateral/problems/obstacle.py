@@ -13,7 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.piecewise import ORDER, SIGNS, Pieces, Piecewise, SideModel, in_pieces
+from unilateral.problems.piecewise import ORDER, SIGNS, IntervalPieces, Piecewise, SideModel, in_pieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def enclosed(
     return _joined(polygon, in_pieces(polygon, model, free, least, cuts))
 
 
-def _joined(polygon: Polygon, pieces: Pieces) -> Obstacle:
+def _joined(polygon: Polygon, pieces: IntervalPieces) -> Obstacle:
     """Each piece but the last of a side changed linearly to end where the next one begins."""
     side, _, _, c, rad, lower, upper = pieces
     gap = np.append((SIGNS @ c)[1:] - c.sum(axis=0)[:-1], 0.0)

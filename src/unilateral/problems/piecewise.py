@@ -37,7 +37,7 @@ SIGNS = np.where(np.arange(ORDER + 1) % 2, -1.0, 1.0)
 """Of the powers at -1."""
 
 
-class Pieces(NamedTuple):
+class IntervalPieces(NamedTuple):
     """Intervals [start, end] (k,) of sides (k,) in side lengths, with c (m, k), rad and range (k,) there."""
 
     side: Index
@@ -48,12 +48,14 @@ class Pieces(NamedTuple):
     lower: Array
     upper: Array
 
-    def of(self, kept: Mask | Index) -> Pieces:
+    def of(self, kept: Mask | Index) -> IntervalPieces:
         side, start, end = self.side[kept], self.start[kept], self.end[kept]
-        return Pieces(side, start, end, self.c[:, kept], self.rad[kept], self.lower[kept], self.upper[kept])
+        return IntervalPieces(
+            side, start, end, self.c[:, kept], self.rad[kept], self.lower[kept], self.upper[kept]
+        )
 
     @property
-    def ordered(self) -> Pieces:
+    def ordered(self) -> IntervalPieces:
         """Along the boundary."""
         return self.of(np.lexsort([self.start, self.side]))
 
@@ -112,7 +114,7 @@ def in_pieces(
     least: float = -np.inf,
     cuts: Iterable[Singular] = (),
     shortest: Array | float = SHORTEST,
-) -> Pieces:
+) -> IntervalPieces:
     """The function on all sides but those `without`, in order; below `least` it is known less well.
 
     It takes fewer pieces if these begin and end at the points where it is known not to be smooth. No piece
@@ -151,29 +153,29 @@ def _first_intervals(
     return side[:-1][within], t[:-1][within], t[1:][within]
 
 
-def _only_rounded(model: SideModel, pieces: Pieces) -> Mask:
+def _only_rounded(model: SideModel, pieces: IntervalPieces) -> Mask:
     """Where it is hardly better known in the middle of a piece than on all of it: shorter are in vain."""
     middle = 0.5 * (pieces.start + pieces.end)
     at_points = _on_intervals(model, pieces.side, middle, middle)
     return np.asarray(pieces.rad <= IN_VAIN * at_points.rad)
 
 
-def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:
+def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
     parts = [_on_block(model, side[at], start[at], end[at]) for at in blocks(len(side), FEW)]
     return _together(parts)
 
 
-def _on_block(model: SideModel, side: Index, start: Array, end: Array) -> Pieces:
+def _on_block(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
     t = affine(basis(1, ORDER), 0.5 * (start + end), 0.5 * (end - start)[None], (start, end))
     found = model(side, t)
-    return Pieces(side, start, end, found.c, found.rad, *found.range)
+    return IntervalPieces(side, start, end, found.c, found.rad, *found.range)
 
 
-def _together(pieces: Sequence[Pieces]) -> Pieces:
-    return Pieces(*(np.concatenate(each, axis=-1) for each in zip(*pieces, strict=True)))
+def _together(pieces: Sequence[IntervalPieces]) -> IntervalPieces:
+    return IntervalPieces(*(np.concatenate(each, axis=-1) for each in zip(*pieces, strict=True)))
 
 
-def _too_wide(pieces: Pieces, least: float) -> Mask:
+def _too_wide(pieces: IntervalPieces, least: float) -> Mask:
     """Where it is not known up to SHARP times its spread above `least`, or its depth below."""
     held = np.isfinite(pieces.lower)
     at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
@@ -182,8 +184,8 @@ def _too_wide(pieces: Pieces, least: float) -> Mask:
     return np.asarray(~(pieces.rad <= np.maximum(SHARP * scale, FLOOR * size)))
 
 
-def _empty(side: Index) -> Pieces:
+def _empty(side: Index) -> IntervalPieces:
     """The pieces of sides without a function."""
     zero = np.zeros(len(side))
     low = np.full(len(side), -np.inf)
-    return Pieces(side, zero, zero + 1, np.zeros((ORDER + 1, len(side))), zero, low, low)
+    return IntervalPieces(side, zero, zero + 1, np.zeros((ORDER + 1, len(side))), zero, low, low)

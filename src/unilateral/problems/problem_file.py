@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from unilateral import declarations
 from unilateral.errors import InputError, shown
 from unilateral.formulas.constants import rounded
 from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
@@ -22,6 +21,7 @@ from unilateral.problems import catalogue
 from unilateral.problems.problem import Problem, curve
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.units import Units
+from unilateral.system import declarations
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140

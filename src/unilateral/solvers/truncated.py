@@ -20,14 +20,14 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int32
-from unilateral.fem.hierarchy import Hierarchy, Level
+from unilateral.fem.hierarchy import FinerSpace, Hierarchy
 from unilateral.fem.smoothing import downward, upward
 
 CUT_AWAY = 1e-10
 """Of a hat's energy: where less is left, all is rounding, and the hat is 0."""
 
 
-class Part(NamedTuple):
+class SparsePart(NamedTuple):
     """A symmetric matrix that is 0 but for the rows and columns of the `nodes` (k,), increasing."""
 
     nodes: Index
@@ -84,7 +84,7 @@ def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
         return splu((S + sp.diags_array(CUT_AWAY * A_0.diagonal())).tocsc())
 
 
-def _at_the_nodes(A: sp.csr_array, nodes: Index) -> Part:
+def _at_the_nodes(A: sp.csr_array, nodes: Index) -> SparsePart:
     """The symmetric A's entries whose row or column is one of the nodes."""
     rows = A[nodes].tocoo()
     i, j = nodes[rows.row], rows.col
@@ -95,10 +95,10 @@ def _at_the_nodes(A: sp.csr_array, nodes: Index) -> Part:
     i, j = place[: len(i)], place[len(i) :]
     entries = np.concatenate([rows.data, rows.data[other]])
     places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
-    return Part(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
+    return SparsePart(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
 
 
-def _coarser(level: Level, D: Part) -> Part:
+def _coarser(level: FinerSpace, D: SparsePart) -> SparsePart:
     """P^T D P on the level before."""
     new = D.nodes >= level.before
     rows = level.P[D.nodes[new] - level.before]
@@ -108,10 +108,10 @@ def _coarser(level: Level, D: Part) -> Part:
     at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
     entries = np.repeat([1.0, 0.5], [k, len(reached) - k])
     P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
-    return Part(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
+    return SparsePart(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
 
 
-def _minus(level: Level, D: Part) -> sp.csr_array:
+def _minus(level: FinerSpace, D: SparsePart) -> sp.csr_array:
     """The level's rows less D, in their pattern, which contains D's."""
     assert level.rows is not None
     if level.smoothed is None:
@@ -121,7 +121,7 @@ def _minus(level: Level, D: Part) -> sp.csr_array:
     return _less(level.rows, place[D.nodes], D, level.columns)
 
 
-def _less(A: sp.csr_array, rows: Index, D: Part, columns: Int32 | None = None) -> sp.csr_array:
+def _less(A: sp.csr_array, rows: Index, D: SparsePart, columns: Int32 | None = None) -> sp.csr_array:
     """A - D, D's nodes being those `rows` of A, -1 if none; hats that are cut away keep their diagonal entry.
 
     `columns` are the nodes of A's columns, by default all. The diagonal entry is in the column of the row.

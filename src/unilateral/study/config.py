@@ -11,13 +11,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from unilateral import declarations
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case
 from unilateral.study import drawings, schema
+from unilateral.system import declarations
 
 Fields = dict[str, Any]
 Place = tuple[str | int, ...]
@@ -95,7 +95,6 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
         (("sharpness", "H"), study["sharpness"]["H"]),
         (("sharpness", "fixed", "H"), study["sharpness"]["fixed"]["H"]),
         (("cells", "H"), study["cells"]["H"]),
-        (("deep", "h"), study["deep"]["h"]),
         (("cost", "stops"), study["cost"]["stops"]),
     ]
     for place, given in falling:
@@ -117,7 +116,7 @@ def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
     """Cases that are not declared, or not for their polygon or side; surveys that do not fit theirs."""
     chosen: list[tuple[Place, Fields, list[str]]] = [
         *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
-        *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "cells", "deep")),
+        *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "cells")),
         *(
             (("adaptive", "scenes", i, "cases"), scene, scene["cases"])
             for i, scene in enumerate(study["adaptive"]["scenes"])
@@ -177,7 +176,7 @@ def _case_fault(name: str, domain: str, side: int) -> str:
 
 def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
     """Cases of scenes without expected rates."""
-    for name, scene in {**study["scenes"], "deep": study["deep"]}.items():
+    for name, scene in study["scenes"].items():
         for wanted in scene["cases"]:
             if wanted not in study["rates"]["cases"]:
                 yield ("rates", "cases"), f"there is no '{wanted}'; add it, for scene '{name}' has that case"

@@ -10,18 +10,16 @@ from collections.abc import Iterator, Mapping
 from functools import reduce
 from typing import Any, NamedTuple
 
-from unilateral.study import functions
+from unilateral.study import registry
 
 Fields = Mapping[str, Any]
 Place = tuple[str | int, ...]
-SHARED = "style"
-"""The module in figures that is no figure."""
 STUDIES = ("adaptive", "algorithm", "cells", "cost", "extremes", "sharpness")
 """Folders of results that belong to no scene and no survey."""
 
 
 class Drawing(NamedTuple):
-    """A figure: `reads` are files of results, and `arguments` what else the module's `table` is given.
+    """A figure: `reads` are files of results, and `arguments` what else its module's `table` is given.
 
     `shows` says what it shows, and `cases` are the cases that it names.
     """
@@ -56,7 +54,7 @@ def _drawing(entry: Fields, scene: str, study: Fields) -> Drawing:
     given = entry["parameters"]
     cases = [*given.get("cases", []), *([given["case"]] if "case" in given else [])]
     return Drawing(
-        module=entry["module"],
+        module=registry.figures()[entry["module"]],
         shows=entry["shows"],
         reads={key: _files(files, scene, study["surveys"]) for key, files in entry["reads"].items()},
         arguments={key: _fields(where, scene, study) for key, where in entry["study"].items()} | given,
@@ -89,8 +87,8 @@ def faults(study: Fields) -> Iterator[tuple[Place, str]]:
 
 def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
     """A module, a scene or a field of the configuration."""
-    if entry["module"] not in modules():
-        yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(modules())}"
+    if entry["module"] not in (known := registry.figures()):
+        yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(known)}"
     for i, scene in enumerate(entry["scenes"]):
         if scene not in study["scenes"]:
             yield ("scenes", i), f"it is '{scene}'; it has to be one of {', '.join(study['scenes'])}"
@@ -125,7 +123,7 @@ def _folders(files: str | list[str]) -> list[str]:
 
 def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     module, given = entry["module"], [*entry["reads"], *entry["study"], *entry["parameters"]]
-    of_module = functions.functions("figures", module)
+    of_module = registry.functions(registry.figures()[module])
     if not {"table", "draw"} <= set(of_module):
         yield ("module",), f"{module} has to have the functions `table` and `draw`"
         return
@@ -133,8 +131,3 @@ def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     taken = [*table.needed, *table.optional]
     if not set(table.needed) <= set(given) <= set(taken) or len(given) > len(set(given)):
         yield (), f"`table` of {module} is given {', '.join(given)}; it takes {', '.join(taken)}"
-
-
-def modules() -> list[str]:
-    """The modules of figures."""
-    return [name for name in functions.modules("figures") if name != SHARED]

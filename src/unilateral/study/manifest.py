@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import __version__
-from unilateral.files import replacing
 from unilateral.study.origin import OF_THE_MACHINE
+from unilateral.system.files import replacing
 
 
 def write(

@@ -11,9 +11,9 @@ from typing import Any
 
 import jsonschema
 
-from unilateral.declarations import MAX_DEPTH, MAX_DIGITS, own
 from unilateral.geometry import polygon
-from unilateral.study import functions
+from unilateral.study import registry
+from unilateral.system.declarations import MAX_DEPTH, MAX_DIGITS, own
 
 TYPES = {
     "array": "a list",
@@ -63,7 +63,7 @@ def _validator(schema: str) -> Any:
     """Names that the library knows are those that it has."""
     rules = own(Path(schema))
     rules["$defs"]["polygon"]["enum"] = polygon.names()
-    rules["$defs"]["kind"]["enum"] = list(functions.axes())
+    rules["$defs"]["kind"]["enum"] = list(registry.axes())
     return _Validator(rules)
 
 

@@ -21,10 +21,10 @@ import pandas as pd
 import xarray as xr
 
 from unilateral import __version__
-from unilateral.declarations import own
 from unilateral.errors import InputError, StorageError
-from unilateral.files import replacing, write_netcdf
 from unilateral.study import origin
+from unilateral.system.declarations import own
+from unilateral.system.files import replacing, write_netcdf
 
 SOURCE = (
     "J. Haslinger, J. Lovíšek: Mixed variational formulation of unilateral problems. "

@@ -10,12 +10,12 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import SHARE, refinement_pays
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
+from unilateral.discrete.multilevel import refinements
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.adapted import adapted, marked
 from unilateral.geometry.adapted import divided as divided_mesh
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
-from unilateral.multilevel import refinements
 from unilateral.norms.dual import h1_distance
 from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop

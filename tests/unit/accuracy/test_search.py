@@ -18,15 +18,15 @@ from unilateral.accuracy.level import NOTHING, SHARE, standing, unknowable
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.bounds import ancestors, source
-from unilateral.choice import levels_for
-from unilateral.discrete import discretise, solve
+from unilateral.discrete.choice import levels_for
+from unilateral.discrete.condensed import discretise, solve
+from unilateral.discrete.multilevel import MultilevelProblem
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
-from unilateral.multilevel import Multilevel
 from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.problems import problem_file
 from unilateral.solvers.iterate import iterate
@@ -374,7 +374,8 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
         "import sys, xarray; from unilateral.cli import main; from unilateral.norms import dual; "
         "from unilateral.geometry import partition, structured; "
         "from unilateral.geometry.polygon import square; "
-        "from unilateral.problems import case; from unilateral.study.runs import scene; "
+        "from unilateral.problems import case; "
+        "from unilateral.study.experiments.scenes import measure as scene; "
         "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
     forms = f"dual.Gram.of_table(xarray.open_dataset({str(table)!r}))"
@@ -499,7 +500,7 @@ def test_lambda_is_certified_by_multigrid():
     """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
     of = load("natural")
     last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
-    assert isinstance(last.solved.discrete, Multilevel)
+    assert isinstance(last.solved.discrete, MultilevelProblem)
     assert last.certified
     error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])
     assert error.lower[0] <= last.total <= last.target

@@ -14,7 +14,7 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import ENCLOSING, OutOfBudget, Watch
 from unilateral.errors import BudgetError
-from unilateral.memory import peak_mb
+from unilateral.system.memory import peak_mb
 
 PHASES = ("mesh", "matrices", ENCLOSING, "solve", "bound")
 """Of a level on a uniform mesh."""

@@ -15,7 +15,7 @@ from conftest import ROOT
 from skfem.helpers import dot, grad
 from test_adversarial import true_error
 
-from unilateral.choice import condensed
+from unilateral.discrete.choice import condensed
 from unilateral.formulas.expression import number
 from unilateral.formulas.symbolic import plain
 from unilateral.geometry.mesh import from_arrays

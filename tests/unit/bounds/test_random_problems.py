@@ -18,14 +18,14 @@ from unilateral.accuracy.search import search
 from unilateral.bounds import local, source
 from unilateral.bounds.forces import forces
 from unilateral.bounds.given import given as given_flux
-from unilateral.choice import condensed
+from unilateral.discrete.choice import condensed
+from unilateral.discrete.multilevel import after
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.structured import natural_kind
-from unilateral.multilevel import after
 from unilateral.solvers.stop import Stop
 
 FORMULAS = range(5 * FUZZ) if FUZZ else (0, 4, 8, 20, 22, 26, 32, 39, 42, 48)

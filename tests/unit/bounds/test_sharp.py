@@ -19,7 +19,7 @@ from unilateral.bounds import sharp as bounds
 from unilateral.bounds.constraint import constraint
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.quadratic import quadratic
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm, load

@@ -17,19 +17,18 @@ import pytest
 from conftest import DATA, ROOT, certified, discrete, load
 from documents import blocks
 
-from unilateral import discrete as of_data
-from unilateral import discrete_solution
 from unilateral.accuracy.watch import Watch
 from unilateral.bounds.local import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.cli import main
 from unilateral.cli.application import COMMANDS
 from unilateral.cli.watching import bar
+from unilateral.discrete import base, condensed
+from unilateral.formulas.decimals import between, up
 from unilateral.norms.dual import dual_norm
-from unilateral.outward import between, up
 from unilateral.problems import case
 from unilateral.solution import Solution
-from unilateral.study.judge import claims
+from unilateral.study.ledger import claims
 
 KEYS = [  # of --json, in the documented order
     *(
@@ -113,7 +112,7 @@ def test_solve_prints_a_table(run):
     code, out, err = run("solve", "natural", *FINER)
     assert (code, err) == (0, "")
     assert out.startswith("natural: h = 0.0625, H = 0.125, h/H = 0.5\n")
-    solution = of_data.solve(discrete("natural", 16, 8))
+    solution = condensed.solve(discrete("natural", 16, 8))
     assert f"uzawa converged             algebraic error <= {up(solution.result.bound, '.4e')}" in out
     assert f"after {solution.result.iterations} steps" in out
     for name, sign, value in (("u - u_h||_1", "=", "h1"), ("lambda - lambda_H||_0", "=", "l2")):
@@ -128,7 +127,7 @@ def test_json_has_the_library_s_numbers(solve_json):
     code, found, err = solve_json("natural", *FINER)
     assert (code, err) == (0, "")
     alone, of = discrete("natural", 16, 8), load("natural")
-    solution = of_data.solve(alone)
+    solution = condensed.solve(alone)
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
     given = alone.spaces.partition, solution.u_h, solution.lambda_H
     mesh = alone.exact.ritz.condensed.mesh
@@ -183,7 +182,7 @@ def test_where_beta_is_0_the_multiplier_is_not_judged(run, solve_json):
         "hm12_error_upper",
         "l2_error",
     ]
-    assert found["h1_error"] == pytest.approx(of_data.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
+    assert found["h1_error"] == pytest.approx(condensed.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
     assert out.count("not judged, for beta is 0 to rounding") == 2
     assert "active_set converged" in out
@@ -206,7 +205,7 @@ def test_all_algorithms_agree(solve_json, algorithm):
     """Each within its own guaranteed bound of the same solution, in the norm of u's error."""
     code, found, _ = solve_json("thirds", *FINER, "--algorithm", algorithm)
     assert code == 0
-    exact = of_data.solve(discrete("thirds", 16, 8))
+    exact = condensed.solve(discrete("thirds", 16, 8))
     assert abs(found["h1_error"] - exact.errors.h1) <= found["algebraic_bound"] + exact.result.bound
     assert (found["iterations"] is None) == (algorithm == "active_set")
 
@@ -338,13 +337,13 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
 )
 def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u, of_lambda, options, said):
     """Factors of bounds, by unknowns. The second level is the answer where the first and third disagree."""
-    own = discrete_solution.local_bound
+    own = base.local_bound
 
     def spoilt(*arguments):
         found, (u, of_l) = own(*arguments), (of.get(len(arguments[3]), 1.0) for of in (of_u, of_lambda))
         return replace(found, u=u * found.u, lambda_=of_l * found.lambda_)
 
-    monkeypatch.setattr(discrete_solution, "local_bound", spoilt)
+    monkeypatch.setattr(base, "local_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)
     assert code == 3
     assert re.fullmatch(

@@ -9,6 +9,7 @@ import pytest
 from conftest import coupled
 
 from unilateral.cli import main
+from unilateral.formulas.decimals import between
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import uniform
@@ -16,7 +17,6 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
-from unilateral.outward import between
 
 SQUARE = ("--polygon", "square")
 

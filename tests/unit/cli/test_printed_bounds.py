@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import unilateral as ul
-from unilateral import outward
 from unilateral.cli import main
+from unilateral.formulas import decimals
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 ON_ONE_SIDE = {"polygon": "[[0, 0], [1, 0], [1, 1], [0, 1]]", "free_sides": "[0, 2, 3]"}
@@ -132,5 +132,5 @@ def test_every_bound_that_is_printed_is_one_of_the_number_in_json(name, capsys):
 
 
 def test_by_plain_rounding_some_would_be_on_the_wrong_side(monkeypatch, capsys):
-    monkeypatch.setattr(outward, "_rounded", lambda x, spec, _: format(x, spec))
+    monkeypatch.setattr(decimals, "_rounded", lambda x, spec, _: format(x, spec))
     assert any(wrong(*told(arguments, capsys)) for arguments in RUNS.values())

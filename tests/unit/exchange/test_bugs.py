@@ -22,11 +22,11 @@ from conftest import ROOT
 
 from unilateral.arrays import Array
 from unilateral.cli import main
-from unilateral.discrete import Discrete, discretise, solve
+from unilateral.discrete.condensed import CondensedProblem, discretise, solve
 from unilateral.errors import InputError
 from unilateral.exchange.fault import UNEXPLAINED
 from unilateral.exchange.faults import judged
-from unilateral.exchange.read import Foreign, Level, exported, foreign
+from unilateral.exchange.read import ExportedLevel, Foreign, exported, foreign
 from unilateral.exchange.score import score
 from unilateral.exchange.trace import Trace, constant
 from unilateral.norms.dual import Errors
@@ -139,8 +139,8 @@ class Solved(NamedTuple):
     """A level of a case as this project and an author see it; `own` are this project's errors."""
 
     case: Case
-    level: Level
-    discrete: Discrete
+    level: ExportedLevel
+    discrete: CondensedProblem
     u_h: Array
     lambda_H: Trace
     own: Errors

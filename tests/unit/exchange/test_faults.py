@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from conftest import ROOT, discrete, load
 
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.exchange.conditions import Equal, Reversed, conditions
 from unilateral.exchange.faults import judged
-from unilateral.exchange.read import Foreign, Level
+from unilateral.exchange.read import ExportedLevel, Foreign
 from unilateral.exchange.residual import Residual, loads
 from unilateral.exchange.score import score
 from unilateral.exchange.trace import constant, continuous, of_reactions
@@ -53,7 +53,7 @@ def own():
 
 
 def given(u, mu=None):
-    return Foreign("file", Level("level_0", problem().mesh, problem().partition), u, mu, "")
+    return Foreign("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
 
 
 def told(u, mu=None):
@@ -195,7 +195,7 @@ def test_f_by_its_values_at_the_nodes_is_no_fault():
     offset = of.spaces.B @ trace / of.partition.lengths - of.g_means
     other = replace(of, load=interpolated, offset=offset, exact=None, data=None)
     found = solve(other, Stop(tolerance=1e-7))
-    level = Level("level_0", of.mesh, of.partition)
+    level = ExportedLevel("level_0", of.mesh, of.partition)
     one = score(case, Foreign("file", level, found.u_h, constant(of.partition, found.lambda_H), ""))
     assert Residual(of, found.u_h, of.load).inside > 0.01 * one.own.h1
     assert one.faults == []
@@ -349,7 +349,7 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
     A test of errors' sizes would fail here: they are as large as the solution.
     """
     of, case = discrete(name, *sizes), load(name)
-    solved, level = solve(of), Level("level_0", of.mesh, of.partition)
+    solved, level = solve(of), ExportedLevel("level_0", of.mesh, of.partition)
     one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
     assert one.faults == []
     nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))

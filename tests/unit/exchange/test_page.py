@@ -10,11 +10,11 @@ import pytest
 from conftest import discrete, load
 
 from unilateral.cli import main
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.exchange.fault import Fault
 from unilateral.exchange.faults import Judged
 from unilateral.exchange.page import page
-from unilateral.exchange.read import Foreign, Level
+from unilateral.exchange.read import ExportedLevel, Foreign
 from unilateral.exchange.score import holds, rates, score, verdict
 from unilateral.exchange.trace import constant
 
@@ -30,7 +30,7 @@ def scored(name, with_multiplier=True):
         of = discrete(name, n, n // 2)
         solved = solve(of)
         mu = constant(of.partition, solved.lambda_H) if with_multiplier else None
-        level = Level(f"level_{k}", of.mesh, of.partition)
+        level = ExportedLevel(f"level_{k}", of.mesh, of.partition)
         found.append(score(load(name), Foreign("file", level, solved.u_h, mu, "constant on cells")))
     return found
 

@@ -14,7 +14,7 @@ import xarray as xr
 from conftest import ROOT, coupled, discrete, load
 
 from unilateral.cli import main
-from unilateral.discrete import solve
+from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
 from unilateral.exchange.extremes import Extreme, Extremes
 from unilateral.exchange.fault import Fault

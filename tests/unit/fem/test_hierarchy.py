@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from nested import Nested, alone, assembled, at_random, graded, prolongation, refined
 from scipy.spatial import Delaunay
 
-from unilateral.fem.hierarchy import Hierarchy, Level, hierarchy
+from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
 from unilateral.fem.p1 import coupling
 from unilateral.geometry import mesh as meshes
@@ -84,7 +84,7 @@ def locally(name: str, way: str) -> Nested:
 WAYS = ["at random", "at a node", "mixed"]
 
 
-def all_rows(level: Level) -> tuple[np.ndarray, sp.csr_array]:
+def all_rows(level: FinerSpace) -> tuple[np.ndarray, sp.csr_array]:
     """The nodes, and their rows (s, n), of a level."""
     assert level.rows is not None
     if level.smoothed is None:

@@ -9,7 +9,7 @@ import pytest
 from conftest import discrete, load
 from scipy.integrate import quad
 
-from unilateral.discrete import solve, with_solution
+from unilateral.discrete.condensed import solve, with_solution
 from unilateral.fem import quadrature
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.fem.splitting import Split

@@ -20,7 +20,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms.dual import Bounds, dual_norm
+from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import cellwise, infsup, of_runs, worst_multiplier
 from unilateral.norms.resolution import resolution
 
@@ -192,7 +192,7 @@ def test_without_a_beta_or_an_error_there_is_no_ratio(table):
 def test_beta_is_at_most_1():
     """V_h may resolve the norm better than the reference spaces do: here D lies between the bounds' forms."""
     op = on("square", 8, 4)[0]
-    assert_allclose(infsup(op, Bounds(0.9 * op.D, 1.1 * op.D))[:2], (1.1**-0.5, 1), rtol=1e-10)
+    assert_allclose(infsup(op, Bracket(0.9 * op.D, 1.1 * op.D))[:2], (1.1**-0.5, 1), rtol=1e-10)
 
 
 @pytest.mark.parametrize("polygon", ["square", "lshape"])

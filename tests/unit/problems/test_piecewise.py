@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.piecewise import ORDER, Pieces, Piecewise
+from unilateral.problems.piecewise import ORDER, IntervalPieces, Piecewise
 
 
 def pieces(rng, k=40):
@@ -13,7 +13,7 @@ def pieces(rng, k=40):
     start = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, k - 1))])
     c = rng.standard_normal((ORDER + 1, k)) * 10.0 ** rng.uniform(-3, 3, (ORDER + 1, k))
     zero, side = np.zeros(k), np.zeros(k, dtype=np.intp)
-    return Pieces(side, start, np.append(start[1:], 1.0), c, zero, zero, zero)
+    return IntervalPieces(side, start, np.append(start[1:], 1.0), c, zero, zero, zero)
 
 
 def errors_over_bounds(seed):
@@ -45,7 +45,7 @@ def test_large_constants_are_rounded_as_sums_are():
     for _ in range(50):
         c = rng.standard_normal((ORDER + 1, 1))
         c[0] *= 1e6
-        of = Pieces(np.zeros(1, dtype=np.intp), *np.array([[0.0], [1.0]]), c, *np.zeros((3, 1)))
+        of = IntervalPieces(np.zeros(1, dtype=np.intp), *np.array([[0.0], [1.0]]), c, *np.zeros((3, 1)))
         polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
         found = Piecewise(polygon, np.array([0.0, 1.0]), of.side, c, *np.zeros((3, 1)))
         value = found.at(np.array([0]), np.array([0.75]))[0].item()

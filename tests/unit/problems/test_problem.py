@@ -9,7 +9,7 @@ import sympy
 from conftest import DATA
 
 from unilateral.bounds import source
-from unilateral.discrete import discretise
+from unilateral.discrete.condensed import discretise
 from unilateral.errors import InputError
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula import compile_numpy

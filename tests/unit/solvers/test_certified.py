@@ -12,8 +12,9 @@ from flint import acb_mat, arb, arb_mat, ctx
 
 import unilateral as ul
 from unilateral.arrays import Array, Mask
-from unilateral.discrete import Discrete, discretise
-from unilateral.discrete_solution import Solution
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.condensed import CondensedProblem, discretise
+from unilateral.discrete.multilevel import after, multilevel
 from unilateral.fem import rounded
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted, refined
@@ -21,7 +22,6 @@ from unilateral.geometry.mesh import similar
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.multilevel import after, multilevel
 from unilateral.solvers.certified import certified
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound
@@ -49,7 +49,7 @@ class System(NamedTuple):
 
 def of(discrete) -> System:
     """Those that the bound is for: the rows of A add up to the mass."""
-    if isinstance(discrete, Discrete):
+    if isinstance(discrete, CondensedProblem):
         on, n = discrete.spaces.condensed, discrete.mesh.n_nodes
         B = sp.csr_array((len(discrete.cells), n)).tolil()
         B[:, discrete.mesh.boundary] = discrete.spaces.B.toarray()
@@ -139,14 +139,14 @@ def made(way: str, scale: float):
     return multilevel(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
 
 
-def solution(way: str, scale: float, tolerance: float = 1e-9) -> Solution:
+def solution(way: str, scale: float, tolerance: float = 1e-9) -> DiscreteSolution:
     algorithm = way if way in ("uzawa", "nesterov", "newton", "active_set") else "auto"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return made(way, scale).iterated(tolerance, Stop(algorithm=algorithm))
 
 
-def largest_error(found: Solution) -> float:
+def largest_error(found: DiscreteSolution) -> float:
     """Of both errors; it is proved that the solution with 60 digits is one."""
     lambda_H = found.result.lambda_H
     solved = solved_exactly(of(found.discrete), lambda_H > 0)
@@ -188,7 +188,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
     discrete = found.discrete
 
     def bound() -> float:
-        if isinstance(discrete, Discrete):
+        if isinstance(discrete, CondensedProblem):
             return discrete.solution(found.result, 0.0).result.bound
         return discrete.grids.bound(found.u_h, found.result.lambda_H)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from nested import Nested, alone, levels_of, refined
 
-from unilateral.discrete import Discrete, with_load
+from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem.condense import condense
-from unilateral.fem.hierarchy import Level
+from unilateral.fem.hierarchy import FinerSpace
 from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.residual import dual_norm
@@ -40,7 +40,7 @@ class Both:
 
     nested: Nested
     grid: Multigrid
-    discrete: Discrete
+    discrete: CondensedProblem
 
     @property
     def cells(self) -> Array:
@@ -398,7 +398,7 @@ def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.Monke
     """Control: with the finest and the coarsest level only, the least eigenvalue falls with the depth."""
     from unilateral.solvers import truncated
 
-    def unsmoothed(level: Level, S: object, r: Array) -> tuple[Array, Array]:
+    def unsmoothed(level: FinerSpace, S: object, r: Array) -> tuple[Array, Array]:
         k = level.n if level.smoothed is None else len(level.smoothed)
         return np.zeros(k), np.zeros(k)
 

@@ -9,7 +9,7 @@ import pytest
 from nested import Nested, alone, at_random, graded, prolongation, refined
 from scipy.linalg import eigh
 
-from unilateral.fem.hierarchy import Level, hierarchy
+from unilateral.fem.hierarchy import FinerSpace, hierarchy
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
@@ -47,7 +47,7 @@ def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
     return found
 
 
-def nodes_of(level: Level) -> tuple[np.ndarray, np.ndarray]:
+def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
     """Those of its rows, and of their columns."""
     every = np.arange(level.n)
     return (every, every) if level.columns is None else (level.smoothed, level.columns)

@@ -57,7 +57,7 @@ def cases(ctx: click.Context, name: str | None, form: str, polygon: str | None, 
     if form in ("python", "ufl"):
         ctx.fail(f"--format {form} is for one case; name it, such as natural")
     if form == "json":
-        say(load("unilateral.certificate").text(load("unilateral.cli.cases").records()))
+        say(load("unilateral.system.as_json").text(load("unilateral.cli.cases").records()))
     else:
         for line in load("unilateral.cli.cases").listing():
             say(line)

@@ -19,11 +19,11 @@ CLAIM_FAILS = 1
 @as_json
 def claims(claim: str | None, results: str, json: bool) -> int:
     """Judge the paper's statements by the study's results, in the folder that `make` writes."""
-    judge, printed = (load(f"unilateral.study.judge.{name}") for name in ("claims", "printed"))
-    tables = load("unilateral.study.judge.results").finished(results)
+    judge, printed = (load(f"unilateral.study.ledger.{name}") for name in ("claims", "printed"))
+    tables = load("unilateral.study.ledger.results").finished(results)
     found = judge.judge(tables, [judge.find(claim)] if claim else None)
     if json:
-        say(load("unilateral.certificate").text({"claims": [_record(each) for each in found]}))
+        say(load("unilateral.system.as_json").text({"claims": [_record(each) for each in found]}))
     else:
         say(printed.explanation(found[0]) if claim else printed.summary(found))
     return CLAIM_FAILS if any(each.counts_against for each in found) else 0

@@ -1,0 +1,208 @@
+"""The discrete problem (P_h*), and its solution with what is known of its errors."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.bounds.edge_flux import SUMS
+from unilateral.bounds.given import Given, given
+from unilateral.bounds.local import LocalBound, local_bound
+from unilateral.bounds.sharp import SharpBound, sharp_bound
+from unilateral.bounds.source import Source, enclosed
+from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import ExactErrors
+from unilateral.problems.data import Data
+from unilateral.problems.obstacle import Obstacle
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import DualResult
+
+AIM = 0.5
+"""Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteProblem(ABC):
+    """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
+
+    Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` f, g and q
+    are formulas; `source` is f enclosed, where it has been, as the load may be made of that.
+    """
+
+    mesh: Mesh
+    partition: Partition
+    cells: Index
+    load: Array
+    g_means: Array
+    data: Data | None = field(default=None, kw_only=True)
+    source: Source | None = field(default=None, kw_only=True)
+
+    @property
+    @abstractmethod
+    def unique(self) -> bool:
+        """Whether lambda_H is known to be the only one."""
+
+    @property
+    @abstractmethod
+    def beta(self) -> float:
+        """What serves as beta of (3.4)."""
+
+    @abstractmethod
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
+
+    @abstractmethod
+    def solved(self, stop: Stop) -> DiscreteSolution:
+        """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`, else a fraction of other errors."""
+
+    @abstractmethod
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> DiscreteSolution:
+        """The solution up to a tolerance, from lambda_H = start (m,); `total` is what its bound will be."""
+
+    @abstractmethod
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        """The solution, iterated on to a smaller tolerance."""
+
+    def errors(self, lambda_H: Array) -> ExactErrors | None:
+        """The true errors of lambda_H (m,) and its u_h, where the solution is seen from the spaces."""
+        return None
+
+    def forget(self) -> None:
+        """Gives back what is large and made again in little time; by default nothing is."""
+        return
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteSolution:
+    """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
+
+    discrete: DiscreteProblem
+    result: DualResult
+    tolerance: float
+    lambda_H: Array
+    u_h: Array
+
+    @cached_property
+    def errors(self) -> ExactErrors | None:
+        """The true errors, where the solution is seen from the spaces."""
+        return self.discrete.errors(self.result.lambda_H)
+
+    @cached_property
+    def gap(self) -> Array:
+        """(cells,) the means of u_h - g, NaN on free sides."""
+        mesh, cells = self.discrete.mesh, self.discrete.partition
+        found = coupling(mesh, cells) @ self.u_h[mesh.boundary] / cells.lengths - self.discrete.g_means
+        found[np.setdiff1d(np.arange(cells.n_cells), self.discrete.cells)] = math.nan
+        return found
+
+    def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
+        """The guaranteed bounds of the errors, where f, g and q are formulas; sharp ones take more time."""
+        return self._sharp_bound if sharp else self._local_bound
+
+    @property
+    def shares(self) -> Array:
+        """(m,) the triangles' parts of the square of the cheap bound of ||u - u_h||_1, 0 if it is unknown."""
+        bound = self._local_bound
+        return bound.shares if bound else np.zeros(len(self.discrete.mesh.triangles))
+
+    @cached_property
+    def _local_bound(self) -> LocalBound | None:
+        of = self._given
+        return local_bound(*of) if of else None
+
+    @cached_property
+    def _sharp_bound(self) -> SharpBound | None:
+        of = self._given
+        return sharp_bound(*of) if of else None
+
+    @cached_property
+    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given] | None:
+        """What both bounds are made of."""
+        discrete, data = self.discrete, self.discrete.data
+        if data is None:
+            return None
+        source = discrete.source or enclosed(discrete.mesh, data)
+        pair = discrete.partition, self.u_h, self.lambda_H
+        flux = given(data.enclosed_flux, discrete.mesh)
+        return source, data.enclosed_obstacle, *pair, data.free_sides, flux
+
+    @cached_property
+    def u_norm(self) -> float:
+        """||u_h||_1."""
+        return h1_norm(self.discrete.mesh, self.u_h)
+
+    @cached_property
+    def lambda_norm(self) -> float:
+        """||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}."""
+        return self.discrete.lambda_norm(self.result.lambda_H)
+
+    def forget(self) -> None:
+        """What is large and made again in little time; the norm of lambda_H, which takes it, is kept."""
+        self.lambda_norm  # noqa: B018
+        self.discrete.forget()
+
+    @cached_property
+    def u_integral(self) -> float:
+        mesh = self.discrete.mesh
+        return float(mesh.areas @ self.u_h[mesh.triangles].mean(axis=1))
+
+    @cached_property
+    def force(self) -> float:
+        """The integral of lambda_H."""
+        return float(self.discrete.partition.lengths @ self.lambda_H)
+
+    @property
+    def balance(self) -> float:
+        """|int u_h - int f - int lambda_H|: (2.1), v = 1; 0 up to rounding, by multigrid up to its stop."""
+        return float(abs(self.u_integral - self.discrete.load.sum() - self.force))
+
+    def total(self, norm: str, sharp: bool = False) -> float:
+        """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
+        bound = self.bound(sharp)
+        if bound is None:
+            return math.inf
+        return bound.u if norm == "h1" else bound.lambda_
+
+    def algebraic(self, norm: str) -> float:
+        """The part of the iteration in that error: its bound, over beta for lambda.
+
+        It says when to stop. `total` has the error of the iteration in it, and does not rest on this.
+        """
+        if norm == "hm12" and len(self.discrete.cells) == 0:
+            return 0.0
+        beta = 1.0 if norm == "h1" else self.discrete.beta
+        return self.result.bound / beta if beta > 0 else math.inf
+
+    def size(self, norm: str, sharp: bool = False) -> float:
+        """A lower bound of the norm of the exact solution, from that of the discrete one."""
+        of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
+        return max((1 - SUMS) * of_discrete / self.discrete.mesh.growth - self.total(norm, sharp), 0.0)
+
+    def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> DiscreteSolution:
+        """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.
+
+        Not so where half of the bound or more is rounding, which no step takes away.
+        """
+        enough = max(tolerance, 2 * self.result.rounding)
+        if self.result.bound <= enough or not self.result.converged:
+            return self
+        return self.discrete.continued(self, aim * tolerance, stop)
+
+    def within(self, stop: Stop) -> DiscreteSolution:
+        """Iterated on until the algebraic bound is at most `stop.fraction` of the one of ||u - u_h||_1.
+
+        That is asked for again, for it falls, too, where most of it was algebraic. Rounding may end it.
+        """
+        found = self
+        while (better := found.improved(stop.fraction * found.total("h1"), stop)) is not found:
+            found = better
+        return found

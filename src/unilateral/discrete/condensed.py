@@ -1,0 +1,221 @@
+"""The discrete problem (P_h*), condensed to the boundary, and its solution by an iteration there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.blas import dnrm2
+
+from unilateral.arrays import Array
+from unilateral.bounds.given import given
+from unilateral.bounds.source import enclosed
+from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
+from unilateral.fem.condense import condense
+from unilateral.fem.loads import sampled_edge_load, sampled_moments
+from unilateral.fem.p1 import edge_load, h1_norm
+from unilateral.fem.p1 import load as p1_load
+from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.rounded import Rounded, dual_norm, loaded, means, residual
+from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
+from unilateral.problems.data import Data, is_case
+from unilateral.problems.sampled import Sampled
+from unilateral.solvers.certified import certified
+from unilateral.solvers.iterate import iterate, joined
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
+
+FIRST = 0.01
+"""Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
+UNKNOWN = 1e-4
+"""Of that residual: what the errors are taken to be where nothing is known of them."""
+ROOM = 2.0
+"""Times what rounding adds to the bound: for that in a tolerance, as it depends on lambda_H."""
+UNSEEN = 3e-4
+"""Of the bound: what may be said too much of the rounding of u_h, to save a solve that would tell more."""
+MOST_BOUNDED = 100_000
+"""Unknowns up to which the error is bounded to find a tolerance, which takes 3 GB."""
+
+
+@dataclass(frozen=True, eq=False)
+class CondensedProblem(DiscreteProblem):
+    """(P_h*) on the `spaces`: `offset` (m,) is F(0). Errors are known where the solution is `exact`."""
+
+    spaces: MixedSpaces
+    offset: Array
+    exact: Exact | None = None
+
+    @property
+    def unique(self) -> bool:
+        return not self.spaces.operator.singular
+
+    @property
+    def beta(self) -> float:
+        return self.spaces.beta
+
+    def errors(self, lambda_H: Array) -> ExactErrors | None:
+        """The true errors of lambda_H (m,) and its u_h, where the solution is `exact`."""
+        return self.exact.errors(self.spaces, lambda_H) if self.exact else None
+
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}.
+
+        It is that norm up to the rounding of A_3.
+        """
+        return (1 - FORMS) * float(dnrm2(self.spaces.operator.half @ lambda_H))
+
+    @cached_property
+    def first(self) -> DualResult:
+        """lambda = 0 and its bound."""
+        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
+        rho = 1.9 / operator.lambda_max if len(zero) else math.nan
+        bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
+        result = DualResult(zero, 0, 0, bound, False, rho, "none")
+        return self.solution(result, 0.0).result if bound < math.inf else result
+
+    def crude(self, share: float) -> float:
+        """A tolerance: that share of the residual at lambda = 0, and what rounding may add to the bound."""
+        return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
+
+    def solved(self, stop: Stop) -> DiscreteSolution:
+        """See `solve`."""
+        return solve(self, stop)
+
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> DiscreteSolution:
+        """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
+
+        The residual of u_h is rounding, and small against any `total`.
+        Without a tolerance a crude one: a share of the residual at 0. What rounding adds to the bound is
+        known at the end only; if then the bound misses the tolerance the iteration goes on once.
+        """
+        operator = self.spaces.operator
+        wanted = self.crude(FIRST) if tolerance is None else tolerance
+        result = iterate(operator, self.offset, wanted, stop, start)
+        solution = self.solution(result, wanted)
+        less = wanted - ROOM * solution.result.rounding
+        if result.converged and solution.result.bound > wanted and less > 0:
+            more = iterate(operator, self.offset, less, stop, result.lambda_H)
+            solution = self.solution(joined(result, more), wanted)
+        if result.converged:
+            warn_unless_converged(solution.result, wanted)
+        return solution
+
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        """The solution, iterated on to a smaller tolerance."""
+        more = self.iterated(tolerance, stop, solution.result.lambda_H)
+        return replace(more, result=joined(solution.result, more.result))
+
+    def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
+        """What belongs to the lambda_H that was found, its bound now with what was rounded on the way."""
+        u_h = self.spaces.response(self.load, result.lambda_H)
+        bound = self._certified(result, u_h)
+        rounding = max(bound - result.bound, 0.0)
+        result = replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
+        return DiscreteSolution(self, result, tolerance, self.spaces.extended(result.lambda_H), u_h)
+
+    def _certified(self, result: DualResult, u_h: Array) -> float:
+        """The bound for u_h (n,) as it was computed."""
+        spaces, on, boundary = self.spaces, self.spaces.condensed, self.mesh.boundary
+        load, mu = Rounded(self.load.copy(), np.zeros(len(self.load))), result.lambda_H
+        load.values[boundary], load.doubt[boundary] = loaded(self.load[boundary], spaces.B, mu)
+        left = residual(on.for_products, on.mass, u_h, load)
+        gap = means(spaces.B, spaces.operator.H_i, u_h[boundary], self.g_means[self.cells])
+        delta = dual_norm(np.abs(left.values) + left.doubt, on.mass)
+        if delta > UNSEEN * result.bound:
+            z = on.solve(left.values)
+            rest = residual(on.for_products, on.mass, z, left)
+            of_rest = dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
+            delta = (1 + FORMS) * h1_norm(self.mesh, z) + of_rest
+        return certified(spaces.operator, mu, gap, delta, result.rho)
+
+
+def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> CondensedProblem:
+    """The problem with a load (n,) and the means (cells,) of g; `trace` (nb,) is A^{-1} f on the boundary."""
+    offset = spaces.B @ trace / spaces.operator.H_i - g_means[spaces.cells]
+    return CondensedProblem(spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, offset)
+
+
+def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
+    """The problem of a case whose solution is seen from these spaces."""
+    discrete = with_load(spaces, exact.ritz.load, exact.ritz.trace, exact.means.g_means)
+    return replace(discrete, exact=exact, data=exact.ritz.case)
+
+
+def with_data(spaces: MixedSpaces, data: Data) -> CondensedProblem:
+    """The problem whose f, g and q are enclosed; its load is that of the enclosure's polynomials."""
+    source, mesh = enclosed(spaces.mesh, data), spaces.mesh
+    load = source.load + flux_load(data, mesh)
+    trace = spaces.condensed.solve(load)[mesh.boundary]
+    discrete = with_load(spaces, load, trace, obstacle_means(data, spaces.partition))
+    if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
+        discrete.offset[:] = 0.0  # of data that this mesh does not see
+    return replace(discrete, data=data, source=source)
+
+
+def with_samples(spaces: MixedSpaces, problem: Sampled) -> CondensedProblem:
+    """The problem whose f, g and q are known in points: by Gauss rules, whose errors nobody knows."""
+    mesh = spaces.mesh
+    load = p1_load(mesh, sampled_moments(problem, mesh)) + flux_load(problem, mesh)
+    trace = spaces.condensed.solve(load)[mesh.boundary]
+    return with_load(spaces, load, trace, obstacle_means(problem, spaces.partition))
+
+
+def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
+    """(n,) that of the given flux: of its enclosure exact for the polynomials, or by Gauss rules."""
+    if isinstance(problem, Sampled):
+        return sampled_edge_load(problem, mesh)
+    return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
+
+
+def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
+    """(cells,) the means of g: of a case exact to rounding, else of the enclosure, or by Gauss rules."""
+    if is_case(problem):
+        return cell_means(problem, cells).g_means
+    if not isinstance(problem, Sampled):
+        return problem.enclosed_obstacle.means(cells.points)
+    rule = boundary_rule(problem.polygon, cells.points)
+    return rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
+
+
+def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
+    """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
+    spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
+    if is_case(problem):
+        return with_solution(spaces, exact(problem, spaces))
+    return with_samples(spaces, problem) if isinstance(problem, Sampled) else with_data(spaces, problem)
+
+
+def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008
+    """(u_h, lambda_H), its algebraic error at most `stop.tolerance`, else `stop.fraction` of the others.
+
+    Where the solution is exact that holds in every norm that is judged; `beta`, a lower bound of the constant
+    in (3.4), turns the algebraic bound into one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED
+    unknowns, it holds for the bound of ||u - u_h||_1, which is known after a first, cruder, solve, but where
+    rounding hides it. Else it is a share of that of lambda = 0.
+    """
+    if stop.tolerance is not None:
+        return discrete.iterated(stop.tolerance, stop)
+    bounded = discrete.data is not None and discrete.mesh.n_nodes <= MOST_BOUNDED
+    if discrete.exact is None and not bounded:
+        return discrete.iterated(discrete.crude(stop.fraction * UNKNOWN), stop)
+    if discrete.exact is None:
+        return discrete.iterated(discrete.crude(FIRST), stop).within(stop)
+    return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
+
+
+def _to_exact(discrete: CondensedProblem, exact: Exact, stop: Stop, beta: float) -> DiscreteSolution:
+    """Goes on from lambda_H where the H^{-1/2} error then still misses the fraction."""
+    spaces = discrete.spaces
+    solved = discrete.iterated(stop.fraction * exact.tolerance(spaces), stop)
+    if spaces.operator.singular or exact.means.lambda_is_zero:
+        return solved
+    error = exact.ritz.discrete_dual(exact.boundary_load(spaces, solved.result.lambda_H))
+    going_on = replace(stop, algorithm="nesterov") if solved.result.algorithm == "nesterov" else stop
+    return solved.improved(stop.fraction * error * beta, going_on, aim=1.0)

@@ -1,0 +1,207 @@
+"""The discrete problem (P_h*) on a mesh that was made by refinement, solved by multigrid.
+
+It offers what `discrete` offers for the problem that is condensed to the boundary, without dense matrices:
+time and memory are proportional to the number of unknowns, on uniform and on adapted meshes alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.bounds.source import Source, enclosed
+from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
+from unilateral.discrete.condensed import flux_load, obstacle_means
+from unilateral.fem.hierarchy import Hierarchy, hierarchy
+from unilateral.fem.loads import by_parts, case_moments, sampled_moments
+from unilateral.fem.nested_cells import nested_cells
+from unilateral.geometry.adapted import AdaptedMesh, refined
+from unilateral.geometry.adapted import adapted as adapted_mesh
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.data import Data, is_case
+from unilateral.problems.sampled import Sampled
+from unilateral.solvers.iterate import joined
+from unilateral.solvers.multigrid import IN_L2, Found, Multigrid, multigrid
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import DualResult
+
+MOST_COARSE = 50_000
+"""Unknowns of the coarsest mesh, whose matrix is factorised."""
+
+
+@dataclass(frozen=True, eq=False)
+class MultilevelProblem(DiscreteProblem):
+    """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
+
+    The iteration begins at the `guess` (n,), by default with coarser levels. `free` are the sides without
+    multipliers. Each cell has a node inside, so lambda_H is `unique`; as no lower bound of `beta` is known, 1
+    is put for it: algebraic bounds are then in ||.||_{-1/2,h}.
+    """
+
+    free: tuple[int, ...]
+    guess: Array | None = None
+
+    @property
+    def unique(self) -> bool:
+        return True
+
+    @property
+    def beta(self) -> float:
+        return 1.0
+
+    @cached_property
+    def grids(self) -> Multigrid:
+        """The levels, which are made again if they are asked for after they were forgotten."""
+        found = _grids(self, hierarchy(self.mesh))
+        assert found is not None
+        return found
+
+    def forget(self) -> None:
+        """The levels, which take half of the memory and are needed by no bound of the total error."""
+        vars(self).pop("grids", None)
+
+    def solved(self, stop: Stop) -> DiscreteSolution:
+        """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.
+
+        Else it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are no coarser
+        levels to begin with, of its bound. The bound itself is guaranteed.
+        """
+        found = self.iterated(stop.tolerance, stop)
+        if stop.tolerance is not None or len(self.grids.grids) > 1:
+            return found
+        return found.within(stop)
+
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> DiscreteSolution:
+        """The same for a tolerance, if one is given; cells with start (m,) > 0 are active first.
+
+        Where the bound of the total error will be about `total`, the residual is small against that, too.
+        """
+        begin = None if self.guess is None or start is None else (self.guess, start > 0)
+        found = self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total)
+        return self._solution(found)
+
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        """The solution, iterated on to a smaller tolerance."""
+        start, in_L2 = (solution.u_h, solution.result.lambda_H > 0), IN_L2 * tolerance / stop.fraction
+        more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
+        return replace(more, result=joined(solution.result, more.result))
+
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
+        return self.grids.dual_norm_below(lambda_H)
+
+    def _solution(self, found: Found) -> DiscreteSolution:
+        lambda_H = np.zeros(self.partition.n_cells)
+        lambda_H[self.cells] = found.lambda_H
+        finest, of = found.counts[-1][0], (math.nan, "multigrid")
+        steps = sum(count for level, count in found.counts if level == finest)
+        result = DualResult(found.lambda_H, steps, steps, found.bound, found.converged, *of)
+        return DiscreteSolution(self, result, found.tolerance, lambda_H, found.u)
+
+
+def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
+    """The problem on the levels of a mesh, without multipliers on its free sides.
+
+    None where the mesh has no coarse level, or its levels cannot follow the partition: a point of that is no
+    node of the mesh, or a cell has one edge only.
+    """
+    coarse = mesh.coarse or mesh
+    if not mesh.steps or coarse.n_nodes > MOST_COARSE:
+        return None
+    return _on_levels(problem, mesh, partition, hierarchy(mesh), *_load(problem, mesh))
+
+
+def _on_levels(
+    problem: Data | Sampled,
+    mesh: Mesh,
+    partition: Partition,
+    levels: Hierarchy,
+    load: Array,
+    source: Source | None,
+    guess: Array | None = None,
+) -> MultilevelProblem | None:
+    """With a load of f (n,)."""
+    cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
+    means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
+    data = None if isinstance(problem, Sampled) else problem
+    found = MultilevelProblem(
+        mesh, partition, cells, load, means, problem.free_sides, guess, data=data, source=source
+    )
+    grids = _grids(found, levels)
+    if grids is None:
+        return None
+    vars(found)["grids"] = grids
+    return found
+
+
+def _grids(of: MultilevelProblem, levels: Hierarchy) -> Multigrid | None:
+    """None if the levels cannot follow the partition."""
+    cells = nested_cells(levels, of.partition, of.free)
+    if cells is None:
+        return None
+    return multigrid(levels, cells, of.load, (of.partition.lengths * of.g_means)[of.cells])
+
+
+def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> MultilevelProblem:
+    """The problem on a mesh and its cells, from the solution on a mesh from which this one was refined.
+
+    Of f only new triangles are looked at. The iteration begins at that solution, which forgets its levels.
+    """
+    mesh, before = of.mesh, last.discrete if last else None
+    known = before.grids.finest.of if isinstance(before, MultilevelProblem) else None
+    source = enclosed(mesh, problem, before.source if before else None)
+    levels, guess = hierarchy(mesh, known), np.zeros(mesh.n_nodes)
+    if before:
+        before.forget()
+    if last:
+        guess[: len(last.u_h)] = last.u_h
+        for level in levels.levels:
+            if level.n > len(last.u_h):
+                level.prolong(guess)
+    load = source.load
+    found = _on_levels(problem, mesh, of.partition, levels, load, source, guess)
+    assert found is not None
+    return found
+
+
+def refinements(
+    problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[DiscreteSolution], Index], most: float
+) -> Iterator[DiscreteSolution]:
+    """The solutions on a mesh, two of whose boundary edges make a cell, and on finer ones of `most` unknowns.
+
+    Of each mesh the triangles (k,) are refined that are `chosen` by its solution, from which the next one
+    starts. Algebraic bounds are at most `stop.fraction` of those of ||u - u_h||_1. Raises InputError as
+    `chosen` does.
+    """
+    of, last = adapted_mesh(mesh), None
+    while of.mesh.n_nodes <= most:
+        last = _solved(last, after(last, problem, of), stop)
+        yield last
+        of = refined(of, chosen(last))
+
+
+def _solved(last: DiscreteSolution | None, discrete: MultilevelProblem, stop: Stop) -> DiscreteSolution:
+    """The solution of a problem, from that on the mesh before, if there is one."""
+    if last is None:
+        return discrete.iterated(None, stop).within(stop)
+    start = last.discrete.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
+    total = last.total("h1")
+    return discrete.iterated(AIM * stop.fraction * total, stop, start, total).within(stop)
+
+
+def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
+    """(n,) values of (f, phi_i), and f enclosed where they are made of that."""
+    if is_case(problem):
+        return by_parts(mesh, partial(case_moments, problem)), None
+    if isinstance(problem, Sampled):
+        return by_parts(mesh, partial(sampled_moments, problem)), None
+    source = enclosed(mesh, problem)
+    return source.load, source

@@ -1,0 +1,132 @@
+"""What is known of a solution, as a record for programs."""
+
+from __future__ import annotations
+
+import math
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+from unilateral.accuracy.level import Level
+from unilateral.accuracy.search import Search
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.formulas.constants import rounded
+from unilateral.norms.dual import Errors
+from unilateral.problems.units import Units
+from unilateral.solution.contact import Contact
+
+NORMS = {
+    "h1": "||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)^(1/2)",
+    "hm12": "||mu||_-1/2 = sup <mu, v> / ||v||_1",
+    "l2": "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)",
+}
+"""In which errors, bounds and accuracies are measured, by the names that fields have."""
+SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
+"""What an accuracy in such a norm is relative to."""
+
+
+class Bounds(NamedTuple):
+    """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
+
+    With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, the other norm its dual.
+    `unknown` is the part of both that comes from how well f, g and q could be enclosed.
+    """
+
+    u: float
+    multiplier: float
+    unknown: float
+
+
+def record(
+    solved: DiscreteSolution,
+    search: Search | None,
+    bounds: Bounds | None,
+    errors: Errors | None,
+    sharp: bool,
+    contact: Contact,
+    units: Units,
+) -> dict[str, Any]:
+    """The fields of `solve --json`, but for forces and cost; NaN for what is unknown.
+
+    `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's `units`.
+    """
+    discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
+    mesh, cells = discrete.mesh, discrete.partition
+    length, norm = units.length, goal.norm if goal else "h1"
+    bound_u, bound_lambda, unknown = bounds or (math.nan,) * 3
+    size_u, size_lambda = (solved.size(of, sharp) if bounds else math.nan for of in ("h1", "hm12"))
+    return {
+        "problem": discrete.data.name if discrete.data else None,
+        "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
+        "norm": norm,
+        "certified": search is not None and search.certified,
+        "ended": search.ended or None if search and not search.certified else None,
+        "reach": search.reach if search else None,
+        "k": rounded(units.k),
+        "c": rounded(units.c),
+        "norms": NORMS,
+        "h": length * mesh.h,
+        "diameter": length * mesh.diameter,
+        "H": length * cells.H,
+        "adapted": discrete.mesh.adapted,
+        "triangles": len(mesh.triangles),
+        "unknowns": mesh.n_nodes,
+        "multipliers": len(discrete.cells),
+        "algorithm": result.algorithm,
+        "iterations": steps(solved, search),
+        "converged": bool(result.converged),
+        "algebraic_bound": result.bound,
+        "unique": unique(solved, search),
+        "h1_error": errors.h1 if errors else math.nan,
+        "hm12_error_lower": errors.hm12_lower if errors else math.nan,
+        "hm12_error_upper": errors.hm12_upper if errors else math.nan,
+        "l2_error": errors.l2 if errors else math.nan,
+        "bounds": ("sharp" if sharp else "cheap") if bounds else None,
+        "h1_bound": bound_u,
+        "hm12_bound": bound_lambda,
+        "h1_relative_bound": relative(bound_u, size_u),
+        "hm12_relative_bound": relative(bound_lambda, size_lambda),
+        "enclosure": unknown,
+        "total_bound": bound_lambda if norm == "hm12" else bound_u,
+        "levels": [_level(level, length) for level in search.done] if search else [],
+        "contact": _contact(contact),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
+    }
+
+
+def relative(bound: float, size: float) -> float:
+    """A bound over a lower bound of the solution's norm, rounded up; NaN where that is 0 or unknown."""
+    return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
+
+
+def unique(solved: DiscreteSolution, search: Search | None) -> bool:
+    """Whether lambda_H is known to be the only one: a search takes two edges or more in every cell."""
+    return bool(search) or solved.discrete.unique
+
+
+def steps(solved: DiscreteSolution, search: Search | None) -> float:
+    """Of the algorithm, on all levels; NaN if it counts none."""
+    levels = [level.solved for level in search.done] if search else [solved]
+    return sum(level.result.iterations for level in levels)
+
+
+def _level(level: Level, length: float) -> dict[str, float]:
+    return {
+        "h": length * level.solved.discrete.mesh.h,
+        "H": length * level.partition.H,
+        "unknowns": level.unknowns,
+        "multipliers": len(level.solved.discrete.cells),
+        "iterations": level.solved.result.iterations,
+        "total_bound": level.total,
+    }
+
+
+def _contact(contact: Contact) -> dict[str, Any]:
+    return {
+        "full": contact.full,
+        "length": contact.length,
+        "lengths": contact.lengths.tolist(),
+        "intervals": [each._asdict() for each in contact.intervals],
+    }

@@ -1,0 +1,1 @@
+"""The experiments, a room each: what is measured, checked, drawn and told."""

@@ -1,0 +1,1 @@
+"""Uniform meshes beside adapted ones."""

@@ -1,0 +1,38 @@
+"""Checks of adapted meshes: rates against the number of unknowns, and how large the bound is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from unilateral.study.ledger.evidence import Evidence, Tables, provided, worst
+
+PAIRS = 3
+"""Of asymptotic levels: fewer say nothing of a rate."""
+
+
+def rate(
+    tables: Tables, table: str, cases: Sequence[str], variable: str, least: float, share: float
+) -> Evidence:
+    """The smallest rate on adapted meshes over all asymptotic pairs of levels.
+
+    Raises Unjudged where it would pass, but a case has too few pairs, or an asymptotic level an algebraic
+    bound of more than that share of the error.
+    """
+    of = tables[table].sel(kind="adapted", case=list(cases))
+    rates = {str(case): of[variable].sel(case=case).dropna("level").values for case in of["case"].values}
+    faults = [f"{case} has {len(found)} pairs" for case, found in rates.items() if len(found) < PAIRS]
+    largest = float(of["share"].where(of["asymptotic"] == 1).max())
+    if not largest <= share:
+        faults.append(f"the algebraic bound is {largest:.2g} of an error")
+    rows = {case: float(np.min(found, initial=np.inf)) for case, found in rates.items()}
+    return provided(worst(rows, "the smallest rate against the unknowns", least, True), faults)
+
+
+def index(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
+    """The largest bound over the error on asymptotic adapted meshes."""
+    of = tables[table].sel(kind="adapted", case=list(cases))
+    largest = of["index"].where(of["asymptotic"] == 1).max("level")
+    rows = {str(case): float(largest.sel(case=case)) for case in of["case"].values}
+    return worst(rows, "the largest bound over the error", most, False)

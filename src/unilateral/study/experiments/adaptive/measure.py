@@ -1,0 +1,137 @@
+"""Errors and bounds on uniform meshes and on adapted ones, level by level, and beta on the adapted ones.
+
+Both kinds start from one mesh, with two boundary edges in each cell, and are solved in one way; they differ
+in which triangles are refined. From one level to the next u_h, the active cells and what is known of f are
+carried over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from time import process_time
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from unilateral.arrays import Index
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.multilevel import refinements
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.adapted import marked
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, from_points, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind, structured
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
+from unilateral.solvers.stop import Stop
+from unilateral.study.beta import constants
+
+Row = dict[str, float]
+
+
+class MostUnknowns(NamedTuple):
+    """The most unknowns of a mesh, and of one on which beta is measured."""
+
+    unknowns: int
+    of_beta: int
+
+
+def every(solution: DiscreteSolution) -> Index:
+    """All triangles."""
+    return np.arange(len(solution.discrete.mesh.triangles))
+
+
+def where_needed(solution: DiscreteSolution) -> Index:
+    """The triangles that half of the squared bound comes from."""
+    return marked(solution.discrete.mesh, solution.shares)
+
+
+KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adapted": where_needed}
+
+
+def measure(
+    problem: Case | Problem, h: float, limits: MostUnknowns, stop: Stop
+) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+    """Errors, constants of (3.4), and timings over (kind, level), NaN beyond a kind's last level.
+
+    Where no solution is known the error is NaN, and so are the unknowns from which it is asymptotic.
+    """
+    first = first_mesh(problem.polygon, h)
+    found = [list(_rows(problem, first, kind, limits, stop)) for kind in KINDS]
+    errors, constants, timings = (
+        together([_levels([row[k] for row in rows]) for rows in found], "kind", list(KINDS)) for k in range(3)
+    )
+    return errors.assign(asymptotic_from=asymptotic_from(problem)), constants, timings
+
+
+def first_mesh(polygon: Polygon, h: float) -> Mesh:
+    """With edges of the size h on the boundary, two in each cell of the size 2h."""
+    if natural_kind(polygon) == "structured":
+        return structured(polygon, h)
+    return meshes.following(uniform(polygon, 2 * h), 2)[0]
+
+
+def asymptotic_from(problem: Case | Problem) -> float:
+    """The unknowns of the uniform mesh from which on a case declares its error in H1 to be asymptotic."""
+    if not isinstance(problem, Case):
+        return np.nan
+    return problem.polygon.area / real(problem.declaration["asymptotic"]["h1"]["from"], "asymptotic.h1") ** 2
+
+
+def _rows(
+    problem: Case | Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
+) -> Iterator[tuple[Row, Row, Row]]:
+    """What is measured of each level; its time is that of the bound, too, and of all levels before."""
+    spent, begin = 0.0, process_time()
+    for solution in refinements(problem, first, stop, KINDS[kind], limits.unknowns):
+        solution.bound()
+        spent += process_time() - begin
+        measured = kind == "adapted" and solution.discrete.mesh.n_nodes <= limits.of_beta
+        constants = stability(solution.discrete.mesh, solution.discrete.partition) if measured else {}
+        yield _errors(problem, solution), constants, {"spent_seconds": spent}
+        begin = process_time()
+
+
+def _errors(problem: Case | Problem, solution: DiscreteSolution) -> Row:
+    mesh = solution.discrete.mesh
+    return {
+        "unknowns": mesh.n_nodes,
+        "multipliers": len(solution.discrete.cells),
+        "diameter": mesh.longest_edges.max(),
+        "shortest_edge": np.diff(mesh.s).min(),
+        "h1_error": h1_distance(problem, mesh, solution.u_h) if isinstance(problem, Case) else np.nan,
+        "h1_bound": solution.total("h1"),
+        "algebraic_bound": solution.result.bound,
+        "converged": float(solution.result.converged),
+    }
+
+
+def stability(mesh: Mesh, cells: Partition) -> Row:
+    """The `constants` of a mesh and its cells, and beta with an edge in each cell.
+
+    P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
+    """
+    edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh)
+    gram = dual_norm(edges).gram()
+    found, of_edges = (
+        constants(mesh, of, mixed_spaces(condensed, of).operator, gram.on(of).p0) for of in (cells, edges)
+    )
+    return found | {"beta_of_edges": of_edges["beta_upper"]}
+
+
+def together(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:
+    """One table from those of these names along a dimension, NaN where one has fewer levels."""
+    return xr.concat(tables, dim, join="outer").assign_coords({dim: list(names)})
+
+
+def _levels(rows: list[Row]) -> xr.Dataset:
+    names = dict.fromkeys(name for row in rows for name in row)
+    values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
+    return xr.Dataset(values, coords={"level": np.arange(len(rows))})

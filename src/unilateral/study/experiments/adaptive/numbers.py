@@ -1,0 +1,90 @@
+"""What documents say of adapted meshes beside uniform ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.study.formats import shown
+
+NONE = "–"
+COLUMNS = {
+    "unknowns": ("unknowns", "space"),
+    "multipliers": ("multipliers", ".0f"),
+    "longest edge": ("diameter", ".2g"),
+    "shortest, on the boundary": ("shortest_edge", "short"),
+    "‖u−u_h‖₁": ("h1_error", "short"),
+    "bound": ("h1_bound", "up.short"),
+    "over the error": ("index", ".2f"),
+    "rate of the error": ("error_rate", ".2f"),
+    "rate of the bound": ("bound_rate", ".2f"),
+}
+RATES = ("error_rate", "bound_rate")
+
+
+def finest(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:
+    """The finest level of each kind of mesh, by problem, and the rates on the finest pair."""
+    of, rows = errors.merge(rates), []
+    for case in of["case"].values:
+        for kind in of["kind"].values:
+            levels = of.sel(case=case, kind=kind).dropna("level", subset=["unknowns"])
+            last = {name: _last(levels[name]) for name, _ in COLUMNS.values()}
+            row = {title: _cell(last[name], spec) for title, (name, spec) in COLUMNS.items()}
+            rows.append({"problem": f"`{case}`", "meshes": str(kind)} | row)
+    return pd.DataFrame(rows)
+
+
+def _last(values: xr.DataArray) -> float:
+    """The last that is known, or NaN."""
+    known = values.dropna("level").values
+    return float(known[-1]) if len(known) else np.nan
+
+
+def _cell(value: float, spec: str) -> str:
+    return shown(value, spec) if np.isfinite(value) else NONE
+
+
+def savings(errors: xr.Dataset) -> pd.DataFrame:
+    """What the bound of the finest uniform mesh takes by adapted ones, by problem.
+
+    The unknowns of the first adapted mesh with that bound; and the quotient, of these meshes and of all
+    levels up to them.
+    """
+    rows = []
+    for case in errors["case"].values:
+        of = errors.sel(case=case)
+        target = _last(of["h1_bound"].sel(kind="uniform"))
+        uniform, adapted = (_until(of.sel(kind=kind), target) for kind in ("uniform", "adapted"))
+        rows.append(
+            {
+                "problem": f"`{case}`",
+                "bound": shown(target, "up.short"),
+                "uniform": shown(uniform[-1], "space"),
+                "adapted": shown(adapted[-1], "space"),
+                "fewer": shown(uniform[-1] / adapted[-1], ".1f"),
+                "of all levels": shown(uniform.sum() / adapted.sum(), ".1f"),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _until(of: xr.Dataset, target: float) -> NDArray[np.float64]:
+    """The unknowns of the levels up to the first with that bound."""
+    return np.asarray(of["unknowns"].values[: np.argmax(of["h1_bound"].values <= target) + 1])
+
+
+def beta(infsup: xr.Dataset, smallest_angle: float) -> dict[str, float]:
+    """On adapted meshes the least beta, with angles of at least so much and with others, and the least angle.
+
+    With an edge in each cell the largest; and the least beta_0.
+    """
+    large = infsup["smallest_angle"] >= smallest_angle
+    return {
+        "beta": float(infsup["beta_lower"].where(large).min()),
+        "flat": float(infsup["beta_upper"].where(~large).min()),
+        "angle": float(infsup["smallest_angle"].min()),
+        "of_edges": float(infsup["beta_of_edges"].max()),
+        "beta_0": float(infsup["beta_0"].min()),
+    }

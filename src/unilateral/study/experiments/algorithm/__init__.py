@@ -1,0 +1,1 @@
+"""Uzawa's algorithm and the Lagrangian, tried on one mesh."""

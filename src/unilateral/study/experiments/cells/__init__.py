@@ -1,0 +1,1 @@
+"""What the size of the cells alone does, where there are infinitely many transitions."""

@@ -1,0 +1,82 @@
+"""What the study of cost recommends, and what that is worth, as documents name it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from unilateral.study.experiments.cost import tables, trade
+from unilateral.study.experiments.cost.variants import REFRESH
+
+LARGEST_RATIO = 4.0
+"""Of H/h, up to which there are enough sizes for the growth of steps."""
+
+
+def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
+    """Over all cases: the loss against the best H/h, that H/h, the stops, Uzawa's share, half the error."""
+    lost = tables.losses(cases, coarsest)
+    of = tables.prices(tables.by_case(cases), H_over_h, coarsest)
+    added = [price.over_setup - 1 for price in of["h1"].values()]
+    return {
+        "cases": cases.sizes["case"],
+        "compared_at": trade.SHOWN,
+        "lowest": float(cases["stop"].min()),
+        "loss": {n: {work: by[H_over_h][1] - 1 for work, by in lost[n].items()} for n in lost},
+        "best_ratio": {n: {work: tables.best_ratio(by) for work, by in lost[n].items()} for n in lost},
+        "enough": {norm: {name: price.stop for name, price in of[norm].items()} for norm in of},
+        "uzawa_adds": {"least": min(added), "most": max(added)},
+        "halving": {norm: max(price.halving for price in of[norm].values()) for norm in of},
+    }
+
+
+def newton_adds(crossed: xr.Dataset, H_over_h: float) -> float:
+    """Operations of the active set's steps over the set-up's, on the finest mesh."""
+    newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(stop=trade.SHOWN, method="nearest")
+    at = newton.dropna("H").isel(H=-1)
+    return float(at["operations"] / at["setup_operations"] - 1)
+
+
+def plain(crossed: xr.Dataset, H_over_h: float) -> dict[str, Any]:
+    """Uzawa's work over that of the cheapest algorithm, to the first and the last level shown."""
+    first, last = (tables.at_level(crossed, H_over_h, stop)["work"] for stop in tables.LEVELS[::2])
+    return {"first": first.sel(algorithm="uzawa").item(), "last": last.sel(algorithm="uzawa").item()}
+
+
+def growth(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
+    """The exponents p of steps ~ H^-p, over H/h; by how many the steps of the active set grow at most."""
+    ratios = [float(ratio) for ratio in crossed["H_over_h"].values if ratio <= LARGEST_RATIO]
+    found: dict[str, Any] = {"largest_ratio": LARGEST_RATIO}
+    for name in ("uzawa", "nesterov"):
+        powers = [trade.growth(crossed, name, ratio, coarsest) for ratio in ratios]
+        found[name] = {"least": min(powers), "most": max(powers)}
+    return found | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
+
+
+def elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> dict[str, Any]:
+    """What the partial elimination saves in a step, what it costs, and when it has paid."""
+    step, setup = algebra["step_operations"], algebra["setup_operations"].isel(H=-1)
+    over_S, h = step / step.sel(algebra="S"), algebra["h"].sel(algebra="S")
+    found: dict[str, Any] = {
+        name: {"h": float(h[k])} | {by: float(over_S.sel(algebra=by)[k]) for by in ("A", "A_3")}
+        for name, k in (("coarse", 0), ("fine", -1))
+    }
+    for name in ("uzawa", "barzilai_borwein"):
+        by_A = trade.by_A_over_by_S(algebra, crossed, name, H_over_h)
+        found[name] = float(by_A.sel(stop=tables.LEVELS[0]).isel(H=-1))
+    return found | {
+        "level": tables.LEVELS[0],
+        "setup": float(setup.sel(algebra="S") / setup.sel(algebra="A")),
+        "pays_after": math.ceil(trade.breaks_even(algebra)[-1]),
+    }
+
+
+def in_precision(precision: xr.Dataset) -> dict[str, Any]:
+    """The lowest level that is reached on the finest mesh, in single precision and refined."""
+    steps, per_step = precision["steps"].isel(H=-1), precision["step_operations"].isel(H=-1)
+    adds = float(per_step.sel(precision="refined") / per_step.sel(precision="float64") - 1)
+    lowest = steps["stop"].where(np.isfinite(steps)).min("stop")
+    reached = {name: float(lowest.sel(precision=name)) for name in ("float32", "refined")}
+    return {**reached, "refined_every": REFRESH, "refined_adds": adds}

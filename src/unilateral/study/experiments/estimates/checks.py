@@ -1,0 +1,217 @@
+"""Checks of section 4: Lemmas 4.2 to 4.4, and the steps of Theorem 4.1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import nnls
+
+from unilateral.geometry.partition import Partition
+from unilateral.norms.dual import Gram
+from unilateral.norms.infsup import of_runs
+from unilateral.study.ledger.evidence import (
+    ZERO,
+    Array,
+    Evidence,
+    Tables,
+    all_of,
+    along_ratio,
+    by_case,
+    forms,
+    inverse_constant,
+    worst,
+)
+
+
+def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """The largest <Pi_H lambda, u-g> on the cells without a transition inside, in all cases."""
+    errors = {scene: tables[f"{scene}/errors"] for scene in scenes}
+    found = {
+        f"{scene}, {case}": float(np.abs(data["consistency_elsewhere"].sel(case=case).values).max())
+        for scene, data in errors.items()
+        for case in data["case"].values
+    }
+    return worst(found, "the largest <Pi_H lambda, u-g> on these cells", ZERO, False)
+
+
+def keeps_falling(tables: Tables, scenes: Sequence[str], case: str, H_over_h: float) -> Evidence:
+    """The largest quotient of errors on neighbouring levels, in H1 and in H^{-1/2} from below."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"].sel(case=case)
+        for name in ("h1_error", "hm12_error_lower"):
+            errors = along_ratio(table, name, H_over_h)
+            found[f"{scene}, {name}"] = float(np.max(errors[1:] / errors[:-1]))
+    return worst(found, "the largest quotient of neighbouring levels", 1.0, False)
+
+
+def decrease(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], H_over_h: float, most: float
+) -> Evidence:
+    """||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
+    found = {}
+    for name, errors in by_case(tables, "{scene}/errors", scenes, cases).items():
+        lower, upper = (along_ratio(errors, f"hm12_error_{bound}", H_over_h) for bound in ("lower", "upper"))
+        found[name] = float(upper[-1] / lower[0])
+    return worst(found, "the finest error over the coarsest", most, False)
+
+
+def projection(
+    tables: Tables, scenes: Sequence[str], expected: Mapping[str, float], coarsest: float, tolerance: float
+) -> Evidence:
+    """The least excess of the rates of ||lambda - Pi_H lambda||_{-1/2} over factors of 4, by case."""
+    found = {}
+    for scene in scenes:
+        norms = [gram for cells, gram in forms(tables, scene) if coarsest >= cells.H]
+        names = list(tables[f"{scene}/dual_norm"]["case"].values)
+        for case in sorted(set(expected) & set(names)):
+            bounds = [gram.error(names.index(case), np.zeros((1, gram.n_cells))) for gram in norms]
+            errors = np.sqrt(np.mean(np.square(bounds), axis=1)).ravel()
+            rates_ = np.log(errors[:-2] / errors[2:]) / np.log(4)
+            found[f"{scene}, {case}"] = float(rates_.min()) - expected[case]
+    quantity = f"the rate over a factor of 4, from H = {coarsest:g} on, less the expected one"
+    return worst(found, quantity, -tolerance, True)
+
+
+def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) -> Evidence:
+    """(4.5) with v = z_h and mu = Pi_H lambda: ||u-u_h||^2 over the right side, by Cauchy and Schwarz."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"]
+        names = list(tables[f"{scene}/dual_norm"]["case"].values)
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            data = table.isel(partition=k)
+            assert np.isclose(float(data["H"]), cells.H)
+            for case in sorted(set(cases) & set(names)):
+                run = data.sel(case=case)
+                E, L = run["h1_error"].values, run["hm12_error_upper"].values
+                m = gram.error(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
+                right = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])
+                ratio = (E**2 / right)[np.isfinite(L)]
+                if ratio.size:
+                    found[f"{scene}, {case}, H = {cells.H:g}"] = float(ratio.max())
+    return worst(found, "the left side over the right one", 1.0, False)
+
+
+def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """(4.6) with the constants of its proof: the left side over the right one, see infsup.of_runs."""
+    found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
+    return worst(found, "the left side over the right one", 1.0, False)
+
+
+def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """(4.7) with the constants of its proof, 1 and C of (4.9), mu = Pi_H lambda: left side over right one.
+
+    Everything on the right is taken from below. The lines have the c of (4.7) as printed.
+    """
+    found, as_printed = {}, []
+    for name, data, cells, gram in _runs(tables, scenes):
+        dual = (data["hm12_error_lower"] + data["projection_lower"]) / np.sqrt(cells.H)
+        left = data["l2_error"].where(data["l2_error"] > ZERO * data["u_norm"])
+        right = data["projection_error"] + inverse_constant(cells, gram.p0.upper) * dual
+        if left.notnull().any():
+            found[name] = float((left / right).max())
+            as_printed.append(f"  {name}: c = {float((left / (data['projection_error'] + dual)).max()):.4g}")
+    return worst(found, "the left side over the right one", 1.0, False)._replace(lines=as_printed)
+
+
+def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Dataset, Partition, Gram]]:
+    """Scenes' partitions: name, errors with lower bounds of ||lambda - Pi_H lambda||_{-1/2}, cells, forms."""
+    for scene in scenes:
+        names = tables[f"{scene}/dual_norm"]["case"].values
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            data = tables[f"{scene}/errors"].isel(partition=k).sel(case=names)
+            lower = np.sqrt(np.diag(gram.lower)[gram.n_cells :])
+            yield f"{scene}, H = {cells.H:g}", data.assign(projection_lower=("case", lower)), cells, gram
+
+
+def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """(4.7) with its constants: 1, and 1/beta_0 before H^{-1/2} (||u-u_h||_1 + inf ||lambda-mu||_{-1/2})."""
+    found = {}
+    for scene in scenes:
+        table = tables[f"{scene}/errors"]
+        weight = table["beta_0"] * np.sqrt(table["H"])
+        right = table["projection_error"] + (table["h1_error"] + table["hm12_best"]) / weight
+        nonzero = table["l2_error"] > ZERO * table["u_norm"]
+        found[scene] = float((table["l2_error"] / right).where(nonzero & (weight > 0)).max())
+    return worst(found, "the left side over the right one", 1.0, False)
+
+
+def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evidence:
+    """(4.10), its infima over v_h and over one mu_H in Lambda_H, with c = 1 + 3/beta^2: left side over right.
+
+    The error splits into a = ||u - z_h||_1 and D with D^2 <= m D + (m + D) a/beta + c for every mu_H, so that
+    D^2 <= 3 m^2 + 3 a^2/beta^2 + 2 c, m and c the two terms of the infimum. beta is taken from above, the
+    infimum from below, on partitions of up to so many cells. The lines are the constants that were needed.
+    """
+    found, needed = {}, []
+    for name, data, cells, gram in _runs(tables, scenes):
+        if gram.n_cells <= most_cells and (data["beta_upper"] > 0).any():
+            beta = data["beta_upper"].where(data["beta_upper"] > 0)
+            inf = xr.DataArray(infima(tables[f"{name.split(',')[0]}/dual_norm"], cells, gram), dims="case")
+            c = (data["h1_error"] ** 2 / (data["ritz_error"] ** 2 + inf)).where(beta > 0)
+            found[name] = float((c / (1 + 3 / beta**2)).max())
+            needed.append(f"  {name}: c = {float(c.max()):.4g}")
+    return worst(found, "the left side over the right one", 1.0, False)._replace(lines=needed)
+
+
+def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
+    """(c,) lower bounds of inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, of every case.
+
+    A least-squares problem with mu >= 0, by the algorithm of Lawson and Hanson (1974); `table` has the gaps
+    on a finer partition.
+    """
+    m, G, points = gram.n_cells, gram.p0.lower, table["points"].values
+    gaps = table["gap_means"].values * np.diff(points)
+    inside = cells.cells_of(points)
+    root, found = cholesky(G), []
+    for c, (means, gap) in enumerate(zip(gram.means, gaps, strict=True)):
+        mixed, weight = gram.lower[:m, m + c], np.bincount(inside, gap, m)
+        mu = nnls(root, solve_triangular(root, G @ means + mixed - weight / 2, trans="T"))[0]
+        x = means - mu
+        found.append(x @ (G @ x) + 2 * x @ mixed + gram.lower[m + c, m + c] + weight @ mu)
+    return np.array(found)
+
+
+def closed_form(tables: Tables, scene: str) -> Evidence:
+    """||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds."""
+    gram = Gram.of_table(tables[f"{scene}/dual_norm"])
+    one = np.ones(gram.n_cells)
+    exact = np.sqrt(8 + 4 / np.tanh(0.5))
+    lower, upper = (np.sqrt(one @ form @ one) for form in gram.p0)
+    lines = [f"  {lower:.10g} <= {exact:.10g} <= {upper:.10g}"]
+    outside = max(lower / exact - 1, 1 - upper / exact, upper / lower - 1)
+    return Evidence("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
+
+
+def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> Evidence:
+    """C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H) times beta_0: at most 1, for V_h is a part of H^1.
+
+    C is that of the norm from below, so not too small. The lines are the constants.
+    """
+    found, constants = {}, []
+    for scene in scenes:
+        errors = tables[f"{scene}/errors"]
+        for k, (cells, gram) in enumerate(forms(tables, scene)):
+            at = np.isclose(errors["h_over_H"].values[:, k], 1 / H_over_h)
+            if at.any():
+                C, name = inverse_constant(cells, gram.p0.lower), f"{scene}, H = {cells.H:g}"
+                found[name] = C * float(errors["beta_0"].values[at, k].max())
+                constants.append(f"  {name}: C = {C:.4g}")
+    return worst(found, f"the largest C beta_0 at H = {H_over_h:g}h", 1.0, False)._replace(lines=constants)
+
+
+def gap(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
+    """The largest upper/lower - 1 of the errors in the dual norm that are not 0, and the smallest."""
+    largest, smallest = {}, {}
+    for scene in scenes:
+        data = tables[f"{scene}/errors"]
+        lower, upper = (data[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
+        apart = (upper / lower - 1).where(upper > ZERO * data["u_norm"])
+        largest[scene], smallest[scene] = float(apart.max()), float(apart.min())
+    return all_of(
+        worst(largest, "the largest gap", most, False), worst(smallest, "the smallest gap", 0.0, True)
+    )

@@ -1,0 +1,1 @@
+"""Where the method, the algorithm and this code break."""

@@ -1,0 +1,140 @@
+"""Axes of the data and the contact: their size, the start, contact that is degenerate or small."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import square
+from unilateral.solvers.steps import STEPS
+from unilateral.solvers.uzawa import DIVERGED, LEAST
+from unilateral.study.experiments.extremes.outcome import Axis, Budget, predicted, within
+from unilateral.study.experiments.extremes.problem import (
+    Array,
+    ExtremeProblem,
+    condensed,
+    full,
+    made,
+    on_square,
+    place,
+    structured_square,
+    waves,
+)
+from unilateral.study.experiments.extremes.trial import attempts
+
+TOUCH = 1 / 3
+SCALES = 1e-10
+"""How far, relative, a multiplier may be from that of the data of size 1 times their size."""
+
+
+def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f and g multiplied by that: how far the active set's lambda_H is from that of 1, multiplied."""
+
+    def change(problem: ExtremeProblem, found: Array) -> float:
+        unit = problem.lambda_H.max()
+        return float(np.abs(found / unit - problem.lambda_H / unit).max())
+
+    def problem(times: float) -> ExtremeProblem:
+        return on_square(h, H, waves, times)
+
+    rows = attempts(values, problem, budget, change)
+    unit = problem(1.0)
+    least, most = LEAST / budget.tolerance(unit), DIVERGED / _first_residual(unit)
+    limit = least if values[-1] < values[0] else most
+    return Axis(within(predicted(rows, np.zeros(len(rows))), SCALES), limit, limit)
+
+
+def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda^0 of that size everywhere, |boundary|^(1/2) times it in L2, refused if that is above DIVERGED.
+
+    Below it the steps grow like the size's logarithm.
+    """
+    problem = on_square(h, H, waves)
+    rows = attempts(values, lambda _: problem, budget, _held, start=lambda size, _: size)
+    limit = DIVERGED / float(np.sqrt(square().perimeter))
+    return Axis(rows, limit, limit)
+
+
+def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda = 0 and u = g on that share of the boundary, reached from above."""
+
+    def problem(share: float) -> ExtremeProblem:
+        def contact(partition: Partition) -> tuple[Array, Array]:
+            lambda_H, gap = waves(partition)
+            kept = place(partition) > share
+            return lambda_H * kept, gap * kept
+
+        return on_square(h, H, contact)
+
+    return Axis(attempts(values, problem, budget, _held, start=1.0))
+
+
+def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda = 0 and a gap that is 0 in one point inside a cell, from lambda^0 = 1 there; over H.
+
+    The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
+    third of the cell from one of its ends.
+    """
+
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi
+        return np.zeros(partition.n_cells), 1 - integral / partition.lengths
+
+    def there(_: float, of: ExtremeProblem) -> Array:
+        points = of.spaces.partition.points
+        return ((points[:-1] < TOUCH) & (points[1:] > TOUCH)).astype(float)
+
+    def smallest_gap(of: ExtremeProblem, found: Array) -> float:
+        return float(of.spaces.operator.gap(found, of.discrete.offset).min())
+
+    rows = attempts(values, lambda size: on_square(size * h / H, size, contact), budget, smallest_gap, there)
+    return Axis(predicted(rows, (np.pi * values) ** 2 / 72))
+
+
+def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f = 0, g = -1 but for a hat of that width over H, 4 high: no cell is held from a width of H/2 on."""
+    mesh, partition = structured_square(h), uniform(square(), H)
+    D = mixed_spaces(condensed(mesh), partition).operator.D
+    unit = square().area / square().perimeter
+
+    def problem(width: float) -> ExtremeProblem:
+        g = np.where(np.arange(partition.n_cells) == 1, 2 * width - 1, -1.0)
+        held = np.maximum(g, 0) * partition.lengths / np.diag(D)
+        gap = D @ held / partition.lengths - g
+        return made(mesh, partition, held / unit, np.where(held > 0, 0.0, gap))
+
+    rows = attempts(values, problem, budget, _held)
+    return Axis(predicted(rows, (values > 0.5).astype(float)))
+
+
+def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Contact on two opposite sides, a gap on the others: transitions at all vertices; over H."""
+
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        here = partition.side % 2 == 0
+        return full(partition)[0] * here, 1.0 * ~here
+
+    return Axis(attempts(values, lambda size: on_square(size * h / H, size, contact), budget, _held))
+
+
+def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
+
+    def problem(size: float) -> ExtremeProblem:
+        return on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
+
+    rows = attempts(values, problem, budget, _held, start=1.0)
+    return Axis(predicted(rows, np.zeros(len(rows))))
+
+
+def _first_residual(problem: ExtremeProblem) -> float:
+    """Of plain Uzawa from 0: ||min(0, rho F(0))||_0."""
+    of = problem.spaces.operator
+    rho = STEPS["uzawa"].share / of.lambda_max
+    return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.discrete.offset)))
+
+
+def _held(problem: ExtremeProblem, found: Array) -> float:
+    """How many cells the active set loads."""
+    return float(np.count_nonzero(found > problem.rounding * problem.norm(problem.u)))

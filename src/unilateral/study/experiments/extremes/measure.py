@@ -1,0 +1,76 @@
+"""Where the method, the algorithm and this code break: axes of extreme problems, each point judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from unilateral.formulas.formula import real
+from unilateral.study import registry
+from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps
+from unilateral.study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
+
+__all__ = ["Budget", "survey"]
+MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
+KINDS = {name: getattr(MODULES[module], name) for name, module in registry.axes().items()}
+"""The function of each kind of axis."""
+COLUMNS = (
+    "value",
+    "outcome",
+    "tool",
+    "true_error",
+    "guaranteed",
+    "allowance",
+    "tolerance",
+    "u_norm",
+    "measured",
+    "predicted",
+    "message",
+)
+LIMITS = ("predicted_limit", "predicted_tool_limit", "local_limit", "measured_limit", "measured_tool_limit")
+
+
+def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:
+    """The axes' points, in the order of their values, from mild to extreme; see variables.yaml.
+
+    Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
+    the first one that is not.
+    """
+    points: dict[str, list[Any]] = {name: [] for name in ("axis_of", *COLUMNS)}
+    limits: dict[str, list[Any]] = {name: [] for name in LIMITS}
+    for name, axis in axes.items():
+        found = _axis(name, axis, h, H, budget)
+        for row in found.rows:
+            points["axis_of"].append(name)
+            for column in COLUMNS:
+                points[column].append(getattr(row, column))
+        measured = (_first(found.rows, what) for what in ("outcome", "tool"))
+        told = (found.limit, found.tool_limit, found.local_limit)
+        for key, value in zip(LIMITS, (*told, *measured), strict=True):
+            limits[key].append(value)
+    table = {name: ("point", values) for name, values in points.items()}
+    of_axis = {"label": [axis["label"] for axis in axes.values()], **limits}
+    table |= {name: ("axis", values) for name, values in of_axis.items()}
+    return xr.Dataset(table, coords={"axis": list(axes)})
+
+
+def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget) -> Axis:
+    where = f"extremes.axes.{name}"
+    values = np.array([_value(value, where) for value in axis["values"]])
+    h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
+    allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
+    found: Axis = KINDS[axis["kind"]](values, h, H, allowed)
+    return found
+
+
+def _value(value: object, where: str) -> float:
+    """A number as it is, for the grammar of formulas has none beyond 1e301, or a fraction."""
+    return value if isinstance(value, float) else real(value, where)
+
+
+def _first(rows: Sequence[Row], what: str) -> float:
+    broken = [row.value for row in rows if getattr(row, what) not in (RIGHT, NO_TOOL)]
+    return broken[0] if broken else np.nan

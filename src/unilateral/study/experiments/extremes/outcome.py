@@ -1,0 +1,169 @@
+"""What became of a problem: right, not converged with a valid bound, refused, or wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from unilateral.solvers.uzawa import DualResult
+from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
+
+RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
+NO_TOOL = ""
+"""The library offers no such thing."""
+NOTHING = np.inf
+"""The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbers:
+    """||u(mu) - u_h||_1, the bound that is told of it, what is allowed for rounding, and what was asked for.
+
+    `u_norm` is ||u_h||_1. NaN for what is refused.
+    """
+
+    true_error: float = np.nan
+    guaranteed: float = np.nan
+    allowance: float = np.nan
+    tolerance: float = np.nan
+    u_norm: float = np.nan
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """By name."""
+        return {field.name: getattr(self, field.name) for field in fields(Numbers)}
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict(Numbers):
+    """What the result of a run is, by its numbers; what is said of it; its lambda_H (m,), if not refused.
+
+    `algorithm` is the one that ran, none if it refused.
+    """
+
+    outcome: str
+    said: str
+    algorithm: str = ""
+    lambda_H: Array | None = None
+
+    @property
+    def used(self) -> float:
+        """The share of the bound that the error takes; all of it if wrong, less than any other if refused."""
+        if self.outcome in (WRONG, REFUSED):
+            return np.inf if self.outcome == WRONG else -1.0
+        allowed = self.guaranteed + self.allowance
+        return self.true_error / allowed if allowed > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Row(Numbers):
+    """A point of an axis: the outcomes of plain Uzawa and of the tool's choice, a number, its prediction.
+
+    The numbers are those of the algorithm that is nearest to its bound, or beyond it.
+    """
+
+    value: float
+    outcome: str
+    tool: str
+    measured: float = np.nan
+    predicted: float = np.nan
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The rows, and up to where plain Uzawa and the tool are predicted to be right; NaN: everywhere.
+
+    `local_limit` is up to where plain Uzawa converges from nearby; NaN where that is not asked for.
+    """
+
+    rows: list[Row]
+    limit: float = np.nan
+    tool_limit: float = np.nan
+    local_limit: float = np.nan
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The tolerance, relative to a problem's size, and the steps of a run."""
+
+    accuracy: float
+    max_steps: int
+
+    def tolerance(self, problem: ExtremeProblem) -> float:
+        """In ||.||_{-1/2,h}; relative to 1 where lambda_H is 0."""
+        return self.accuracy * (problem.size or 1.0)
+
+    @property
+    def condition(self) -> float:
+        """The condition number of S up to which plain Uzawa needs no more steps, rho = 1.9/lambda_max(S)."""
+        return 1.9 * self.max_steps / -np.log(self.accuracy)
+
+    @property
+    def accelerated(self) -> float:
+        """The same for Nesterov, with a contraction of 1 - cond(S)^{-1/2}."""
+        return float((self.max_steps / np.log(self.accuracy)) ** 2)
+
+
+def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
+    """By the true error; a result that says more than is true, or nothing, is wrong, whatever its error."""
+    error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
+    outcome = RIGHT if result.converged else NOT_CONVERGED
+    if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
+        outcome = WRONG
+    said = f"{result.iterations} steps"
+    if not result.converged:
+        said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
+    numbers = {"true_error": error, "guaranteed": bound, "allowance": allowance, "tolerance": tolerance}
+    numbers["u_norm"] = problem.norm(problem.u)
+    return Verdict(outcome, said, result.algorithm, result.lambda_H, **numbers)
+
+
+def untooled(value: float, verdict: Verdict, measured: float, predicted: float = np.nan) -> Row:
+    """The row of an algorithm that the library does not offer."""
+    said = f"bound {verdict.guaranteed:.2g}"
+    return Row(value, verdict.outcome, NO_TOOL, measured, predicted, said, **verdict.numbers)
+
+
+def predicted(rows: Sequence[Row], values: Array) -> list[Row]:
+    """The rows with what is predicted of their numbers."""
+    return [replace(row, predicted=float(value)) for row, value in zip(rows, values, strict=True)]
+
+
+def within(rows: Sequence[Row], slack: float) -> list[Row]:
+    """The rows, wrong where the number is above `slack` and above what is predicted."""
+    return [_judged_by_number(row, slack) for row in rows]
+
+
+def _judged_by_number(row: Row, slack: float) -> Row:
+    refused = row.outcome == REFUSED and np.isnan(row.measured)
+    if refused or row.measured <= max(row.predicted, slack):
+        return row
+    said = f"{row.measured:.2g}, predicted {row.predicted:.2g}"
+    return replace(row, outcome=WRONG, tool=WRONG, message=said)
+
+
+def by_law(rows: Sequence[Row], values: Array, growth: Array, budget: Budget) -> Axis:
+    """cond(S) grows like that from the first row's; limits by the steps that it allows."""
+    numbers = rows[0].measured * growth
+    limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
+    return Axis(predicted(rows, numbers), *limits)
+
+
+def crossing(values: Array, numbers: Array, limit: float) -> float:
+    """The value, on logarithmic scales, where the numbers first pass the limit; NaN if they do not.
+
+    Infinite, before all values, if the first number is beyond it.
+    """
+    x, y = np.log(values), np.log(numbers)
+    above = np.flatnonzero(y > np.log(limit))
+    if not above.size:
+        return np.nan
+    if above[0] == 0:
+        return np.inf if values[-1] < values[0] else -np.inf
+    k = above[0]
+    if not np.isfinite(y[k]):
+        return float(values[k])
+    return float(np.exp(x[k - 1] + (np.log(limit) - y[k - 1]) * (x[k] - x[k - 1]) / (y[k] - y[k - 1])))

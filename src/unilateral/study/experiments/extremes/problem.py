@@ -1,0 +1,151 @@
+"""Discrete problems whose solution is known, whatever the mesh: what extremes are judged by.
+
+u_h = p is linear and lambda_H >= 0 any: with (f, v) := (p, v)_1 - <lambda_H, v> and cell means of g that
+leave a gap only where lambda_H is 0, (p, lambda_H) solves the discrete problem. The load is made without the
+stiffness matrix, from the mass matrix and the flux of p.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unilateral.discrete.condensed import CondensedProblem, with_load
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+
+Array = NDArray[np.float64]
+WAVES = 3
+LEAST = 1e-12
+"""A round number above the rounding of a few hundred operations."""
+Contact = Callable[[Partition], tuple[Array, Array]]
+"""lambda_H and the gap (m,) of a partition."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExtremeProblem:
+    """The discrete problem that the library gets, and its solution u (n,), lambda_H (m,).
+
+    `size` is ||lambda_H||_{-1/2,h}, the error of the multiplier 0.
+    """
+
+    discrete: CondensedProblem
+    u: Array
+    lambda_H: Array
+    size: float
+
+    @property
+    def spaces(self) -> MixedSpaces:
+        return self.discrete.spaces
+
+    @property
+    def condition(self) -> float:
+        """lambda_max(S) / lambda_min(S), infinite where S is singular."""
+        of = self.spaces.operator
+        return np.inf if of.singular else of.lambda_max / of.lambda_min
+
+    @cached_property
+    def rounding(self) -> float:
+        """What rounding does to constants: ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1, with A^{-1} as computed."""
+        mesh = self.spaces.mesh
+        one = np.ones(mesh.n_nodes)
+        found = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
+        return max(LEAST, self.norm(found - one) / self.norm(one))
+
+    @property
+    def allowance(self) -> float:
+        """What rounding may add to an error: to u(mu), and to the multiplier by way of A^{-1} f.
+
+        ||A^{-1} f||_1 <= ||u_h||_1 + ||lambda_H||_{-1/2,h}; both taken to lose what constants lose.
+        """
+        return 2 * self.rounding * self.norm(self.u) + self.rounding * self.size
+
+    def error(self, mu: Array) -> float:
+        """||u(mu) - u_h||_1 of any multiplier (m,), by a solve on all nodes, in units of a power of 2."""
+        unit = 2.0 ** (math.frexp(float(np.abs(self.u).max()))[1] - 1)
+        u = self.spaces.response(self.discrete.load / unit, mu / unit)
+        return unit * self.norm(u - self.u / unit)
+
+    def distance(self, mu: Array, from_mu: Array) -> float:
+        """How far a multiplier (m,) is from another one, in L2, relative to the latter."""
+        H_i = self.spaces.operator.H_i
+        return float(np.sqrt(H_i @ (mu - from_mu) ** 2 / (H_i @ from_mu**2)))
+
+    def norm(self, v: Array) -> float:
+        """||v||_1 of v (n,), scaled: the square of a tiny number would be 0."""
+        unit = float(np.abs(v).max())
+        if not 0 < unit < np.inf:
+            return unit
+        return unit * float(np.sqrt(max(v / unit @ (self.spaces.condensed.A @ (v / unit)), 0.0)))
+
+
+def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: float = 1.0) -> ExtremeProblem:
+    """The problem with these lambda_H and cell means of u - g, both (m,); all data multiplied by `times`.
+
+    lambda_H is measured in units of |Omega| / |boundary|, with which u(1) is about 1.
+    """
+    polygon, spaces = mesh.polygon, mixed_spaces(condensed(mesh), partition)
+    lambda_H = times * polygon.area / polygon.perimeter * lambda_H
+    slope = times * min(1.0, 1 / polygon.diameter)
+    u = times + slope * (mesh.points - polygon.vertices[0]).sum(axis=1)
+    load = stiffness_and_mass(mesh)[1] @ u
+    load[mesh.boundary] += _flux(mesh, slope) - spaces.B.T @ lambda_H
+    means = spaces.B @ u[mesh.boundary] / partition.lengths
+    discrete = with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means - times * gap)
+    unit = float(lambda_H.max()) or 1.0
+    size = unit * float(np.linalg.norm(spaces.operator.half @ (lambda_H / unit)))
+    return ExtremeProblem(discrete, u, lambda_H, size)
+
+
+def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0) -> ExtremeProblem:
+    """The problem with that contact."""
+    return made(mesh, partition, *contact(partition), times)
+
+
+def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> ExtremeProblem:
+    """The same on a structured mesh of the unit square and a uniform partition."""
+    return posed(structured_square(h), uniform(square(), H), contact, times)
+
+
+@lru_cache(maxsize=1)
+def structured_square(h: float) -> Mesh:
+    """The structured mesh of the unit square; the points of most axes share one."""
+    return structured(square(), h)
+
+
+@lru_cache(maxsize=1)
+def condensed(mesh: Mesh) -> Condensed:
+    """The mesh, condensed; the last one is kept for the axis's next point."""
+    return condense(mesh)
+
+
+def _flux(mesh: Mesh, slope: float) -> Array:
+    """(nb,) <dp/dn, phi_j> of p with both derivatives `slope`."""
+    half = 0.5 * np.diff(mesh.s) * slope * mesh.polygon.normals.sum(axis=1)[mesh.side]
+    return half + np.roll(half, 1)
+
+
+def place(partition: Partition) -> Array:
+    """(m,) middles of the cells as shares of the perimeter."""
+    return 0.5 * (partition.points[1:] + partition.points[:-1]) / partition.polygon.perimeter
+
+
+def waves(partition: Partition) -> tuple[Array, Array]:
+    """lambda_H and the gap, (m,) each, with contact on WAVES intervals."""
+    wave = np.sin(2 * np.pi * WAVES * place(partition))
+    return np.maximum(wave, 0), np.maximum(-wave, 0)
+
+
+def full(partition: Partition) -> tuple[Array, Array]:
+    """The same with contact everywhere."""
+    return 1 + 0.5 * np.sin(2 * np.pi * WAVES * place(partition)), np.zeros(partition.n_cells)

@@ -1,0 +1,142 @@
+"""Checks of rates: of the cases' errors, as they were judged; of other quantities; over (alpha, gamma)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from unilateral.study.ledger.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
+from unilateral.study.rates_table import smallest_rate
+
+LAST = "the rate over the last factor of 4"
+
+
+def rate(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, tolerance: float
+) -> Evidence:
+    """The smallest asymptotic rate of the cases, against what the theorem proves less a tolerance.
+
+    Raises Unjudged where it is reached, but a rate is not judged to hold.
+    """
+    judged = _judged(tables, scenes, cases, [norm], H_over_h)
+    rows = {name: row for name, row in judged.items() if row["verdict"].item() != "exact"}
+    if not rows:
+        raise Unjudged("there is no rate: all errors are 0")
+    smallest = {name: smallest_rate(row) for name, row in rows.items()}
+    proved = max(float(row["proved"]) for row in rows.values())
+    return provided(worst(smallest, "the smallest rate", proved - tolerance, True), _faults(rows))
+
+
+def not_faster(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, most: float
+) -> Evidence:
+    """The largest rate of the finest pair of levels."""
+    found = {name: _finest(row) for name, row in _judged(tables, scenes, cases, [norm], H_over_h).items()}
+    return worst(found, "the largest rate of the finest pair", most, False)
+
+
+def _finest(row: xr.Dataset) -> float:
+    """The rate of the finest pair."""
+    rates = row["rate"].values
+    return float(rates[np.isfinite(rates)][-1])
+
+
+def _judged(
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norms: Iterable[str], H_over_h: float
+) -> dict[str, xr.Dataset]:
+    """The rows of the tables of rates, by scene, case and norm."""
+    return {
+        f"{name}, {norm}": rates.sel(h_over_H=1 / H_over_h, norm=norm)
+        for name, rates in by_case(tables, "{scene}/rates", scenes, cases).items()
+        for norm in norms
+    }
+
+
+def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
+    """Of rates that are not judged to hold, why not."""
+    return [
+        f"{name}: {row['why'].item() or row['verdict'].item()}"
+        for name, row in rows.items()
+        if row["verdict"].item() != "holds"
+    ]
+
+
+def expected(
+    tables: Tables,
+    scenes: Sequence[str],
+    cases: Sequence[str],
+    H_over_h: float,
+    tolerances: Mapping[str, float],
+) -> Evidence:
+    """The least excess of the observed rates over the expected ones, less a tolerance by norm.
+
+    Raises Unjudged where there is none below, but a rate is judged to fail, or cannot be judged.
+    """
+    judged = _judged(tables, scenes, cases, tolerances, H_over_h)
+    rows = {
+        name: row
+        for name, row in judged.items()
+        if row["verdict"].item() in ("holds", "fails") or row["why"].item()
+    }
+    excess = {
+        name: smallest_rate(row) - float(row["expected"]) + tolerances[row["norm"].item()]
+        for name, row in rows.items()
+    }
+    quantity = "the smallest rate less the expected one, with its tolerance"
+    return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+
+
+def attained(
+    tables: Tables,
+    scenes: Sequence[str],
+    cases: Sequence[str],
+    H_over_h: float,
+    tolerances: Mapping[str, float],
+) -> Evidence:
+    """The largest excess of the rates of the finest pair over the expected ones, less a tolerance by norm."""
+    excess = {
+        name: _finest(row) - float(row["expected"]) - tolerances[row["norm"].item()]
+        for name, row in _judged(tables, scenes, cases, tolerances, H_over_h).items()
+    }
+    quantity = "the rate of the finest pair less the expected one and a tolerance"
+    return worst(excess, quantity, 0.0, False)
+
+
+def regularity(
+    tables: Tables,
+    scenes: Sequence[str],
+    orders: Mapping[str, float],
+    H_over_h: float,
+    tolerances: Mapping[str, float],
+) -> Evidence:
+    """The least excess of the rates of cases over the s of u in H^{1+s}, less a tolerance by norm."""
+    rows = _judged(tables, scenes, list(orders), tolerances, H_over_h)
+    excess = {
+        name: smallest_rate(row) - orders[row["case"].item()] + tolerances[row["norm"].item()]
+        for name, row in rows.items()
+    }
+    quantity = "the smallest rate less s, with its tolerance"
+    return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+
+
+def rate_of(
+    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
+) -> Evidence:
+    """The smallest rate over the last two pairs (a factor of 4) of something over meshes or partitions."""
+    return worst(_last_rates(tables, scenes, variable, cases), LAST, least, True)
+
+
+def slow(tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], most: float) -> Evidence:
+    """The largest of the same rates."""
+    return worst(_last_rates(tables, scenes, variable, cases), LAST, most, False)
+
+
+def _last_rates(
+    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str]
+) -> dict[str, float]:
+    errors = {
+        name: data[variable].values for name, data in by_case(tables, "{scene}/errors", scenes, cases).items()
+    }
+    return {name: float(np.log(each[-3] / each[-1]) / np.log(4)) for name, each in errors.items()}

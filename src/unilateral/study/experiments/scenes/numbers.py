@@ -1,0 +1,114 @@
+"""Tables of rates, floors and bounds, as documents show them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from unilateral.study.formats import SPACES, TITLES, cells, shown
+from unilateral.study.rates import NORMS
+from unilateral.study.rates_table import smallest_rate
+
+NOTHING = "–"
+
+
+def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per scene and case, the smallest asymptotic rate in each norm."""
+    first = next(iter(scenes.values()))
+    proved = {norm: float(first["proved"].sel(norm=norm, h_over_H=ratio).max()) for norm in NORMS}
+    rows = [
+        {"scene": name, "case": f"`{case}`"}
+        | {
+            f"{TITLES[norm]} (proved {proved[norm]:g})": _rate(
+                found.sel(case=case, norm=norm, h_over_H=ratio)
+            )
+            for norm in NORMS
+        }
+        for name, found in scenes.items()
+        for case in found["case"].values
+    ]
+    return pd.DataFrame(rows)
+
+
+def _rate(of: xr.Dataset) -> str:
+    verdict = of["verdict"].item()
+    if verdict == "exact":
+        return "error 0, as exact"
+    if verdict == "not judged":
+        return str(verdict)
+    pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
+    suffix = "" if verdict == "holds" else f", **{verdict}**"
+    counted = "1 pair" if pairs == 1 else f"{pairs} pairs"
+    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({counted}){suffix}"
+
+
+def rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per case, the smallest rates of all scenes; none of a case that is nowhere judged."""
+    rows = []
+    for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
+        of = {
+            name: found.sel(case=case, h_over_H=ratio)
+            for name, found in scenes.items()
+            if case in found["case"]
+        }
+        shown_of = {
+            TITLES[norm]: _smallest([found.sel(norm=norm) for found in of.values()]) for norm in NORMS
+        }
+        if set(shown_of.values()) != {NOTHING}:
+            rows.append({"case": f"`{case}`", "scenes": ", ".join(of)} | shown_of)
+    return pd.DataFrame(rows)
+
+
+def _smallest(found: Sequence[xr.Dataset]) -> str:
+    judged = [of for of in found if of["verdict"].item() in ("holds", "fails")]
+    if not judged:
+        return "exact" if found[0]["verdict"].item() == "exact" else NOTHING
+    failed = any(of["verdict"].item() == "fails" for of in judged)
+    expected = max(float(of["expected"]) for of in judged)
+    return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
+
+
+FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
+    "errors fitted": ("pairs", ".0f"),
+    "largest misfit": ("residual", ".2g%"),
+}
+
+
+def floors(fits: xr.Dataset) -> pd.DataFrame:
+    """The fit of the errors over the whole (h, H) grid, by case."""
+    of = fits.to_dataframe()
+    table = pd.DataFrame([{"case": f"`{case}`"} | cells(fit, FLOORS) for case, fit in of.iterrows()])
+    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in of["s_uncertainty"]]
+    return table
+
+
+INDICES = {
+    "local_index_u": f"cheap, {SPACES['h1']}",
+    "total_index_u": f"sharp, {SPACES['h1']}",
+    "total_index_lambda": f"sharp, {SPACES['hm12']}",
+}
+
+
+def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
+    """Guaranteed total errors over the true ones on the coarsest and finest level."""
+    rows = []
+    for name, table in scenes.items():
+        for case, (variable, title) in itertools.product(table["case"].values, INDICES.items()):
+            for k in (0, -1):
+                value = float(table[variable].sel(case=case)[k])
+                head = f"{title}, h = {shown(float(table['h'][k]), '1/n')}"
+                rows.append((name, f"`{case}`", head, "λ_H exact" if np.isnan(value) else f"{value:.2f}"))
+    long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
+    heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
+    return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
+
+
+def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:
+    """On how many meshes totals are bounded; at the re-entrant vertex lambda's bound over its error."""
+    index = corners["total_index_lambda"].sel(case="reentrant").values
+    return {"meshes": len(index), "reentrant": {"coarsest": float(index[0]), "finest": float(index[-1])}}

@@ -1,0 +1,1 @@
+"""How sharp the estimates are within a family of transitions."""

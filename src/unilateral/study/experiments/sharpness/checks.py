@@ -1,0 +1,203 @@
+"""Checks of Lemma 1, of the exponents of Theorems 2 and 4, and of Proposition 3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from unilateral.study.experiments.sharpness import surfaces
+from unilateral.study.ledger.evidence import (
+    ZERO,
+    Array,
+    Evidence,
+    Tables,
+    all_of,
+    by_case,
+    forms,
+    worst,
+)
+from unilateral.study.tables import error_in
+
+
+def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """D over the bound that Lemma 1 gives with mu = Pi_H lambda, where beta > 0 and D is not 0.
+
+    The bound is the positive root of D^2 = m D + (m + D) k + c, k = min(a/beta, t/beta_0), with m from below
+    and beta from above: every factor on its unfavourable side.
+    """
+    found = {}
+    for scene in scenes:
+        names = list(tables[f"{scene}/dual_norm"]["case"].values)
+        runs = tables[f"{scene}/errors"].sel(case=names)
+        for p, (cells, gram) in enumerate(forms(tables, scene)):
+            nothing = np.zeros((1, gram.n_cells))
+            m = [float(gram.error(c, nothing).lower[0]) for c in range(len(names))]
+            shares = _over_lemma_1(runs.isel(partition=p), xr.DataArray(m, dims="case"))
+            for case, share in zip(names, shares, strict=True):
+                if np.isfinite(share).any():
+                    found[f"{scene}, {case}, H = {cells.H:g}"] = float(np.nanmax(share))
+    return worst(found, "D over the bound of Lemma 1", 1.0, False)
+
+
+def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
+    """(case, mesh) for m = ||lambda - mu||_{-1/2}, (case,); NaN where beta or D is 0."""
+    D, c, H = runs["discrete_error"], runs["consistency"], float(runs["H"])
+    known = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > ZERO)
+    beta, beta_0 = (runs[name].where(known) for name in ("beta_upper", "beta_0"))
+    k = np.minimum(runs["ritz_error"] / beta, runs["ritz_means"] / H**0.5 / beta_0)
+    bound = 0.5 * (m + k + np.sqrt((m + k) ** 2 + 4 * (m * k + c)))
+    return np.asarray((D / bound).transpose("case", "mesh").values, dtype=float)
+
+
+def theorem_2(tables: Tables, table: str, tolerance: float) -> Evidence:
+    """The least excess of D's rates over all levels of H over min(3/2, 1 + alpha), alpha > 0, every gamma."""
+    data = tables[table].sel(norm="discrete")
+    rate = surfaces.over_all_levels(tables[table], "discrete")
+    quantity = "the rate of D over all levels of H, less min(3/2, 1 + alpha)"
+    return worst(_rows(rate - data["predicted"]), quantity, -tolerance, True)
+
+
+def beyond_consistency(tables: Tables, table: str, tolerance: float) -> Evidence:
+    """The least excess of these rates over min(3/2, 1 + alpha, (1 + alpha + gamma)/2).
+
+    That is what mu = Pi_H lambda gives. Members count for which it is smaller than min(3/2, 1 + alpha) by
+    twice the tolerance.
+    """
+    data = tables[table].sel(norm="discrete")
+    rate = surfaces.over_all_levels(tables[table], "discrete")
+    apart = data["predicted"] - data["left_by_proof"] >= 2 * tolerance - ZERO
+    quantity = "the rate of D over all levels of H, less what mu = Pi_H lambda gives"
+    return worst(_rows(rate - data["left_by_proof"], apart), quantity, tolerance, True)
+
+
+def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Evidence:
+    """The least excess over the predicted rate, with the tolerance of its norm, on the two finest pairs.
+
+    Of the largest error over gamma, for the theorem's constant does not depend on it; alpha > 0.
+    """
+    rows: dict[str, float] = {}
+    for norm, tolerance in tolerances.items():
+        excess = _of_largest(tables[table], norm).isel(pair=[-2, -1]).min("pair", skipna=False) + tolerance
+        rows |= {f"{norm}, {name}": value for name, value in _rows(excess).items()}
+    return worst(rows, "the smallest rate less the predicted one, with its tolerance", 0.0, True)
+
+
+def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance: float) -> Evidence:
+    """The largest excess of the same on the finest pair, for 0 < alpha <= `largest` of the norm."""
+    rows: dict[str, float] = {}
+    for norm, alpha in largest.items():
+        excess = _of_largest(tables[table], norm).isel(pair=-1)
+        below = excess.sel(alpha=excess["alpha"] <= alpha)
+        rows |= {f"{norm}, {name}": value for name, value in _rows(below).items()}
+    return worst(rows, "the rate of the finest pair less the predicted one", tolerance, False)
+
+
+def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> Evidence:
+    """The largest error of a position over that for the smallest gamma; there no position is held.
+
+    On the two finest levels, for alpha > 0.
+    """
+    data, rows = tables[table].isel(level=slice(-2, None)), dict[str, float]()
+    freest = data.sel(gamma=data["gamma"].min(), drop=True)
+    for norm in norms:
+        share = error_in(data, norm) / error_in(freest, norm)
+        largest = share.max(["level", "gamma", "position"], skipna=False)
+        rows |= {f"{norm}, {name}": value for name, value in _rows(largest).items()}
+    held = _rows(freest["held"].max(["level", "position"], skipna=False))
+    return all_of(
+        worst(rows, "an error over that for the smallest gamma", most, False),
+        worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
+    )
+
+
+def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
+    """The least excess of the rates of t over min(3/2, 1 + alpha), its logarithm allowed for, alpha > 0.
+
+    On the two finest pairs.
+    """
+    data = tables[table]
+    power = xr.DataArray(logarithm(data["alpha"].values), dims="alpha")
+    taken = xr.DataArray(surfaces.taken_by_logarithm(data["H"].values), dims="pair") * power
+    expected = data["predicted"].sel(norm="discrete")
+    excess = (data["t_rate"] + taken - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
+    return worst(
+        _rows(excess), "the smallest rate of t with its logarithm, less min(3/2, 1 + alpha)", -tolerance, True
+    )
+
+
+def proposition_3(
+    tables: Tables, scenes: Sequence[str], exponents: Mapping[str, float], tolerance: float
+) -> Evidence:
+    """The least excess of the rates of ||u - z_h||_0 on the boundary over min(2, 3/2 + nu), nu by case.
+
+    Over the last factor of 4, the logarithm allowed for.
+    """
+    found = {}
+    for name, run in by_case(tables, "{scene}/errors", scenes, exponents).items():
+        h, error = (run[of].values[[-3, -1]] for of in ("h", "ritz_boundary_error"))
+        nu, rate = exponents[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
+        taken = float(logarithm(nu)) * surfaces.taken_by_logarithm(h)[0]
+        found[name] = float(rate + taken - min(2.0, 1.5 + nu))
+    return worst(
+        found,
+        "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + nu)",
+        -tolerance,
+        True,
+    )
+
+
+def logarithm(nu: ArrayLike) -> Array:
+    """The power of ln(1/h) in (5)."""
+    a = np.asarray(nu, dtype=float)
+    return np.select([a < 0.5, a == 0.5], [0.0, 1.0], 0.5)
+
+
+def _of_largest(data: xr.Dataset, norm: str) -> xr.DataArray:
+    """(pair, alpha) rates of the largest error over gamma, less the predicted ones."""
+    error = data["error"].sel(norm=norm).max("gamma", skipna=False).transpose("level", "alpha")
+    rate = np.log(error.values[:-1] / error.values[1:]) / _steps(data)[:, None]
+    excess = rate - surfaces.predicted(norm, data["alpha"].values)
+    return xr.DataArray(excess, {"alpha": data["alpha"]}, ("pair", "alpha"))
+
+
+def _steps(data: xr.Dataset) -> Array:
+    """(pair,) logarithms of H's quotients."""
+    return np.asarray(-np.diff(np.log(data["H"].values)), dtype=float)
+
+
+def _rows(values: xr.DataArray, kept: xr.DataArray | bool = True) -> dict[str, float]:
+    """The values with alpha > 0 that are kept, by alpha and, if there is one, gamma."""
+    mask = ((values["alpha"] > 0) & kept).broadcast_like(values).transpose(*values.dims)
+    found = values.to_series()[mask.to_series()].to_frame("value").reset_index()
+    names = [", ".join(f"{dim} = {row[dim]:g}" for dim in values.dims) for _, row in found.iterrows()]
+    return dict(zip(names, found["value"].tolist(), strict=True))
+
+
+def surface(
+    tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
+) -> Evidence:
+    """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
+    data = tables[table].sel(norm=norm, gamma=list(gammas))
+    excess = (data["rate"] - data["predicted"]).isel(pair=[-2, -1]).min("pair")
+    rows = {
+        f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
+        for alpha in data["alpha"].values
+        for gamma in gammas
+        if alpha >= least_alpha
+    }
+    return worst(rows, "the smallest rate less the predicted one", -tolerance, True)
+
+
+def consistency_surface(tables: Tables, table: str, most: float) -> Evidence:
+    """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
+    data = tables[table]
+    distance = abs(data["consistency_rate"].isel(pair=-1) - data["consistency_predicted"])
+    rows = {
+        f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
+        for alpha in data["alpha"].values
+        for gamma in data["gamma"].values
+    }
+    return worst(rows, "the largest distance from alpha + gamma + 1", most, False)

@@ -1,0 +1,1 @@
+"""beta over families of meshes and partitions."""

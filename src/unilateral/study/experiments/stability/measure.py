@@ -1,0 +1,85 @@
+"""beta over families of meshes and partitions: the table behind Lemma 3.1's condition on h/H."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import SINGULAR, mixed_spaces
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.polygon import square
+from unilateral.norms.dual import Bracket, dual_norm
+from unilateral.norms.infsup import worst_multiplier
+from unilateral.study.beta import OF_PAIR, constants
+from unilateral.study.experiments.stability.families import Spec, meshes_of
+
+
+class Grams:
+    """The Gram matrices of P0, made once for partitions that are alike."""
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[bytes, bytes], Bracket] = {}
+
+    def of(self, partition: Partition) -> Bracket:
+        """(m, m) each."""
+        alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+        if alike not in self.known:
+            self.known[alike] = dual_norm(partition).gram().p0
+        return self.known[alike]
+
+
+def survey(
+    partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object], grams: Grams
+) -> xr.Dataset:
+    """The constants of (3.4) for partitions of one polygon, on meshes of these sizes against their cells.
+
+    `meshes` holds the mapping of `families` that makes each partition's meshes; a size is the number of
+    boundary edges in a cell or, of inner nodes, delta. The dimension `mesh` counts the sizes. A mesh that
+    several partitions have is condensed once. `worst` is the worst multiplier, NaN where beta = 0 on more
+    than one of them; `side` the side of each cell.
+    """
+    shape = (len(sizes), len(partitions))
+    longest = max(partition.n_cells for partition in partitions)
+    values = {name: np.full(shape, np.nan) for name in OF_PAIR}
+    worst = np.full((*shape, longest), np.nan)
+    points = np.full((len(partitions), longest + 1), np.nan)
+    side = np.full((len(partitions), longest), np.nan)
+    for p, partition in enumerate(partitions):
+        points[p, : len(partition.points)] = partition.points
+        side[p, : partition.n_cells] = partition.side
+    for k, size in enumerate(sizes):
+        condensed = cache(condense)
+        on = meshes_of(partitions[0].polygon, partitions, meshes, size)
+        for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
+            gram = grams.of(partition)
+            operator = mixed_spaces(condensed(mesh), partition).operator
+            sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            for name, value in (sizes_of | constants(mesh, partition, operator, gram)).items():
+                values[name][k, p] = value
+            if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
+                symmetries = _symmetries(mesh, partition, meshes[p])
+                worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
+    pair = ("mesh", "partition")
+    table: dict[str, Any] = {name: (pair, value) for name, value in values.items()}
+    table |= {"worst": ((*pair, "cell"), worst), "side": (("partition", "cell"), side)}
+    table |= {"points": (("partition", "point"), points)}
+    H = [partition.H for partition in partitions]
+    regularity = [partition.H_over_Hi_max for partition in partitions]
+    return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
+
+
+def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[NDArray[np.intp]]:
+    """Of a structured mesh of the square and a uniform partition: half a turn, and x and y exchanged."""
+    is_square = np.array_equal(mesh.polygon.vertices, square().vertices)
+    uniform = np.ptp(partition.lengths) <= 1e-12 * partition.H
+    if not (is_square and uniform and spec.get("kind") == "structured"):
+        return []
+    m = partition.n_cells
+    return [np.roll(np.arange(m), -(m // 2)), np.arange(m)[::-1]]

@@ -1,0 +1,88 @@
+"""Numbers as readers see them: Python's format specifications, and a few of our own.
+
+| format | of | shown |
+|---|---|---|
+| `1/n` | 0.0625 | 1/16 |
+| `10^` | 1e-6 | 10^(−6) |
+| `x10^` | 1.94e9 | 1.9·10^9 |
+| `down.2f`, `up.2f` | 0.719, 0.711 | 0.71, 0.72 |
+| `up.1g%`, `up.short` | 0.0046, 6.811e-06 | 0.5 %, 6.82e-6 |
+| `space` | 20000 | 20 000 |
+| `times` | 8.1 | × 8 |
+| `short` | 6.81e-06 | 6.81e-6 |
+| `.2g%` | 0.0046 | 0.46 % |
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+
+from unilateral.formulas.decimals import down, up
+
+Value = float | int | str
+SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
+TITLES = {norm: f"{'u' if norm == 'h1' else 'λ'} in {space}" for norm, space in SPACES.items()}
+"""The errors, by their norms."""
+ROUNDED = re.compile(r"(down|up)(\.\d[efg])(%?)")
+"""For bounds: towards the side on which they stay bounds."""
+
+
+def shown(value: Value, spec: str = "") -> str:
+    """The value in that format. Raises ValueError for a format that is none, or not one of such a value."""
+    if isinstance(value, str):
+        return format(value, spec)
+    if not math.isfinite(value):
+        raise ValueError("it is not finite")
+    if spec in OWN:
+        return OWN[spec](value)
+    if directed := ROUNDED.fullmatch(spec):
+        towards, away = (down, -math.inf) if directed[1] == "down" else (up, math.inf)
+        percent = math.nextafter(100 * value, away)
+        return f"{towards(percent, directed[2])} %" if directed[3] else towards(value, directed[2])
+    return f"{100 * value:{spec[:-1]}} %" if spec.endswith("%") else format(value, spec)
+
+
+def span(values: Iterable[float], spec: str) -> str:
+    """The least and the largest in that format, or the one text of both."""
+    found = list(values)
+    return " to ".join(dict.fromkeys(shown(each, spec) for each in (min(found), max(found))))
+
+
+def cells(of: Mapping[str, Value], columns: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """A row of a table: by a column's title the value of a name, in a format."""
+    return {title: shown(of[name], spec) for title, (name, spec) in columns.items()}
+
+
+def _level(stop: float) -> str:
+    if stop <= 0:
+        raise ValueError("it is no power of ten")
+    return f"10^({round(math.log10(stop))})".replace("-", "−") if stop != 1 else "1"
+
+
+def _size(h: float) -> str:
+    if not 0 < h <= 1:
+        raise ValueError("it is no size from 0 to 1")
+    return f"1/{1 / h:.0f}"
+
+
+def _power(value: float) -> str:
+    digits, exponent = f"{value:.1e}".split("e")
+    return f"{digits}·10^{int(exponent)}"
+
+
+def _short(text: str) -> str:
+    """Without what an exponent does not need."""
+    return re.sub(r"e\+?(-?)0*", r"e\1", text)
+
+
+OWN: dict[str, Callable[[float], str]] = {
+    "1/n": _size,
+    "10^": _level,
+    "x10^": _power,
+    "times": lambda x: f"× {x:.0f}",
+    "space": lambda x: f"{x:,.0f}".replace(",", " "),
+    "short": lambda x: _short(f"{x:.3g}"),
+    "up.short": lambda x: _short(up(x, ".3g")),
+}

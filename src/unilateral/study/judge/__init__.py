@@ -1,1 +1,0 @@
-"""What the study concludes: rates, fits, and a verdict for every statement of the ledger."""

@@ -1,0 +1,39 @@
+"""What the experiments declare of every claim, in the order of the paper."""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any
+
+from unilateral.errors import InputError
+from unilateral.study import registry
+from unilateral.system.declarations import own
+
+STUDY = resources.files("unilateral.study")
+FILE = "claims.yaml"
+"""Of an experiment: its claims."""
+
+
+def entries() -> list[dict[str, Any]]:
+    """The claims as they are declared, each with its section, section by section.
+
+    Raises InputError for a claim that no section or several of them name, or that is declared twice or not at
+    all.
+    """
+    declared = [entry for file in files().values() for entry in own(file)["claims"]]
+    sections = own(STUDY / "ledger" / "sections.yaml")
+    known, named = [entry["id"] for entry in declared], [each for ids in sections.values() for each in ids]
+    for each in {*known, *named}:
+        if known.count(each) != 1 or named.count(each) != 1:
+            raise InputError(
+                f"ledger, claim '{each}': it has to be declared once, in the {FILE} of an experiment, and "
+                "named once in sections.yaml"
+            )
+    by_id = dict(zip(known, declared, strict=True))
+    return [by_id[each] | {"section": section} for section, ids in sections.items() for each in ids]
+
+
+def files() -> dict[str, Any]:
+    """The files of the experiments' claims, by the experiments' names."""
+    folders = {name: STUDY.joinpath(*package.split(".")) for name, package in registry.experiments().items()}
+    return {name: folder / FILE for name, folder in folders.items() if (folder / FILE).is_file()}

@@ -1,0 +1,85 @@
+"""The experiments, figures, checks and kinds of axes that there are.
+
+They are found by the names of modules and functions, in their source, for an import takes a second.
+"""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from importlib import resources
+from typing import NamedTuple
+
+STUDY = resources.files("unilateral.study")
+EXTREMES = "experiments.extremes"
+FIGURE = "_figure"
+"""The end of the name of a figure's module."""
+OF_AXIS = ["values", "h", "H", "budget"]
+"""The arguments of a function that makes an axis of extreme problems."""
+
+
+class Arguments(NamedTuple):
+    """The names of those that a function needs, and of those that have a default."""
+
+    needed: list[str]
+    optional: list[str]
+
+
+def modules(package: str) -> list[str]:
+    """The modules of a package of the study, such as experiments.cost."""
+    names = [file.name for file in STUDY.joinpath(*package.split(".")).iterdir()]
+    return sorted(
+        name.removesuffix(".py") for name in names if name.endswith(".py") and name != "__init__.py"
+    )
+
+
+@cache
+def experiments() -> dict[str, str]:
+    """The experiments by name, each with its package, such as experiments.cost."""
+    folders = [each for each in (STUDY / "experiments").iterdir() if (each / "__init__.py").is_file()]
+    return {name: f"experiments.{name}" for name in sorted(folder.name for folder in folders)}
+
+
+@cache
+def figures() -> dict[str, str]:
+    """The figures by their names, each with its module, such as experiments.cost.work_precision_figure."""
+    found = {
+        name.removesuffix(FIGURE): f"{package}.{name}"
+        for package in (*experiments().values(), "ledger")
+        for name in modules(package)
+        if name.endswith(FIGURE)
+    }
+    return dict(sorted(found.items()))
+
+
+@cache
+def checks() -> dict[str, str]:
+    """The modules of checks, by the experiments' names; those that serve several are the ledger's."""
+    packages = {"ledger": "ledger", **experiments()}
+    return {name: f"{package}.checks" for name, package in packages.items() if "checks" in modules(package)}
+
+
+@cache
+def functions(module: str) -> dict[str, Arguments]:
+    """The functions of a module of the study."""
+    *package, name = module.split(".")
+    source = STUDY.joinpath(*package, f"{name}.py").read_text(encoding="utf-8")
+    found = [each for each in ast.parse(source).body if isinstance(each, ast.FunctionDef)]
+    return {each.name: _arguments(each.args) for each in found}
+
+
+def _arguments(given: ast.arguments) -> Arguments:
+    names = [argument.arg for argument in given.args]
+    count = len(names) - len(given.defaults)
+    return Arguments(names[:count], names[count:])
+
+
+@cache
+def axes() -> dict[str, str]:
+    """The kinds of axes of extreme problems, which are the functions of `OF_AXIS`, and the module of each."""
+    return {
+        name: module
+        for module in modules(EXTREMES)
+        for name, arguments in functions(f"{EXTREMES}.{module}").items()
+        if arguments.needed == OF_AXIS and not name.startswith("_")
+    }

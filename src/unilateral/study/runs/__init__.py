@@ -1,1 +1,0 @@
-"""What the study computes: tables of errors, of beta, of costs, and of the extremes."""

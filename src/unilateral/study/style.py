@@ -1,0 +1,167 @@
+"""What the figures share: the page, the looks of lines, axes, keys, notes, and the reading of tables.
+
+Lengths are in cm on a page 17 cm wide, so that the text, 8 points or more, has the size it has in print.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+
+from unilateral.errors import InputError
+from unilateral.system.files import replacing
+
+FilePath = str | os.PathLike[str]
+Look = dict[str, Any]
+"""Options of matplotlib's functions."""
+WIDTH = 17.0
+CM = 1 / 2.54
+SMALL = 8.5
+ROUNDED = 1e-3
+"""Sizes in the tables are that close to those meant."""
+STYLE = {
+    "font.family": "STIXGeneral",
+    "mathtext.fontset": "stix",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.linewidth": 0.6,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "ytick.minor.width": 0.4,
+    "legend.fontsize": SMALL,
+    "legend.frameon": False,
+    "hatch.linewidth": 0.4,
+    "savefig.dpi": 300,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "unilateral",
+}
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
+LINES = ("-", (0, (4, 1.6)), (0, (1, 1.4)))
+FAMILIAR = ("natural", "smooth", "thirds", "full_contact", "no_contact")
+"""Cases that look alike in all figures."""
+NORMS = {
+    "h1": r"$\Vert u-u_h\Vert_1$",
+    "hm12": r"$\Vert\lambda-\lambda_H\Vert_{-1/2}$",
+    "l2": r"$\Vert\lambda-\lambda_H\Vert_0$",
+}
+
+
+def read(path: FilePath) -> pd.DataFrame:
+    """The table that a figure is drawn from. Raises InputError where there is none."""
+    try:
+        return pd.read_csv(path)
+    except FileNotFoundError:
+        raise InputError(f"there is no table {path}") from None
+    except (ValueError, OSError):
+        raise InputError(f"{path} is no CSV table") from None
+
+
+@contextmanager
+def figure_in(path: FilePath, height: float) -> Iterator[Figure]:
+    """A figure in the house style, written when it is complete."""
+    with style.context(STYLE, after_reset=True):
+        figure = Figure(figsize=(WIDTH * CM, height * CM))
+        yield figure
+        with replacing(path) as temporary:
+            figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
+
+
+def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    total = _height(figure)
+    return figure.add_axes((left / WIDTH, bottom / total, width / WIDTH, height / total))
+
+
+def legend(figure: Figure, handles: Sequence[Any], left: float, top: float, **options: Any) -> Legend:
+    """A key with its upper left corner there, without a margin of its own unless it is given one."""
+    corner, space = (left / WIDTH, top / _height(figure)), {"borderpad": 0, "borderaxespad": 0}
+    return figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, **(space | options))
+
+
+def note(figure: Figure, text: str, left: float = 0.1, bottom: float = 0.2, **options: Any) -> None:
+    """Small text with its lower left corner there."""
+    figure.text(left / WIDTH, bottom / _height(figure), text, fontsize=SMALL, **options)
+
+
+def _height(figure: Figure) -> float:
+    return figure.get_figheight() / CM
+
+
+def key(label: str, **look: Any) -> Line2D:
+    """The entry of a line or a marker in a key."""
+    return Line2D([], [], label=label, **look)
+
+
+def look(i: int) -> Look:
+    """The colour and the marker of that number."""
+    return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
+
+
+def numbered(names: Iterable[str]) -> dict[str, int]:
+    """Names with the numbers of their looks, the familiar cases with theirs."""
+    given = list(names)
+    numbers = {name: i for i, name in enumerate(dict.fromkeys((*FAMILIAR, *given)))}
+    return {name: i for name, i in numbers.items() if name in given}
+
+
+def over_sizes(axes: Axes, sizes: pd.Series, every: int = 1) -> None:
+    """Both axes logarithmic, the horizontal one over powers of 2, of which every so many have a label."""
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    powers = range(int(np.floor(np.log2(sizes.min()))), 1)
+    labels = ["" if (k + 1) % every else f"${as_fraction(2.0**k)}$" for k in powers]
+    axes.set_xticks([2.0**k for k in powers], labels)
+    axes.set_xlim(sizes.min() / 1.3, sizes.max() * 1.3)
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_locator(LogLocator(numticks=20))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    light_grid(axes)
+
+
+def whole_decades(low: float, high: float) -> tuple[float, float]:
+    """The limits of a logarithmic axis; where they hold less than two powers of 10, the next ones outside."""
+    first, last = np.ceil(np.log10(low)), np.floor(np.log10(high))
+    return (low, high) if last > first else (10.0 ** (first - 1), 10.0 ** (last + 1))
+
+
+def sides(axes: Axes, ends: pd.DataFrame, names: Sequence[str], height: float, **line: Any) -> None:
+    """Lines where sides start, and names, if any, between them; `ends`: where each starts and ends."""
+    place: Look = {"transform": axes.get_xaxis_transform(), "fontsize": SMALL, "ha": "center"}
+    for start in ends["start"]:
+        axes.axvline(start, **line)
+    for name, start, end in zip(names, ends["start"], ends["end"], strict=bool(names)):
+        axes.text((start + end) / 2, height, name, **place)
+
+
+def light_grid(axes: Axes, grey: str = "0.9") -> None:
+    """Lines at the major ticks, below all that is drawn."""
+    axes.grid(which="major", color=grey, lw=0.5)
+    axes.set_axisbelow(True)
+
+
+def as_fraction(value: float, denominator: int = 4) -> str:
+    """1/8 for 0.125; sizes are rounded, and a size that is no such fraction stays a decimal."""
+    near = Fraction(value).limit_denominator(denominator)
+    if value < 1 and abs(near / value - 1) >= ROUNDED:
+        near = Fraction(1, round(1 / value))
+    return str(near) if abs(near / value - 1) < ROUNDED else f"{value:.3g}"
+
+
+def plain_bar(bar) -> None:  # type: ignore[no-untyped-def]
+    bar.solids.set_rasterized(True)
+    bar.ax.minorticks_off()
+    bar.outline.set_linewidth(0.5)

@@ -1,0 +1,29 @@
+"""Records for programs, as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from typing import Any
+
+from unilateral.system.files import replacing
+
+
+def text(record: dict[str, Any]) -> str:
+    """One JSON object, with null for what is no finite number."""
+    return json.dumps(_finite(record))
+
+
+def write(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Writes that object to a file."""
+    with replacing(path) as temporary:
+        temporary.write_text(text(record) + "\n", encoding="utf-8")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

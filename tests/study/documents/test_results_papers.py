@@ -1,0 +1,45 @@
+"""The paper stays short: its pages in print, and its words."""
+
+import re
+
+import pytest
+from conftest import ROOT
+
+from unilateral.study.documents import marks
+
+PAGES, WORDS = 12, 6500
+"""At most, of paper.md: what somebody reads in one sitting."""
+
+
+def words(text):
+    """Of the body and its captions: a formula in a line is one word, others and tables are none."""
+    body = marks.without_marks(text).partition("\n---\n")[2]
+    body = re.sub(r"\$\$(?s:.*?)\$\$|^\|.*$|^:::.*$|\{#[\w-]+\}|\]\([^)\s]*\)", "", body, flags=re.MULTILINE)
+    return len(re.sub(r"\$[^$]+\$", "x", body).split())
+
+
+def pages(pdf):
+    (count,) = re.findall(rb"/Type ?/Pages\b[^>]*?/Count (\d+)", pdf)
+    return int(count)
+
+
+def test_the_paper_keeps_to_its_pages():
+    assert pages((ROOT / "results/paper/paper.pdf").read_bytes()) <= PAGES
+
+
+def test_the_paper_keeps_to_its_words():
+    assert words((ROOT / "paper.md").read_text(encoding="utf-8")) <= WORDS
+
+
+@pytest.mark.parametrize(
+    ("body", "count"),
+    [
+        ("Two words.", 2),
+        ("As $a + b = c$ says,\n$$\nx = 1 \\tag{1}\n$$\nit <!--=a:.2f-->is 1<!--/-->.", 6),
+        ("| a | b |\n|---|---|\n| c | d |\n\n: Caption. {#tbl-a}", 2),
+        ("::: {.theorem #thm-a}\n**Theorem.** See [Figure 1](#fig-a).\n:::", 4),
+    ],
+)
+def test_words_are_counted_as_by_hand(body, count):
+    """By hand; the colon of a caption is a word."""
+    assert words(f"---\ntitle: A long title\n---\n\n{body}\n") == count

@@ -1,0 +1,240 @@
+"""Papers as HTML and PDF: a page with every feature that they use, and faults to be refused."""
+
+import re
+
+import pytest
+import typst
+from conftest import ROOT
+
+from unilateral.errors import InputError
+from unilateral.study.documents import typesetting
+
+BIBLIOGRAPHY = "@book{Known, author = {Jane Doe}, title = {A Book}, year = {1980}}\n"
+PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><circle cx="4" cy="4" r="3"/></svg>\n'
+FRONT = """---
+title: The *title*
+tags: [one tag, another]
+authors:
+  - name: The developers
+    affiliation: 1
+affiliations:
+  - name: Nowhere
+    index: 1
+date: 21 November 2026
+bibliography: paper.bib
+---
+
+"""
+PAGE = r"""# Summary {#sec-summary}
+
+Unicode such as λ, β, ‖·‖, ∂Ω, H⁻½, ≤, ∇ and mathematics such as $\|\lambda-\lambda_H\|_{-1/2}$; see
+[Section 1.1](#sec-in), [Figure 1](#fig-one), [Table 1](#tbl-wide), [Theorem A](#thm-a), [(2.7)](#eq-one) and
+[@Known, p. 3]. There are [Supplement, Table S1](other.md#tbl-there) and
+[Supplement, Lemma 3](other.md#lem-there).
+
+## Inside {#sec-in}
+
+$$\begin{aligned} (u_h, v)_1 &= (f, v)_0 && \text{for all } v \in V_h \end{aligned} \tag{2.7}\label{eq-one}$$
+
+::: {.theorem #thm-a}
+**Theorem A.** It is $O(H^{3/2})$.
+:::
+
+::: {.proof}
+*Proof.* Obvious.
+:::
+
+![What it shows.](one.svg){#fig-one}
+
+<!-- wide: begin -->
+| a | b | c | d | e | f | g | h |
+|---|---|---|---|---|---|---|---|
+| 1 | 2 | 3 | 4 | 5 | 6 | LONG | `a/path/to/some_file.svg` |
+<!-- wide: end -->
+
+: What it lists. {#tbl-wide}
+""".replace("LONG", "a sentence that is much longer than a column " * 3)
+
+OTHER = """---
+prefix: S
+---
+
+# Elsewhere {#sec-there}
+
+::: {.theorem #lem-there}
+**Lemma 3** (of another)**.** So it is.
+:::
+
+<!-- rows: begin -->
+| a |
+|---|
+| <!--=a.b:.2f-->1<!--/--> |
+<!-- rows: end -->
+
+: Rows. {#tbl-there}
+"""
+
+
+@pytest.fixture
+def typeset(tmp_path):
+    """Typesets a page; returns its HTML and its PDF."""
+    (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
+    (tmp_path / "one.svg").write_text(PICTURE)
+    (tmp_path / "other.md").write_text(OTHER)
+    templates = [ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.html", "paper.typ")]
+    html, pdf = tmp_path / "paper.html", tmp_path / "paper.pdf"
+
+    def run(text):
+        (tmp_path / "paper.md").write_text(text, encoding="utf-8")
+        typesetting.typeset(tmp_path / "paper.md", *templates, html, pdf)
+        return html.read_text(encoding="utf-8"), pdf.read_bytes()
+
+    return run
+
+
+def shown(html):
+    """The text that a reader of the HTML sees, formulas without their TeX."""
+    body = html.split("<body>")[1]
+    return " ".join(re.sub(r"<annotation.*?</annotation>|<[^>]*>", "", body, flags=re.DOTALL).split())
+
+
+def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
+    html, pdf = typeset(FRONT + PAGE)
+    assert pdf.startswith(b"%PDF")
+    text = shown(html).replace("\u00a0", " ")
+    for expected in ("The title", "The developers1", "1Nowhere", "21 November 2026", "one tag, another"):
+        assert expected in text
+    assert "see Section 1.1, Figure 1, Table 1, Theorem A, (2.7) and (Doe 1980, 3)" in text
+    for numbered in ("1 Summary", "1.1 Inside", "Figure 1. What it shows.", "Table 1. What it lists."):
+        assert numbered in text
+    assert '<span class="number">(2.7)</span>' in html, "pandoc drops \\tag"
+    assert '<div class="proof">' in html
+    assert html.count("<math") == 3
+    assert 'form="prefix">‖' in html, "the bars of a norm open and close"
+    assert "one.svg" not in html, "figures are part of the page"
+    contents = html.split("<nav")[1].split("</nav>")[0]
+    anchors = re.findall(r'href="#([^"]+)"', contents)
+    assert anchors == ["sec-summary", "sec-in", "bibliography"], "a section, one in it, the references"
+    assert all(f'id="{anchor}"' in html for anchor in anchors)
+
+
+def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp_path):
+    """In typst's source: a box is no item of the list."""
+    (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
+
+    def printed(proof):
+        text = f"{FRONT}# One {{#sec-one}}\n\n::: {{.proof}}\n{proof}\n:::\n\nMore.\n"
+        templates = (ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.typ"))
+        return typesetting._converted(text, tmp_path / "paper.md", "typst", *templates)
+
+    assert "Obvious.#qed\n\n]" in printed("*Proof.* Obvious.")
+    assert re.search(r"^\+ Two\.\n+#qed\n+\]", printed("1. One.\n2. Two."), re.MULTILINE)
+
+
+def test_numbers_have_the_prefix_of_their_paper(typeset):
+    page = PAGE
+    for kind, number in (("Section", "1.1"), ("Figure", "1"), ("Table", "1")):
+        page = page.replace(f"[{kind} {number}]", f"[{kind} S{number}]")
+    text = shown(typeset(FRONT.replace("title:", "prefix: S\ntitle:") + page)[0])
+    for numbered in ("S1 Summary", "S1.1 Inside", "Figure S1. What", "Table S1. What", "Theorem A", "(2.7)"):
+        assert numbered in text
+
+
+def test_links_into_another_paper_lead_to_its_page_and_are_text_in_print(typeset):
+    """A PDF file would lead nowhere once it is moved; its links have a URI, those within it none."""
+    html, pdf = typeset(FRONT + PAGE)
+    assert '<a href="other.html#tbl-there">Supplement, Table\u00a0S1</a>' in html
+    assert '<a href="other.html#lem-there">Supplement, Lemma\u00a03</a>' in html
+    assert b"/URI" not in pdf
+
+
+def test_the_same_page_gives_the_same_bytes(typeset):
+    first = typeset(FRONT + PAGE)
+    assert typeset(FRONT + PAGE) == first
+    assert typeset(FRONT + PAGE.replace("It is", "It was"))[1] != first[1]
+
+
+def test_marks_are_not_seen_in_text_formulas_tables_and_captions(typeset):
+    """The same bytes as without them."""
+    text = "\n\nIt is 0.19 here: $x=0.19$.\n"
+    marked = PAGE.replace("| 1 |", "| <!--=a-->1<!--/--> |").replace(
+        "What it lists", "What <!--?A.1-->it lists<!--/-->"
+    )
+    assert marked.count("<!--") == PAGE.count("<!--") + 4
+    given = "\n\nIt <!--?A.1-->is <!--=a:.2f-->0.19<!--/-->\nhere:<!--/--> $x=<!--=a:.2f-->0.19<!--/-->$.\n"
+    assert typeset(FRONT + marked + given) == typeset(FRONT + PAGE + text.replace("0.19 here", "0.19\nhere"))
+
+
+def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest(typeset):
+    html, _ = typeset(FRONT + PAGE)
+    widths = [int(width) for width in re.findall(r'<col style="width: (\d+)%"', html)]
+    assert len(widths) == 8
+    assert sum(widths) <= 100
+    assert min(widths[6:]) > 2 * max(widths[:6])
+    assert len(set(widths[:6])) == 1
+    assert "<col " not in typeset(FRONT + PAGE.replace("that is much longer than a column", ""))[0]
+
+
+def test_a_head_that_does_not_fit_its_column_is_refused(typeset):
+    """Heads are not hyphenated. Three words of 48 letters do not fit into a line."""
+    long, narrow = ("multiplicity " * 3).split(), "| a " * 5
+    heads = f"{narrow}| {' | '.join(long)} |"
+    cells = "| a longer sentence in a cell " * 7 + f"| {'a ' * 30}|"
+    wide = f"{heads}\n{'|---' * 8}|\n{cells}\n\n: What it lists. {{#tbl-wide}}\n"
+    page = FRONT + PAGE[: PAGE.index("<!-- wide")] + wide
+    assert len(typeset(page)) == 2
+    with pytest.raises(InputError, match=r"the head '\w+' is [\d.]+pt wide, and its column [\d.]+pt"):
+        typeset(page.replace("multiplicity", "multiplicity" * 4))
+
+
+def test_scripts_in_plain_text_are_raised_and_lowered_and_code_and_links_are_not(typeset):
+    text = "\n\n2·10^9 u_h, λ^n, H^(−1/2), ‖μ‖_{-1/2,h}, `a_b^2`, [a_b](https://example.org/a_b).\n"
+    html, _ = typeset(FRONT + PAGE + text)
+    wanted = ("10<sup>9</sup> u<sub>h</sub>", "λ<sup>n</sup>", "H<sup>−1/2</sup>", "‖μ‖<sub>-1/2,h</sub>")
+    for shown_as in (*wanted, "<code>a_b^2</code>", ">a_b</a>"):
+        assert shown_as in html
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "told"),
+    [
+        ("@Known", "@Unknown", "citation Unknown not found"),
+        ("(#fig-one)", "(#fig-two)", r"\[Figure 1\]\(#fig-two\) leads to nothing that has a number"),
+        ("[Figure 1]", "[Figure 2]", r"\[Figure 2\]\(#fig-one\) should say Figure 1"),
+        ("[Section 1.1]", "[]", r"\[\]\(#sec-in\) should say Section 1.1"),
+        ("(#thm-a)", "(#thm-b)", r"\[Theorem A\]\(#thm-b\) leads to nothing that has a number"),
+        ("[Theorem A](#thm-a)", "[it](#thm-b)", "label `<thm-b>` does not exist"),
+        ("[Theorem A]", "[Theorem B]", r"\[Theorem B\]\(#thm-a\) should say Theorem A"),
+        ("[(2.7)]", "[(2.8)]", r"\[\(2.8\)\]\(#eq-one\) should say \(2.7\)"),
+        ("Table S1]", "Table S2]", r"\[Supplement, Table S2\]\(other.md#tbl-there\) should say Table S1"),
+        ("(other.md#tbl-there)", "(other.md#tbl-gone)", "leads to nothing that has a number"),
+        ("(other.md#tbl-there)", "(gone.md#tbl-there)", "gone.md"),
+        ("(one.svg)", "(two.svg)", "two.svg"),
+        (r"\begin{aligned} (", r"\begin{aligned} \rule{1cm}{1cm} (", "Could not convert TeX math"),
+        ("(u_h, v)_1", "+".join(["(u_h, v)_1"] * 12), "a formula is .* wide, and the text"),
+        ("such as λ", "such as \u1369", "could not be displayed"),
+        ("21 November 2026", "one day", "needs a date such as"),
+    ],
+)
+def test_what_cannot_be_typeset_is_refused_and_nothing_is_written(typeset, tmp_path, right, wrong, told):
+    assert right in FRONT + PAGE
+    with pytest.raises(InputError, match=f"paper.md was not typeset: .*{told}") as refused:
+        typeset((FRONT + PAGE).replace(right, wrong))
+    assert "\n" not in str(refused.value)
+    assert not list(tmp_path.glob("*.pdf")) + list(tmp_path.glob("*.html"))
+
+
+def test_print_uses_only_fonts_that_typst_carries():
+    template = (ROOT / "workflow/paper/paper.typ").read_text(encoding="utf-8")
+    used = set(re.findall(r'"([A-Z][a-z]+(?: [A-Z][a-z]+)+)"', template))
+    assert used
+    assert used <= set(typst.Fonts(include_system_fonts=False).families())
+
+
+def test_every_reference_of_the_bibliography_can_be_cited(typeset, tmp_path):
+    bibliography = (ROOT / "paper.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{(\w+),$", bibliography, re.MULTILINE)
+    assert len(keys) == len(set(keys)) == bibliography.count("@")
+    (tmp_path / "paper.bib").write_text(bibliography, encoding="utf-8")
+    html, _ = typeset(FRONT + "[" + "; ".join(f"@{key}" for key in keys) + "]\n")
+    assert html.count('class="csl-entry"') == len(keys)

@@ -1,0 +1,174 @@
+"""Uniform meshes beside adapted ones: levels on a tiny configuration, rates and tables by hand."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import load
+from numpy.testing import assert_allclose
+
+from unilateral.discrete.condensed import discretise
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.infsup import infsup
+from unilateral.solvers.stop import Stop
+from unilateral.study.experiments.adaptive import measure as adaptive
+from unilateral.study.experiments.adaptive import numbers as adaptive_tables
+from unilateral.study.experiments.adaptive.rates import rates_over
+from unilateral.study.tables import VARIABLES
+
+LIMITS = adaptive.MostUnknowns(100, 50)
+STOP = Stop(fraction=0.01)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Of `thirds` from h = 1/4 on, 25 unknowns: errors, constants, timings."""
+    return adaptive.measure(load("thirds"), 1 / 4, LIMITS, STOP)
+
+
+def test_both_kinds_start_from_one_mesh_and_keep_the_limit(measured):
+    """Nodes of a structured mesh: (n + 1)^2. On uniform meshes every edge is halved."""
+    unknowns = measured[0]["unknowns"]
+    of_uniform = unknowns.sel(kind="uniform").dropna("level").values
+    assert of_uniform.tolist() == [25, 81]
+    of_adapted = unknowns.sel(kind="adapted").dropna("level").values
+    assert of_adapted[0] == 25
+    assert np.all(np.diff(of_adapted) > 0)
+    assert of_adapted[-1] <= LIMITS.unknowns
+    assert len(of_adapted) > 3
+    uniform = measured[0].sel(kind="uniform").isel(level=[0, 1])
+    assert uniform["shortest_edge"].values.tolist() == [0.25, 0.125]
+    assert_allclose(uniform["diameter"], np.sqrt(2) * uniform["shortest_edge"], rtol=1e-12)
+    assert uniform["multipliers"].values.tolist() == [8, 16]
+
+
+def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(measured):
+    """On the finer uniform mesh, by active sets on the boundary; quadrature agrees to its accuracy."""
+    errors, case = measured[0], load("thirds")
+    mesh = structured(square(), 1 / 8)
+    cells = uniform(square(), 1 / 4)
+    solved = discretise(case, mesh, cells).solved(Stop(tolerance=1e-12, algorithm="active_set"))
+    found = errors.sel(kind="uniform").isel(level=1)
+    assert float(found["h1_error"]) == pytest.approx(solved.errors.h1, rel=1e-3)
+    known = errors["h1_error"].notnull()
+    assert np.all((errors["h1_bound"] >= errors["h1_error"]).where(known, True))
+    assert np.all((errors["algebraic_bound"] <= 0.01 * errors["h1_bound"]).where(known, True))
+    assert float(errors["asymptotic_from"]) == 32**2
+
+
+def test_beta_is_measured_on_adapted_meshes_up_to_its_limit(measured):
+    errors, constants, _ = measured
+    small = (errors["unknowns"] <= LIMITS.of_beta) & (errors["kind"] == "adapted")
+    assert np.array_equal(constants["beta_lower"].notnull(), small)
+    assert np.all((constants["cell_over_edge"] > 2 - 1e-9).where(small, True))
+
+
+def test_one_gram_matrix_serves_the_cells_and_their_edges():
+    """Control: the cells' own, from another reference mesh, within the half percent of its bounds.
+
+    At H = h, with an even number of edges, beta is 0.
+    """
+    mesh, cells = structured(square(), 1 / 4), uniform(square(), 1 / 2)
+    found = adaptive.stability(mesh, cells)
+    spaces = mixed_spaces(condense(mesh), cells)
+    own = infsup(spaces.operator, dual_norm(cells).gram().p0)
+    assert found["beta_lower"] == pytest.approx(own.beta_lower, rel=5e-3)
+    assert found["beta_lower"] <= own.beta_upper
+    assert found["beta_of_edges"] == 0
+
+
+def test_seconds_add_up(measured):
+    """So they never fall; how many there are depends on the machine."""
+    spent = measured[2]["spent_seconds"]
+    assert np.array_equal(spent.notnull(), measured[0]["unknowns"].notnull())
+    for kind in spent["kind"].values:
+        assert np.all(np.diff(spent.sel(kind=kind).dropna("level").values) >= 0)
+
+
+def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
+    """On a triangle, by gmsh; two edges in every cell."""
+    problem = problem_of(polygon="[[0, 0], [1, 0], [0, 1]]", f="3*x - 2", g="0")
+    errors, constants, _ = adaptive.measure(problem, 1 / 4, adaptive.MostUnknowns(60, 30), STOP)
+    assert errors["h1_error"].isnull().all()
+    assert np.isnan(float(errors["asymptotic_from"]))
+    bounds = errors["h1_bound"].sel(kind="adapted").dropna("level").values
+    assert bounds[-1] < bounds[0]
+    assert float(constants["edges_per_cell"].min()) == 2
+
+
+def test_tables_are_described_and_put_together(measured):
+    errors = measured[0]
+    rates = rates_over(adaptive.together([errors], "case", ["thirds"]), 3)
+    written = {name for table in (*measured, rates) for name in table.variables}
+    assert written - {"case", "kind", "level"} <= set(VARIABLES)
+    both = adaptive.together([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
+    assert both["case"].values.tolist() == ["a", "b"]
+    assert both.sizes["level"] == errors.sizes["level"]
+    assert both["unknowns"].sel(case="b").isel(level=slice(2, None)).isnull().all()
+
+
+def levels(unknowns, error, bound, start):
+    """A table of one case, the same on both kinds of meshes but for its length."""
+    order, shape = ("case", "kind", "level"), (1, 2, len(unknowns))
+    values = {"unknowns": unknowns, "h1_error": error, "h1_bound": bound, "algebraic_bound": 0.01 * error}
+    table = {name: (order, np.broadcast_to(each, shape).copy()) for name, each in values.items()}
+    table |= {name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge")}
+    table["asymptotic_from"] = ("case", [start])
+    return xr.Dataset(table, {"case": ["c"], "kind": ["uniform", "adapted"], "level": range(len(unknowns))})
+
+
+N = np.array([10.0, 20.0, 40.0, 100.0, np.nan])
+
+
+def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
+    """From 10 to 40, from 20 to 100, and no further; the error is N^-1/2, but 4 times that at 40."""
+    error = N**-0.5 * [1, 1, 4, 1, 1]
+    found = rates_over(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
+    assert_allclose(found["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
+    assert_allclose(found["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
+    assert found["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
+    assert_allclose(found["index"], 2 * N**-0.25 / error)
+    assert_allclose(found["share"].dropna("level"), 0.01)
+    every = rates_over(levels(N, error, error, 0), 3).isel(case=0, kind=0)["error_rate"]
+    assert_allclose(every[:2], [0.5 - 1, 0.5])
+
+
+def test_of_a_case_without_a_start_nothing_is_asymptotic():
+    found = rates_over(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
+    assert not found["asymptotic"].any()
+    assert found["error_rate"].isnull().all()
+    assert_allclose(found["bound_rate"][:2], [1, 1])
+
+
+def test_the_table_has_the_finest_level_of_each_kind():
+    errors = levels(N, N**-0.5, 2 * N**-0.5, 10)
+    errors["unknowns"][0, 0, 3] = np.nan
+    rows = adaptive_tables.finest(errors, rates_over(errors, 3))
+    assert rows["problem"].tolist() == ["`c`"] * 2
+    assert rows["meshes"].tolist() == ["uniform", "adapted"]
+    assert rows["unknowns"].tolist() == ["40", "100"]
+    assert rows["bound"].tolist() == ["0.317", "0.201"]  # above 10^-0.5, and above the double 0.2
+    assert rows["over the error"].tolist() == ["2.00", "2.00"]
+    assert rows["rate of the error"].tolist() == ["0.50", "0.50"]
+    unknown = levels(N, N * np.nan, 1 / N, np.nan)
+    assert set(adaptive_tables.finest(unknown, rates_over(unknown, 3))["‖u−u_h‖₁"]) == {"–"}
+
+
+def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():
+    """Its bound, 0.5, is met with 20 unknowns; it has 100. In all these are 30 and 170."""
+    errors = levels(N, 1 / N, 1 / N, 10)
+    errors["h1_bound"][0, :] = [[9, 9, 9, 0.5, np.nan], [1, 0.5, 0.4, 0.1, np.nan]]
+    rows = adaptive_tables.savings(errors)
+    assert rows.values.tolist() == [["`c`", "0.5", "100", "20", "5.0", "5.7"]]
+
+
+def test_of_beta_flat_meshes_are_told_apart():
+    of = {"beta_lower": [0.8, 0.7, 0.5], "beta_upper": [0.81, 0.71, 0.51], "smallest_angle": [45, 20, 19]}
+    of |= {"beta_of_edges": [0, 0.02, 0.01], "beta_0": [0.3, 0.2, 0.4]}
+    constants = xr.Dataset({name: ("level", np.array(values)) for name, values in of.items()})
+    found = adaptive_tables.beta(constants, 20)
+    assert found == {"beta": 0.7, "flat": 0.51, "angle": 19, "of_edges": 0.02, "beta_0": 0.2}

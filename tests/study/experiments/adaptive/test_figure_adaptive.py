@@ -1,0 +1,51 @@
+"""The figure of adapted meshes: its table from a made-up study, and its numbers, and only those."""
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from pages import drawn, page, pairs, points, said, table
+
+from unilateral.study import tables
+from unilateral.study.experiments.adaptive import adaptive_figure as adaptive
+
+
+def test_the_table(tmp_path):
+    """A row per level that there is; unknowns are whole numbers, which a CSV table does not round."""
+    order = ("case", "kind", "level")
+    N = np.array([[[12345.0, np.nan], [12345.0, 23456.0]]])
+    errors = {"unknowns": (order, N), "h1_error": (order, 1 / N), "h1_bound": (order, 2 / N)}
+    constants = {"beta_lower": (order, 3 / N), "beta_of_edges": (order, 4 / N)}
+    coords = {"case": ["c"], "kind": ["uniform", "adapted"], "level": [0, 1]}
+    for name, values in (("errors", errors), ("infsup", constants)):
+        tables.save(xr.Dataset(values, coords), tmp_path / f"{name}.nc", "adaptive")
+    found = adaptive.table(tmp_path / "errors.nc", tmp_path / "infsup.nc")
+    assert found["kind"].tolist() == ["uniform", "adapted", "adapted"]
+    assert found["unknowns"].tolist() == [12345, 12345, 23456]
+    assert found["unknowns"].dtype.kind == "i"
+    columns = found[["error", "bound", "beta", "beta_of_edges"]] * found["unknowns"].to_numpy()[:, None]
+    np.testing.assert_allclose(columns, np.broadcast_to([1, 2, 3, 4], (3, 4)), rtol=1e-12)
+
+
+def test_every_error_and_bound_stands_over_its_unknowns():
+    """In the panel of its case; a problem without a known solution has bounds only."""
+    rows, panels = table("adaptive"), page("adaptive")[0].axes
+    cases = list(dict.fromkeys(rows["case"]))
+    assert [axes.get_title() for axes in panels[:-1]] == cases
+    for case, axes in zip(cases, panels[:-1], strict=True):
+        of = rows[rows["case"] == case]
+        drawn_there = {(x, y) for x, y in points(axes) if np.isfinite(y)}
+        assert drawn_there == pairs(of, "unknowns", "error") | pairs(of, "unknowns", "bound")
+
+
+def test_beta_stands_over_the_unknowns_of_adapted_meshes():
+    rows, axes = table("adaptive"), page("adaptive")[0].axes[-1]
+    assert points(axes) == pairs(rows, "unknowns", "beta") | pairs(rows, "unknowns", "beta_of_edges")
+    assert set(rows["case"]) <= set(said(page("adaptive")[0]))
+
+
+def test_another_number_of_cases_has_its_panels():
+    rows = table("adaptive")
+    more = rows[rows["case"] == "thirds"].assign(case="sixths")
+    figure, _ = drawn("adaptive", pd.concat([rows, more]))
+    assert len(figure.axes) == rows["case"].nunique() + 2
+    assert figure.get_figheight() > page("adaptive")[0].get_figheight()

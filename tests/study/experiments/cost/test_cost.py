@@ -1,0 +1,458 @@
+"""The study of cost: counts against brute force, levels against runs of their own, fits against laws."""
+
+import itertools
+import math
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import xarray as xr
+import yaml
+from conftest import ROOT, condensed, coupled, discrete, load
+from scipy.sparse.linalg import splu
+
+from unilateral.discrete.condensed import solve
+from unilateral.errors import InputError
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import square
+from unilateral.norms.dual import dual_norm
+from unilateral.solvers import steps as acceleration
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import residual_bound, uzawa
+from unilateral.study import operations
+from unilateral.study.experiments.cost import history, trade
+from unilateral.study.experiments.cost import measure as cost
+from unilateral.study.experiments.cost import tables as cost_tables
+from unilateral.study.experiments.cost.variants import REFRESH, Variant, plan
+
+STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
+BASE = Variant("square", "thirds", 2.0, "uzawa", "S", "float64")
+STOPS = [10.0**-k for k in range(11)]
+
+
+class Counted(float):
+    """A number that counts the operations it takes part in."""
+
+    done = 0
+
+    @classmethod
+    def of(cls, values):
+        return np.array([cls(x) for x in values.ravel()], dtype=object).reshape(values.shape)
+
+
+def _counting(name):
+    def operation(self, *others):
+        Counted.done += 1
+        return Counted(getattr(float, name)(self, *map(float, others)))
+
+    return operation
+
+
+for name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv"):
+    setattr(Counted, f"__{name}__", _counting(f"__{name}__"))
+
+
+def problem(case, n, ratio):
+    return discrete(case, n, n / ratio)
+
+
+def counted_step(method, m, cut=False):
+    """Operations of the second step of a method on m cells."""
+    rng = np.random.default_rng(1)
+    y, F, R = (Counted.of(rng.random(m) + 1) for _ in range(3))
+    step = acceleration.STEPS[method](np.eye(m), np.zeros(m), 0.5, 0.5 * y)
+    if isinstance(step, acceleration.BarzilaiBorwein):
+        step.old_F = 0.5 * F
+        step.reference = -math.inf if cut else math.inf
+    Counted.done = 0
+    step(y, F, R)
+    return Counted.done
+
+
+@pytest.mark.parametrize("method", ["uzawa", "nesterov"])
+def test_operations_of_a_step_are_those_counted(method):
+    """Per cell: the difference between 9 and 5 cells, for scalars are not counted."""
+    assert counted_step(method, 9) - counted_step(method, 5) == 4 * operations.PER_CELL[method]
+
+
+def test_operations_of_barzilai_borwein_are_those_of_a_cut_step():
+    per_cell = (
+        counted_step("barzilai_borwein", 9, cut) - counted_step("barzilai_borwein", 5, cut)
+        for cut in (True, False)
+    )
+    assert [4 * operations.PER_CELL["barzilai_borwein"], 52] == list(per_cell)
+
+
+def brute_cholesky(a):
+    for k in range(len(a)):
+        a[k, k] = Counted(math.sqrt(a[k, k]))
+        Counted.done += 1
+        for i in range(k + 1, len(a)):
+            a[i, k] = a[i, k] / a[k, k]
+        for j in range(k + 1, len(a)):
+            for i in range(j, len(a)):
+                a[i, j] = a[i, j] - a[i, k] * a[j, k]
+
+
+def brute_lu(a):
+    """Elimination that skips zeros."""
+    for k, i in itertools.combinations(range(len(a)), 2):
+        if a[i, k] != 0:
+            a[i, k] = a[i, k] / a[k, k]
+            for j in range(k + 1, len(a)):
+                if a[k, j] != 0:
+                    a[i, j] = a[i, j] - a[i, k] * a[k, j]
+
+
+def spd(n, band):
+    rng = np.random.default_rng(n)
+    full = np.triu(np.tril(rng.random((n, n)), band), -band)
+    return full + full.T + 2 * n * np.eye(n)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_cholesky_by_brute_force(n):
+    a = Counted.of(spd(n, n))
+    Counted.done = 0
+    brute_cholesky(a)
+    assert Counted.done == operations.cholesky(n)
+
+
+@pytest.mark.parametrize(("n", "band"), [(6, 6), (8, 1), (9, 3)])
+def test_sparse_factors_by_brute_force(n, band):
+    a = spd(n, band)
+    options = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    found = operations.factors(splu(sp.csc_array(a), **options))
+    counted = Counted.of(a)
+    Counted.done = 0
+    brute_lu(counted)
+    assert found.factorise == Counted.done
+    assert found.nonzeros == np.count_nonzero(counted) + n
+    below, above = np.count_nonzero(np.tril(counted, -1)), np.count_nonzero(np.triu(counted, 1))
+    assert found.solve == 2 * below + 2 * above + n
+
+
+def test_products_and_solves_by_brute_force():
+    m = 5
+    S, y = Counted.of(spd(m, m)), Counted.of(np.ones(m))
+    Counted.done = 0
+    S @ y
+    assert Counted.done == operations.apply_S(m)
+    x = y.copy()
+    Counted.done = 0
+    for i in range(m):
+        for j in range(i):
+            x[i] = x[i] - S[i, j] * x[j]
+        x[i] = x[i] / S[i, i]
+    assert Counted.done == operations.triangular_solve(m)
+
+
+def test_every_way_to_S_y_gives_it():
+    of = coupled("square", 16, 8)
+    on = condensed("square", 16)
+    rng = np.random.default_rng(2)
+    y = rng.random(len(of.operator.H_i))
+    exact = of.operator.S @ y
+
+    def error(apply):
+        out = np.empty_like(y)
+        apply(y, out)
+        return float(np.abs(out - exact).max() / np.abs(exact).max())
+
+    assert error(history.by_A(on, of)) < 1e-12
+    assert error(history.by_A_3(of)) < 1e-12
+    assert error(history.by_S(of.operator)) == 0
+    assert 1e-9 < error(history.by_S32(of.operator)) < 1e-6
+
+
+def test_refinement_errs_like_the_increment():
+    """Single precision of an increment of 1e-6 leaves 1e-6 of its error."""
+    operator = coupled("square", 16, 8).operator
+    apply = history.refined(operator)
+    y = np.random.default_rng(3).random(len(operator.H_i))
+    out = np.empty_like(y)
+    for count in range(REFRESH + 1):
+        z = y * (1 + 1e-6 * (count % REFRESH > 0))
+        apply(z, out)
+        if count % REFRESH == 0:
+            np.testing.assert_array_equal(out, operator.S @ y)
+        else:
+            assert np.abs(out - operator.S @ z).max() < 1e-12 * np.abs(out).max()
+
+
+@pytest.mark.parametrize("method", acceleration.STEPS)
+@pytest.mark.parametrize("case", ["natural", "thirds"])
+def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
+    of = problem(case, 16, 2)
+    operator, offset = of.spaces.operator, of.offset
+    tolerances = [0.01 * stop for stop in STOPS]
+    rho = acceleration.STEPS[method].share / operator.lambda_max
+    seen, apply = history.History(operator, offset, rho, tolerances), history.by_S(operator)
+    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
+    assert len(seen.reached) == len(tolerances)
+    for tolerance, found in zip(tolerances, seen.reached, strict=True):
+        alone = uzawa(operator, offset, tolerance, rho, method=method, apply=apply)
+        assert (found.steps, found.applications) == (alone.iterations, alone.operator_applications)
+        np.testing.assert_array_equal(found.lambda_H, alone.lambda_H)
+        assert found.bound == alone.bound <= tolerance
+
+
+def steps_with_rounding(method, seed):
+    """To each level, every product S y changed by two units in its last place, at random."""
+    of, rng = problem("thirds", 32, 2), np.random.default_rng(seed)
+    operator, offset = of.spaces.operator, of.offset
+    signs = np.array([-4e-16, 4e-16])
+
+    def apply(y, out):
+        out[:] = (operator.S @ y) * (1 + rng.choice(signs, len(y)))
+
+    tolerances = [0.2 * stop for stop in STOPS]
+    rho = acceleration.STEPS[method].share / operator.lambda_max
+    seen = history.History(operator, offset, rho, tolerances)
+    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
+    return [each.steps for each in seen.reached]
+
+
+@pytest.mark.parametrize("method", acceleration.STEPS)
+def test_steps_that_are_shown_do_not_change_with_rounding(method):
+    """Those of Barzilai and Borwein to 1e-10 do, and are not shown."""
+    first, *others = (steps_with_rounding(method, seed) for seed in range(6))
+    shown = STOPS.index(trade.SHOWN) + 1
+    assert len(first) == len(STOPS)
+    assert all(each[:shown] == first[:shown] for each in others)
+    changes = any(each != first for each in others)
+    assert changes == (method == "barzilai_borwein")
+
+
+def test_in_single_precision_no_level_is_claimed_that_is_not_met():
+    """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
+    of = problem("natural", 16, 2)
+    operator, offset = of.spaces.operator, of.offset
+    rho = 1.9 / operator.lambda_max
+    seen = history.History(operator, offset, rho, [1e-4, 1e-12])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        result = uzawa(
+            operator, offset, 1e-12, rho, max_steps=4000, apply=history.by_S32(operator), observe=seen
+        )
+    assert len(seen.reached) == 1
+    assert seen.reached[0].bound <= 1e-4
+    assert residual_bound(operator, offset, result.lambda_H, rho) > 1e-9
+
+
+@pytest.mark.parametrize("method", ["barzilai_borwein", "newton"])
+@pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
+@pytest.mark.parametrize("ratio", [1.5, 2, 4])
+def test_all_methods_reach_the_solution_of_the_active_set(method, case, ratio):
+    """Lawson and Hanson's least distance, independent of this loop."""
+    of = problem(case, 24, ratio)
+    offset = of.offset
+    result = uzawa(of.spaces.operator, offset, 1e-11, method=method, max_steps=2000)
+    exact = active_set(of.spaces.operator, offset, math.inf).lambda_H
+    distance = np.linalg.norm(of.spaces.operator.half @ (result.lambda_H - exact))
+    assert result.lambda_H.min() >= 0
+    assert distance <= 1e-10
+
+
+def test_the_safeguard_cuts_a_step_to_its_minimum():
+    rng = np.random.default_rng(4)
+    S, b, y = spd(5, 5), -rng.random(5), rng.random(5)
+    step = acceleration.BarzilaiBorwein(S, b, 1.0, y)
+    step(y, S @ y + b, y)
+    far = y.copy()
+    step.reference = -math.inf
+    start, start_F = step.old.copy(), step.old_F.copy()
+    step(y, S @ far + b, y)
+    assert (far - start) @ (S @ step.old + b) == pytest.approx(0, abs=1e-12)
+    assert 0.5 * step.old @ S @ step.old + b @ step.old < 0.5 * far @ S @ far + b @ far
+    assert start_F @ (far - start) < 0
+
+
+def test_newton_is_refused_where_S_is_singular():
+    operator = coupled("square", 8, 8).operator
+    with pytest.raises(InputError, match="regular S"):
+        uzawa(operator, np.ones(len(operator.H_i)), 1e-6, method="newton")
+
+
+def test_the_plan_varies_one_field_and_crosses_pairs():
+    variants = plan(STUDY)
+    assert variants[0] == BASE
+    assert len(set(variants)) == len(variants) == 1 + 1 + 2 + 2 + 2 + 6 * 6 - 1 + 2 * 5
+    crossed = ({"algorithm", "H_over_h"}, {"case", "H_over_h"})
+    for each in variants:
+        differs = {name for name in Variant._fields if getattr(each, name) != getattr(BASE, name)}
+        assert len(differs) <= 1 or differs in crossed
+
+
+@cache
+def gram():
+    return dual_norm(partitions.uniform(square(), 1 / 8), [load("thirds")]).gram([load("thirds")])
+
+
+@cache
+def measured(costly_steps=50):
+    variants = [
+        v for v in plan(STUDY) if v.scene == "square" and v.case == "thirds" and v.H_over_h in (2.0, 4.0)
+    ]
+    limits = cost.StepLimits(STOPS, 100_000, costly_steps)
+    mesh = condensed("square", 16).mesh
+    return cost.measure(mesh, [load("thirds")], gram(), variants, [1 / 8, 1 / 4], limits)
+
+
+def test_the_last_level_has_the_errors_of_the_solution():
+    """`solve` measures by other means: from the solution's u_h and lambda_H."""
+    table = trade.along(measured()[0], BASE, ["algorithm", "H_over_h"])
+    solution = solve(problem("thirds", 16, 2), Stop(tolerance=1e-13))
+    for algorithm in table["algorithm"].values:
+        at = table.sel(algorithm=algorithm, H_over_h=2, H=1 / 8, stop=1e-10)
+        assert float(at["h1_error"]) == pytest.approx(solution.errors.h1, rel=1e-9)
+        assert float(at["l2_error"]) == pytest.approx(solution.errors.l2, rel=1e-8)
+        assert solution.errors.hm12_discrete <= float(at["hm12_error_lower"]) * (1 + 1e-9)
+        assert float(at["hm12_error_lower"]) <= float(at["hm12_error_upper"])
+
+
+def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
+    table, timings = measured()
+    algebra = trade.along(table, BASE, ["algebra"]).sel(H=1 / 8)
+    steps = algebra["steps"]
+    for name in ("A", "A_3"):
+        met = np.isfinite(steps.sel(algebra=name))
+        assert 0 < met.sum() < len(STOPS)
+        assert (steps.sel(algebra=name) == steps.sel(algebra="S"))[met].all()
+    per_step = algebra["step_operations"]
+    assert (
+        float(per_step.sel(algebra="S"))
+        < float(per_step.sel(algebra="A_3"))
+        < float(per_step.sel(algebra="A"))
+    )
+    assert timings["seconds_per_step"].min() > 0
+
+
+def test_operations_are_the_sum_of_their_parts():
+    """Of plain Uzawa: steps + 1 residuals, steps updates, and a product for every other application."""
+    table = measured()[0].isel(run=0)
+    m = int(table["multipliers"])
+    once, steps = float(table["setup_operations"]), table["steps"].values
+    product = m * (2 * m - 1)
+    checks = table["operator_applications"].values - steps - 1
+    parts = (steps + 1) * (product + 4 * m) + steps * m + checks * (product + 2 * m)
+    np.testing.assert_array_equal(table["operations"].values, once + parts)
+
+
+def of_laws(sizes):
+    """Steps digits / H by Uzawa's, digits / H^(1/2) by Nesterov's."""
+    H = 2.0 ** -np.arange(2, 2 + sizes)
+    digits = -np.log10(STOPS)
+    plain, fast = (digits / H[:, None] ** p for p in (1.0, 0.5))
+    coords = {"algorithm": ["uzawa", "nesterov"], "H_over_h": [2.0], "H": H, "stop": STOPS}
+    return xr.Dataset({"steps": (tuple(coords), np.stack([plain, fast])[:, None])}, coords=coords)
+
+
+def test_growth_of_known_laws():
+    """From H = 1/16 on; two sizes, of five, are too few."""
+    found = [trade.growth(of_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")]
+    assert found == pytest.approx([1, 0.5], abs=1e-12)
+    assert math.isnan(trade.growth(of_laws(4), "uzawa", 2, 1 / 16))
+
+
+def test_front_leaves_out_what_is_beaten():
+    work = np.array([1.0, 2.0, 3.0, 4.0, 2.5, np.nan])
+    error = np.array([1.0, 0.5, 0.6, 0.499, np.nan, 0.1])
+    assert trade.front(work, error).tolist() == [0, 1]
+
+
+def test_half_of_an_error_at_second_order_of_work_costs_its_square_root():
+    work = np.array([1.0, 10.0, 100.0, np.nan])
+    assert trade.halving(work, np.append(work[:3] ** -2, 1.0)) == pytest.approx(math.sqrt(2), rel=1e-12)
+
+
+def of_errors(errors):
+    """A case whose discrete error is 1."""
+    coords = {"case": ["one"], "H": [1 / 16], "stop": STOPS[: len(errors)]}
+    found = {
+        "h1_error": (tuple(coords), np.reshape(errors, (1, 1, -1))),
+        "h1_discrete": (("case", "H"), [[1.0]]),
+    }
+    return xr.Dataset(found, coords=coords)
+
+
+@pytest.mark.parametrize(
+    ("errors", "stop"),
+    [
+        ([3, 1.2, 1.05, 1.0], 1e-2),
+        ([9, 1.0, 2.0, 1.0], 1e-3),
+        ([1, 1, 1, 1], 1e-1),
+        ([1, 1, 1, 1.2], math.nan),
+    ],
+)
+def test_the_level_that_is_enough_has_no_worse_one_below(errors, stop):
+    assert trade.enough(of_errors(errors), "h1", 1 / 16) == pytest.approx(stop, nan_ok=True)
+
+
+def at_ratios(factors):
+    """Errors h times a factor of each H/h, with a set-up of h^-3: at the same work as far apart as these."""
+    ratios, H = np.array([2.0, 3.0, 4.0]), 2.0 ** -np.arange(3, 7)
+    coords = {"H_over_h": ratios, "H": H, "stop": [1.0]}
+    h = H / ratios[:, None]
+    error = h[..., None] * np.reshape(factors, (3, 1, 1))
+    found = {"h1_error": (tuple(coords), error), "h1_discrete": (("H_over_h", "H"), error[..., 0])}
+    of_mesh = {"h": h, "u_norm": np.ones_like(h), "setup_operations": h**-3}
+    found |= {name: (("H_over_h", "H"), values) for name, values in of_mesh.items()}
+    found["operations"] = (tuple(coords), 3 * h[..., None] ** -3)
+    return xr.Dataset(found, coords=coords)
+
+
+@pytest.mark.parametrize("factors", [[1, 1.04, 1.06], [1.2, 1.1, 1], [1, 1, 1]])
+def test_ratios_are_as_good_as_their_errors_at_the_same_work(factors):
+    table = at_ratios(factors)
+    losses = trade.losses(table["h1_discrete"], table["setup_operations"])
+    assert list(losses.values()) == pytest.approx(np.array(factors) / min(factors))
+
+
+def test_ratios_with_too_few_sizes_take_no_part():
+    table = at_ratios([1.2, 1.1, 1])
+    table["setup_operations"][{"H_over_h": 2, "H": 2}] = np.nan
+    losses = trade.losses(table["h1_discrete"], table["setup_operations"])
+    assert losses == pytest.approx({2.0: 1.2 / 1.1, 3.0: 1.0})
+
+
+def test_the_price_is_that_of_the_finest_mesh_and_of_a_half():
+    """Error h and work 3 h^-3, a third of it the set-up's: half of the error costs 8 times the work."""
+    found = trade.price(at_ratios([1, 1, 1]).sel(H_over_h=2), "h1", 1.0, 1 / 8)
+    assert found == pytest.approx((1.0, 1 / 128, 1 / 128, 3 * 128**3, 3, 8))
+
+
+def test_forming_S_pays_after_its_cost_over_what_a_step_saves():
+    """Set-up 1000 + the spectrum of 3 cells against 100, steps of 10 against 40: (1000 - 100) / 30."""
+    coords = {"algebra": ["S", "A"], "H": [0.5]}
+    values = {
+        "setup_operations": [[1000.0 + operations.spectrum(3)], [100.0]],
+        "step_operations": [[10.0], [40.0]],
+        "multipliers": [[3.0], [3.0]],
+    }
+    table = xr.Dataset({name: (tuple(coords), each) for name, each in values.items()}, coords=coords)
+    assert trade.breaks_even(table) == pytest.approx([30])
+
+
+def test_a_run_by_A_is_its_set_up_and_its_steps():
+    """Set-up 100 and 9 steps, 10 residuals of 40, against 700 less the spectrum of 3 cells and 10 of 30."""
+    dims = ("algorithm", "H_over_h", "H", "stop")
+    coords = dict(zip(dims, (["uzawa"], [2.0], [0.5], [0.1]), strict=True))
+    values = {"steps": 9.0, "setup_operations": 700.0 + operations.spectrum(3), "step_operations": 30.0}
+    values["multipliers"] = 3.0
+    crossed = xr.Dataset({name: (dims, np.full((1, 1, 1, 1), x)) for name, x in values.items()}, coords)
+    of_A = {"setup_operations": 100.0, "step_operations": 40.0}
+    algebra = xr.Dataset(
+        {name: (("algebra", "H"), [[x]]) for name, x in of_A.items()}, {"algebra": ["A"], "H": [0.5]}
+    )
+    assert trade.by_A_over_by_S(algebra, crossed, "uzawa", 2.0).item() == 0.5
+
+
+def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one():
+    """By hand; at 1.5 one case loses 40 %."""
+    spans = {1.5: (1.0, 1.4), 2.0: (1.05, 1.2), 4.0: (1.0, 1.3)}
+    assert cost_tables.best_ratio(spans) == 2.0
+    assert cost_tables.best_ratio({**spans, 1.5: (1.0, 1.0)}) == 1.5

@@ -1,0 +1,93 @@
+"""The figure of the consistency term: its table, and its numbers, and only those."""
+
+from fractions import Fraction
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import load
+from matplotlib.colors import to_hex
+from matplotlib.patches import StepPatch
+from pages import drawn, lines, page, said, table
+
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import named
+from unilateral.norms.exact import cell_means
+from unilateral.study import tables
+from unilateral.study.experiments.estimates import consistency_figure as consistency
+from unilateral.study.experiments.estimates.consistency import first_transition, leading
+
+
+def cells():
+    return table("consistency").query("kind == 'cell'")
+
+
+def test_both_means_stand_on_their_cells():
+    steps = [p.get_data() for p in page("consistency")[0].axes[0].patches if isinstance(p, StepPatch)]
+    assert all(step.edges.tolist() == [*cells()["s"], 1] for step in steps)
+    expected = {tuple(cells()[name]) for name in ("lambda_mean", "gap_mean")}
+    assert {tuple(step.values) for step in steps} == expected
+
+
+def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot():
+    axes, rows = page("consistency")[0].axes[1], cells().assign(x=lambda of: 0.5 * (of["s"] + of["end"]))
+    foot, some = axes.get_ylim()[0], rows["term"] > 0
+    positive, zero = lines(axes, markers=True)
+    assert positive == list(zip(rows["x"][some].round(9), rows["term"][some].round(9), strict=True))
+    assert zero == [(round(x, 9), round(foot, 9)) for x in rows["x"][~some]]
+    assert foot < rows["term"][some].min()
+    assert axes.get_yticklabels()[0].get_text() == "$0$"
+    assert sorted(patch.get_bbox().x0 for patch in axes.patches) == rows["s"][some].tolist()
+
+
+def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta():
+    """Marks are filled for the first theta; cases are named with their powers."""
+    figure, rows = page("consistency")[0], table("consistency")
+    axes = figure.axes[2]
+    for kind, markers in (("total", True), ("predicted", False)):
+        groups = rows[rows["kind"] == kind].sort_values("H").groupby(["case", "theta"])
+        expected = [list(zip(part["H"], part["over_H2"].round(9), strict=True)) for _, part in groups]
+        assert sorted(lines(axes, markers)) == sorted(expected)
+    theta = rows.dropna(subset="theta").groupby("H")["theta"].first()
+    for line in (line for line in axes.lines if line.get_marker() not in ("None", "")):
+        filled = to_hex(line.get_markerfacecolor()) == to_hex(line.get_color())
+        assert {theta[x] == theta.min() for x in line.get_xdata()} <= {filled}
+    rate = rows.dropna(subset="rate").groupby("case")["rate"].first().sort_values(kind="stable")
+    named_so = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert sorted(named_so) == sorted(f"{case}: $H^{{{power:g}}}$" for case, power in rate.items())
+    assert [float(text.split("{")[1][:-2]) for text in named_so] == rate.tolist()
+
+
+@pytest.mark.parametrize(("elsewhere", "text"), [(0.0, "the term is 0,"), (3e-7, "the term is 3e-07,")])
+def test_what_other_cells_add_is_said(elsewhere, text):
+    changed = table("consistency")
+    changed.loc[changed.index[changed["kind"] == "elsewhere"], "term"] = 0.0
+    changed.loc[changed.index[changed["kind"] == "elsewhere"][2], "term"] = elsewhere
+    assert any(text in each for each in said(drawn("consistency", changed)[0]))
+
+
+def test_the_table(tmp_path):
+    """Totals and parts of no law."""
+    of_run = ("case", "partition")
+    terms = {"consistency": (of_run, [[0.5, 0.25]]), "consistency_elsewhere": (of_run, [[0.125, 0.0625]])}
+    made_up = xr.Dataset(terms, coords={"case": ["thirds"], "H": ("partition", [1 / 4, 1 / 8])})
+    tables.save(made_up, tmp_path / "errors.nc", "scene")
+    scene = {"polygon": "square", "side": 0, "cases": ["natural", "thirds"]}
+    frame = consistency.table([tmp_path / "errors.nc"], [scene], "thirds", "1/16", ["thirds"])
+    case = load("thirds")
+    kinds = {kind: rows for kind, rows in frame.groupby("kind")}
+    assert set(kinds) == {"cell", "total", "elsewhere", "predicted"}
+    found, of_cells = cell_means(case, uniform(named("square"), 1 / 16)), kinds["cell"]
+    assert len(of_cells) == 16
+    np.testing.assert_array_equal(of_cells["term"], found.consistency_terms[:16])
+    np.testing.assert_allclose(of_cells["lambda_mean"] * of_cells["gap_mean"] / 16, of_cells["term"])
+    np.testing.assert_array_equal(of_cells["end"][:-1], of_cells["s"][1:])
+    assert kinds["total"]["term"].tolist() == [0.5, 0.25]
+    assert kinds["total"]["over_H2"].tolist() == [8.0, 16.0]
+    assert kinds["elsewhere"]["term"].tolist() == [0.125, 0.0625]
+    expected = [leading(first_transition(case), uniform(named("square"), H))[0] for H in (1 / 4, 1 / 8)]
+    assert kinds["predicted"]["term"].tolist() == expected
+    thetas = [Fraction(theta).limit_denominator(9) for theta in kinds["total"]["theta"]]
+    assert thetas == [Fraction(1, 3), Fraction(2, 3)]
+    assert (pd.concat([kinds["total"], kinds["predicted"]])["rate"] == 3).all()

@@ -1,0 +1,256 @@
+"""The stored extremes: complete, never wrong, and where theory says. Nothing is solved here."""
+
+import math
+
+import numpy as np
+import pytest
+from conftest import RESULTS, ROOT, config
+from conftest import stored as table_of
+
+from unilateral.study.documents import marks, numbers
+from unilateral.study.experiments.extremes import extremes_figure as figure
+from unilateral.study.experiments.extremes import measure as extremes
+from unilateral.study.experiments.extremes import numbers as extremes_tables
+from unilateral.study.experiments.extremes import problem
+from unilateral.study.experiments.extremes.kinds import RESCUED
+
+STUDY = config("extremes")["extremes"]
+AXES = STUDY["axes"]
+EVERYWHERE = [
+    *("ratio", "odd", "shift", "short", "near", "kernel", "kernel_loaded", "flat"),
+    *("touching", "shrinking", "vertex", "nothing", "scale_up"),
+]
+VARIANTS = ["step_full", "step_partial", "printed_full", "printed_partial", "single", "double"]
+"""What the library does not offer, or takes as it is given."""
+REFUSALS = (
+    "fields k and c",
+    "scale the data",
+    "move polygon",
+    "list every node once",
+    "repeats",
+    "finite numbers",
+)
+LAWS = {"shift": -2, "short": -1, "short_loaded": -1, "odd": 3, "slit": -1, "side": -1, "angle": -2}
+
+
+def stored():
+    return table_of("extremes/extremes")
+
+
+def of(axis):
+    return stored().isel(point=stored()["axis_of"].values == axis).sel(axis=axis)
+
+
+def numbers_of(axis, *names):
+    return (of(axis)[name].values for name in names)
+
+
+def test_the_table_is_complete():
+    assert set(stored()["axis"].values) == set(AXES)
+    for name, axis in AXES.items():
+        values = [extremes._value(value, name) for value in axis["values"]]
+        np.testing.assert_allclose(of(name)["value"], values, rtol=1e-15)
+        assert str(of(name)["label"].item()) == axis["label"]
+    assert [name for name in stored().variables if not stored()[name].attrs.get("units")] in ([], ["axis"])
+
+
+def test_what_is_refused_says_why():
+    messages = stored()["message"].values[stored()["outcome"].values == "refused"]
+    assert len(messages)
+    assert all(any(word in message for word in REFUSALS) for message in messages)
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_a_tool_is_never_worse_than_plain_uzawa(axis):
+    """None is told of where rho is given. Where S is singular an active set finds u_h."""
+    plain, tool = numbers_of(axis, "outcome", "tool")
+    if axis in VARIANTS:
+        assert set(tool) == {""}
+        assert math.isnan(of(axis)["measured_tool_limit"].item())
+        return
+    assert np.all((plain != "right") | (tool == "right"))
+    assert set(tool) <= ({"right"} if axis in EVERYWHERE else {"right", "not converged", "refused"})
+
+
+def test_what_bounds_are_allowed_is_small():
+    """At most a tenth of the bound or of the tolerance, whichever is larger, may be rounding.
+
+    What is printed of it is twice as large, and needed: a hundredth of it would be too small.
+    """
+    names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
+    error, bound, allowance, tolerance, u_norm = (stored()[name].values for name in names)
+    tried, solved, printed = np.isfinite(error), u_norm > 0, outcomes()["allowed"]
+    assert np.all(allowance[tried] <= 0.1 * np.maximum(bound, tolerance)[tried])
+    assert np.all(of("moved")["allowance"].values[:6] < 1e-10)
+    assert 2 <= printed / np.max(allowance[solved] / u_norm[solved]) <= 100
+    assert np.any(error > bound)
+    assert np.all(error[tried] <= (bound + printed * u_norm)[tried])
+
+
+def test_the_tolerance_is_that_of_the_axis():
+    """Relative to what 0 is off: half to three halves of ||1||_{-1/2} / 4 where lambda_H is in [1/8, 3/8]."""
+    of_one = math.sqrt(8 + 4 / math.tanh(0.5)) / 4
+    for name in ("step_full", "single"):
+        accuracy = AXES[name].get("accuracy", STUDY["accuracy"])
+        share = of(name)["tolerance"].values / accuracy / of_one
+        assert np.all((share > 0.5) & (share < 1.5))
+
+
+def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond():
+    """Values on both sides of the limit, less than a factor of 10 from it."""
+    for name, factor in (("data_up", 10), ("start", 1.1)):
+        outcome, value, limit = of(name)["outcome"].values, of(name)["value"], of(name)["predicted_limit"]
+        np.testing.assert_array_equal(outcome, np.where(value < limit, "right", "refused"))
+        assert limit / factor < value[value < limit].max()
+        assert value[value > limit].min() < limit * factor
+    assert set(of("data_down")["outcome"].values) == {"right", "refused"}
+    assert of("data_down")["measured_limit"] < np.finfo(float).tiny < of("data_down")["predicted_limit"]
+
+
+def test_short_cells_hardly_matter_from_0_and_do_from_a_start_that_loads_them():
+    """Then plain Uzawa fails wherever it does from 0, and the tool does where S is just regular."""
+    plain, harder = (of(axis)["outcome"].values == "right" for axis in ("short", "short_loaded"))
+    assert np.all(plain | ~harder)
+    assert np.count_nonzero(plain) > np.count_nonzero(harder) > 0
+    tool, measured, bound, tolerance = numbers_of(
+        "short_loaded", "tool", "measured", "guaranteed", "tolerance"
+    )
+    failed = tool != "right"
+    assert set(tool[failed]) == {"not converged"}
+    assert np.isfinite(measured[failed]).all()
+    assert np.all(bound[failed] > 1e3 * tolerance[failed])
+
+
+def test_beta_is_0_from_h_equal_to_H_on():
+    table = of("ratio")
+    np.testing.assert_array_equal(np.isinf(table["measured"]), table["value"] >= 1)
+
+
+@pytest.mark.parametrize(("axis", "exponent"), LAWS.items())
+def test_condition_numbers_follow_their_laws(axis, exponent):
+    """Over the last finite values; a tenth either way for what is not yet asymptotic.
+
+    At an angle a area and shortest side are both like a.
+    """
+    value, number = numbers_of(axis, "value", "measured")
+    last = np.flatnonzero(np.isfinite(number))[-3:]
+    slope = np.polyfit(np.log(value[last]), np.log(number[last]), 1)[0]
+    assert slope == pytest.approx(exponent, abs=0.1)
+
+
+@pytest.mark.parametrize("axis", extremes_tables.LAWS)
+def test_condition_numbers_are_hardly_above_what_is_predicted_of_them(axis):
+    """2.5 times at most, for the law is that of lower bounds of lambda_max and of the shortest cell."""
+    measured, predicted = numbers_of(axis, "measured", "predicted")
+    share = measured / predicted
+    assert np.count_nonzero(np.isfinite(share)) > (axis != "scale_up")
+    assert np.nanmax(share[np.isfinite(share)]) <= 2.5
+    if axis == "scale_up":  # where numbers below 1 would be predicted, none is
+        assert predicted[0] >= 1
+        assert np.isnan(predicted[1:]).all()
+
+
+def test_flat_triangles_leave_the_condition_number_alone():
+    """The regular family of the paper is not needed for it: no angle is near 180 degrees."""
+    number = of("aspect")["measured"].values
+    finite = number[np.isfinite(number)]
+    assert len(finite) >= 4
+    assert finite.max() < 1.1 * finite.min()
+
+
+def test_cells_off_mesh_vertices_change_the_operator_by_their_distance():
+    measured, predicted = numbers_of("near", "measured", "predicted")
+    assert np.all((measured / predicted > 0.1) & (measured / predicted < 1.1))
+
+
+def test_one_multiplier_may_be_far_from_smooth_and_two_may_differ():
+    """O(1), relative, for a gap that goes to 0; and with g orthogonal to the kernel another one is found."""
+    measured, predicted = numbers_of("kernel_loaded", "measured", "predicted")
+    np.testing.assert_allclose(measured, predicted, rtol=1e-9)
+    assert np.all(measured > 0.8)
+    assert np.isinf([of(axis)["predicted_limit"].item() for axis in ("kernel", "kernel_loaded")]).all()
+    assert np.all(of("kernel")["measured"] > 0.1)
+
+
+def test_contact_is_lost_where_its_mean_is_and_seen_by_no_mean_in_a_point():
+    """pi^2 H^2/72 to leading order: the next term is of the relative order H^2."""
+    np.testing.assert_array_equal(*numbers_of("shrinking", "measured", "predicted"))
+    table = of("touching")
+    share = table["measured"].values / table["predicted"].values
+    assert np.all(np.abs(share - 1) < table["value"].values ** 2 / 10)
+    assert all(int(said.split()[0]) > 1 for said in table["message"].values)
+
+
+def test_larger_steps_may_do_in_partial_contact_but_not_up_to_the_local_limit():
+    table = of("step_partial")
+    right = table["outcome"].values == "right"
+    assert right[table["value"].values <= 1.8].all()
+    assert not right[table["value"].values >= table["local_limit"].item()].any()
+    assert table["measured_limit"].item() < table["local_limit"].item()
+    assert table["predicted_limit"].item() == 1
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit"), [("step_full", 1), ("printed_full", 0.5), ("printed_partial", 0.5)]
+)
+def test_a_bounded_cycle_is_left_above_the_limit(axis, limit):
+    """The clip keeps every iterate within a few times the solution."""
+    value, measured, outcome = numbers_of(axis, "value", "measured", "outcome")
+    assert np.all(outcome[value < limit] == "right")
+    assert np.all(measured < 10)
+    if axis == "step_full":
+        assert np.all(measured[value > 1] > 0.1)
+        assert np.all(measured[value <= 1] < 1e-12)
+
+
+def test_single_precision_stops_where_double_goes_on():
+    """And no bound that is rounding is near its tolerance, or else the CPU would decide."""
+    assert np.all(of("single")["measured"].values > 1e6 * of("double")["measured"].values)
+    assert set(of("double")["outcome"].values) == {"right"}
+    measured, predicted = numbers_of("double", "measured", "predicted")
+    assert np.all((measured / predicted > 0.1) & (measured / predicted < 10))
+    for name in ("single", "double"):
+        bound, tolerance, outcome = numbers_of(name, "guaranteed", "tolerance", "outcome")
+        assert not np.any((bound > tolerance / 3) & (bound < 3 * tolerance))
+        assert set(outcome[bound > tolerance]) <= {"not converged"}
+    assert of("single")["measured_limit"].item() == 1 / 32
+
+
+def test_the_figure_s_rows_are_the_points():
+    frame = figure.table(RESULTS / "extremes/extremes.nc")
+    assert len(frame) == stored().sizes["point"]
+    np.testing.assert_allclose(10 ** frame["log10_value"], stored()["value"], rtol=1e-12)
+    rescued = (stored()["outcome"].values != "right") & (stored()["tool"].values == "right")
+    np.testing.assert_array_equal(frame["kind"] == RESCUED, rescued)
+
+
+def outcomes():
+    return numbers.flat(extremes_tables.outcomes(stored()))
+
+
+def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
+    """In the second those without limits, on which all is right."""
+    limited, others = (f(stored()) for f in (extremes_tables.limits, extremes_tables.unlimited))
+    labels = {axis["label"] for axis in AXES.values()}
+    assert sorted([*limited["axis"], *others["axis"]]) == sorted(labels)
+    for name in AXES:
+        label, right = of(name)["label"].item(), set(of(name)["outcome"].values) == {"right"}
+        limits = [of(name)[limit].item() for limit in ("predicted_limit", "predicted_tool_limit")]
+        assert (label in list(others["axis"])) == (right and bool(np.isnan(limits).all()))
+    assert (limited["limit of `unilateral solve`: predicted, met at"] == "not offered").sum() == len(
+        VARIANTS
+    ) - 1
+    found = outcomes()
+    assert found["axes.unlimited"] == len(others)
+    kinds = ("right", "by_tool", "not_converged", "refused", "wrong")
+    assert sum(found[kind] for kind in kinds) == found["points"] == stored().sizes["point"]
+
+
+def test_the_supplement_names_every_axis_that_has_settings_of_its_own():
+    text = marks.without_marks((ROOT / "supplement.md").read_text(encoding="utf-8"))
+    own = [name for name, axis in AXES.items() if {"h", "H", "accuracy"} & set(axis)]
+    assert len(own) == 3
+    assert "Three axes have settings of their own." in text
+    for axis in own:
+        assert f"For *{AXES[axis]['label']}* " in text
+    assert f"but at least {problem.LEAST:g}, times" in text

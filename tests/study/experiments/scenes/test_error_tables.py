@@ -1,0 +1,141 @@
+"""Tables of rates, floors and of beta, as documents show them: by hand."""
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from unilateral.study.documents import numbers
+from unilateral.study.experiments.scenes import numbers as scenes
+from unilateral.study.experiments.sharpness import numbers as sharpness
+from unilateral.study.experiments.stability import numbers as stability
+
+
+def made_up():
+    """Two cases at h/H = 1/2, three pairs of which the last two count."""
+    index = ("case", "norm", "h_over_H")
+    rate = np.full((2, 3, 1, 3), [0.5, 1.125, 0.997])
+    rate[1, 0] = [2.0, 0.9, 1.0]
+    asymptotic = np.broadcast_to([0.0, 1.0, 1.0], rate.shape)
+    verdict = [[["holds"], ["holds"], ["holds"]], [["fails"], ["exact"], ["not judged"]]]
+    return xr.Dataset(
+        {
+            "rate": ((*index, "pair"), rate),
+            "asymptotic": ((*index, "pair"), asymptotic),
+            "proved": (index, np.broadcast_to([[[1.0], [1.0], [0.5]]], (2, 3, 1))),
+            "expected": (index, np.broadcast_to([[[1.0], [1.5], [1.0]]], (2, 3, 1))),
+            "verdict": (index, np.array(verdict, dtype=object)),
+        },
+        coords={"case": ["first", "second"], "norm": ["h1", "hm12", "l2"], "h_over_H": [0.5]},
+    )
+
+
+def test_the_table_of_rates():
+    table = scenes.rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
+    heads = ["u in H¹ (proved 1)", "λ in H^(−1/2) (proved 1)", "λ in L² (proved 0.5)"]
+    assert list(table) == ["scene", "case", *heads]
+    first = ["`first`", "1.00 of 1 (2 pairs)", "1.00 of 1.5 (2 pairs)", "1.00 of 1 (2 pairs)"]
+    second = ["`second`", "0.90 of 1 (2 pairs), **fails**", "error 0, as exact", "not judged"]
+    assert table.values.tolist() == [["square", *first], ["square", *second], ["again", *first]]
+
+
+def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
+    """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
+    other = made_up().isel(case=[0])
+    other["rate"][0, :, 0, 2] = 0.75
+    table = scenes.rates_by_case({"square": made_up(), "again": other}, 0.5)
+    first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
+    assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
+    unknown = made_up().isel(case=[0])
+    unknown["verdict"][:] = "not judged"
+    assert scenes.rates_by_case({"square": unknown}, 0.5).empty
+
+
+def made_up_pairs():
+    """Two families at H/h = 2 and 4, and three other pairs, two of them with flat triangles."""
+    rows = [
+        ["square", "uniform", 0.5, 2.0, 2.0, 45.0, 0.7349, 0.74],
+        ["square", "uniform", 0.25, 4.0, 4.0, 45.0, 0.92, 0.93],
+        ["gmsh", "uniform", 0.5, 2.0, 2.0, 40.0, 0.77, 0.78],
+        ["gmsh", "uniform", 0.25, 4.0, 4.0, 40.0, 0.9571, 0.96],
+        ["graded", "local", 0.5, 2.0, 2.0, 10.0, 0.5, 0.508],
+        ["random", "local", 0.7, 3.0, 1.5, 25.0, 0.8, 0.81],
+        ["found", "worst", 0.6, 2.0, 1.0, 1.14, 0.18, 0.187],
+    ]
+    columns = ["label", "kind", "h_over_H", "edges_per_cell", "cell_over_edge", "smallest_angle"]
+    return pd.DataFrame(rows, columns=[*columns, "beta_lower", "beta_upper"])
+
+
+def test_lower_bounds_of_beta_are_rounded_down():
+    table = stability.least(made_up_pairs(), [2, 4])
+    assert list(table) == ["β ≥ ... at H/h =", "2", "4"]
+    assert table.values.tolist() == [["square", "0.73", "0.92"], ["gmsh", "0.77", "0.95"]]
+
+
+def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
+    """By hand: four pairs keep it."""
+    found = numbers.flat(stability.beta(made_up_pairs(), 2, 20))
+    assert found["kept"] == 4
+    assert (found["flat.beta"], found["flat.mesh"]) == (0.508, "graded")
+    assert (found["edges.beta"], found["edges.mesh"], found["edges.angle"]) == (0.187, "found", 1.14)
+
+
+def test_the_rule_follows_its_parameters():
+    """Control."""
+    assert stability.beta(made_up_pairs(), 2, 42)["kept"] == 2
+
+
+def test_which_measure_predicts_beta():
+    """By hand: the ranks of h/H, of the edges and of H_i/edge against those of beta."""
+    table = stability.correlations(made_up_pairs(), 20)
+    assert table.values.tolist()[0] == ["3 pairs that are not uniform", "0.50", "0.87", "0.50"]
+    assert table.iloc[1, 0] == "1 of them without angles below 20°"
+
+
+def test_exceptions_are_named_with_what_they_lack():
+    """By hand: of four places one misses its rate, and one without alpha > 0 does not count."""
+    rate = np.array([[[1.0, 1.3]], [[1.5, 1.5]]])  # (alpha, pair, gamma)
+    rates = xr.Dataset(
+        {
+            "predicted": (("norm", "alpha"), [[1.5, 1.5]]),
+            "rate": (("norm", "pair", "alpha", "gamma"), rate.swapaxes(0, 1)[None]),
+        },
+        coords={
+            "norm": ["hm12"],
+            "alpha": [-0.25, 0.5],
+            "gamma": [1.0, 2.0],
+            "H": ("level", [1, 1 / 2, 1 / 4]),
+        },
+    )
+    rates["held"] = (("level", "alpha", "gamma"), [2 * [[0.5, 0.5]], 2 * [[0.5, 0.5]], 2 * [[0.125, 0.5]]])
+    assert sharpness.exceptions(rates, {"hm12": 0.1}).values.tolist() == []
+    rates["rate"][0, -1, 1, 0] = 1.25
+    table = sharpness.exceptions(rates, {"hm12": 0.1})
+    lacks = 0.25 - 0.5 * np.log2((1 + np.log(4)) / (1 + np.log(2)))
+    assert list(table) == ["α", "γ", "λ in H^(−1/2)", sharpness.HELD]
+    assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
+
+
+def test_the_table_of_floors():
+    values = {"C1": 1.234, "C2": 0.5, "s": 1.5, "s_uncertainty": 0.01, "residual": 0.0123, "pairs": 7}
+    fits = xr.Dataset(
+        {name: ("case", [value]) for name, value in values.items()}, coords={"case": ["natural"]}
+    )
+    assert scenes.floors(fits).values.tolist() == [["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]]
+
+
+def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
+    """By hand: of the pairs at h = H two have delta = 1/2 and equal cells."""
+    columns = ["h_over_H", "delta", "alpha_1", "beta_lower"]
+    rows = [
+        [1.0, 0.5, 1.0, 0.7],
+        [1.0, 0.5, 1.0, 0.6],
+        [1.0, 0.25, 1.0, 0.3],
+        [1.0, 0.5, 3.0, 0.2],
+        [0.5, 0.5, 1.0, 0.1],
+    ]
+    assert stability.inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
+
+
+def test_what_is_told_of_theorems_comes_from_their_claims():
+    assert sharpness.theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
+    assert sharpness.theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0

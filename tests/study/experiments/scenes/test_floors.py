@@ -1,0 +1,87 @@
+"""Floors from synthetic errors whose law is known, and what a law of another form does to the fit."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from unilateral.errors import InputError
+from unilateral.study.experiments.scenes.floors import fit, floors
+from unilateral.study.tables import VARIABLES
+
+SIZES = [a.ravel() for a in np.meshgrid(2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9), indexing="ij")]
+
+
+def law(C1, C2, s):
+    h, H = SIZES
+    return np.sqrt((C1 * h) ** 2 + (C2 * H**s) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("C1", "C2", "s"), [(1.0, 1.0, 1.5), (0.3, 2.0, 1.25), (2.0, 0.05, 1.0), (1e-3, 1e-2, 2.0)]
+)
+def test_an_exact_law_is_found(C1, C2, s):
+    """To 1e-6: the square root of round-off, as a minimum of squares is known."""
+    found = fit(*SIZES, law(C1, C2, s))
+    assert (found.C1, found.C2, found.s) == pytest.approx((C1, C2, s), rel=1e-6)
+    assert found.s_uncertainty < 1e-6
+    assert found.residual < 1e-6
+    assert found.pairs == 42
+
+
+def test_the_uncertainty_is_that_of_repeated_noise():
+    """2 % of noise, 200 times: s spreads over the fits as each of them states, to 20 %.
+
+    200 samples know a standard deviation to 5 %, and each states it from 39 degrees of freedom.
+    """
+    random = np.random.default_rng(1)
+    exact = law(0.3, 2.0, 1.25)
+    found = [fit(*SIZES, exact * np.exp(0.02 * random.standard_normal(42))) for _ in range(200)]
+    stated = np.median([each.s_uncertainty for each in found])
+    observed = np.std([each.s for each in found])
+    assert observed == pytest.approx(stated, rel=0.2)
+    assert np.mean([each.s for each in found]) == pytest.approx(1.25, abs=4 * observed / np.sqrt(200))
+
+
+def test_another_law_leaves_a_residual():
+    """Control: a sum of three powers, whose H^(1/2) no s near 3/2 can follow."""
+    h, H = SIZES
+    found = fit(h, H, np.sqrt(h**2 + H**3 + 0.01 * H))
+    assert found.residual > 0.1
+    assert abs(found.s - 1.5) > 0.1
+
+
+@pytest.mark.parametrize("kept", [slice(0, 3), slice(0, 7), slice(0, 42, 7)])
+def test_too_few_sizes_are_refused(kept):
+    """Three errors; one h; one H."""
+    h, H = SIZES
+    with pytest.raises(InputError, match="a fit needs four, at two of each"):
+        fit(h[kept], H[kept], law(1, 1, 1)[kept])
+
+
+def table():
+    """A case with an exact law, but wrong on coarse levels and unknown on a pair; one with lambda = 0."""
+    h, H = 2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9)
+    error = law(0.3, 2.0, 1.25).reshape(6, 7).copy()
+    error[0] *= 3
+    error[:, 0] *= 3
+    error[-1, -1] = np.nan
+    return xr.Dataset(
+        {
+            "h1_error": (("case", "mesh", "partition"), np.stack([error, 0.3 * h[:, None] + 0 * error])),
+            "projection_error": (("case", "partition"), np.stack([H, 0 * H])),
+            "u_norm": (("case", "mesh"), np.ones((2, 6))),
+        },
+        coords={"case": ["made_up", "no_contact"], "h": ("mesh", h), "H": ("partition", H)},
+    )
+
+
+def test_only_asymptotic_sizes_count_and_lambda_must_not_be_0():
+    found = floors(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
+    assert list(found["case"].values) == ["made_up"]
+    of = found.sel(case="made_up")
+    assert [float(of[name]) for name in ("C1", "C2", "s")] == pytest.approx([0.3, 2.0, 1.25], rel=1e-6)
+    assert int(of["pairs"]) == 5 * 6 - 1
+    assert float(of["start"]) == 1 / 16
+    assert set(found.variables) - {"case"} <= set(VARIABLES)
+    wrong = floors(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
+    assert abs(float(wrong["s"]) - 1.25) > 0.1

@@ -1,0 +1,55 @@
+"""Guaranteed total errors over the true ones: bounds on stored solutions, and what is no bound."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import load
+
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+from unilateral.norms.dual import dual_norm
+from unilateral.study.experiments.scenes import numbers as error_tables
+from unilateral.study.experiments.scenes.measure import sweep
+from unilateral.study.experiments.scenes.totals import totals
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """All that `totals` is given, of two cases on two partitions of which one counts."""
+    mesh, cases = structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
+    cells = [partitions.uniform(square(), H) for H in (1 / 2, 1 / 4)]
+    gram = dual_norm(cells[1], cases).gram(cases)
+    return mesh, cells, cases, sweep(mesh, cases, cells, gram, (2.0, 2.0))[0], 2.0
+
+
+@pytest.fixture(scope="module")
+def found(solved):
+    return totals(*solved)
+
+
+def test_the_bounds_hold_and_are_sharp(found):
+    """natural is resolved at h = 1/8; 1.5 is what a user may expect of a smooth problem."""
+    of = found.sel(case="natural")
+    assert float(found["H"][0]) == 0.25
+    for name in ("total_index_u", "total_index_lambda", "local_index_u"):
+        assert 1 <= float(of[name][0]) <= 1.5
+
+
+def test_the_bound_of_another_function_is_none(found):
+    """v is of second order, so its distance to u is below that of u_h."""
+    assert np.all(found["total_index_v"] < 1)
+
+
+def test_an_exact_multiplier_has_no_index(found):
+    assert np.isnan(float(found["total_index_lambda"].sel(case="no_contact")[0]))
+    assert float(found["total_index_u"].sel(case="no_contact")[0]) >= 1
+
+
+def test_the_table_names_both_ends(found):
+    both = xr.concat([found, found.assign_coords(h=("mesh", [1 / 64]))], "mesh")
+    table = error_tables.totals({"square": both})
+    assert list(table)[:4] == ["scene", "case", "cheap, H¹, h = 1/8", "cheap, H¹, h = 1/64"]
+    assert list(table)[4:6] == ["sharp, H¹, h = 1/8", "sharp, H¹, h = 1/64"]
+    assert table.iloc[-1].tolist()[:2] == ["square", "`no_contact`"]
+    assert table.iloc[-1].tolist()[-2:] == ["λ_H exact", "λ_H exact"]

@@ -1,0 +1,76 @@
+"""`unilateral claims` on the study's results."""
+
+import json
+import shlex
+from functools import cache
+
+import click
+import pytest
+from conftest import RESULTS, ROOT
+
+from unilateral.cli import main
+from unilateral.cli.application import application
+from unilateral.study.ledger import claims, controls, results
+
+pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
+EXAMPLES = application.get_command(click.Context(application), "claims").examples
+
+
+@pytest.fixture(scope="module")
+def tables_of():
+    return cache(results.load)
+
+
+@pytest.fixture
+def read_once(monkeypatch, tables_of):
+    """A table is the same object for all tests, so that what a claim measures on it is measured once."""
+    monkeypatch.setattr(results, "load", tables_of)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_the_examples_of_help_work_as_typed(monkeypatch, capsys, example):
+    """Where the results are: every claim of the study holds. A spoilt one would end with 1."""
+    monkeypatch.chdir(ROOT)
+    program, *arguments = shlex.split(example)
+    assert (program, main(arguments)) == ("unilateral", 0)
+    out, err = capsys.readouterr()
+    assert (out != "", err) == (True, "")
+
+
+def test_json_has_what_is_stored_and_whether_it_holds(capsys, monkeypatch):
+    """`claims.json` is what the pipeline judged; a claim that were judged otherwise here would differ.
+
+    A seventh of the claims: to find what each sees takes time.
+    """
+    some = {claim.id: claim for claim in claims.ledger()[::7]}
+    monkeypatch.setattr(claims, "ledger", lambda: tuple(some.values()))
+    assert main(["claims", "--json", "--results", str(RESULTS)]) == 0
+    out, err = capsys.readouterr()
+    assert (err, out.count("\n")) == ("", 1)
+    found, stored = json.loads(out)["claims"], json.loads((RESULTS / "claims.json").read_text())
+    stored = [each for each in stored if each["id"] in some]
+    assert len(stored) > 12
+    assert [{name: each[name] for name in stored[0]} for each in found] == stored
+    for each in found:
+        if not claims.find(each["id"]).check:
+            assert [each[name] for name in ("holds", "observed", "control", "sees")] == 4 * [None]
+            continue
+        assert each["holds"]
+        assert each["sees"]
+        assert float(each["expected"].split()[1]) == pytest.approx(each["required"], rel=1e-3)
+
+
+def test_one_claim_that_fails_is_json_with_code_1(capsys, monkeypatch):
+    """Control, by the claim's own."""
+    claim = claims.find("4.14")
+    spoilt = controls.spoilt(results.Results(RESULTS), claim.control)
+    monkeypatch.setattr(results, "Results", lambda *_, **__: spoilt)
+    assert main(["claims", "4.14", "--json"]) == 1
+    (found,) = json.loads(capsys.readouterr().out)["claims"]
+    assert (found["id"], found["holds"], found["verdict"]) == ("4.14", False, "fails")
+
+
+def test_bad_input_leaves_standard_output_empty(capsys, tmp_path):
+    assert main(["claims", "--json", "--results", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)

@@ -1,0 +1,115 @@
+"""The tables of figures in git, with numbers that follow no law, and what is drawn of them."""
+
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from conftest import ROOT
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from unilateral.study import registry
+
+FIGURES = {  # of each module a figure in git, and numbers that are drawn as they are
+    "adaptive": ("adaptive", ["error", "bound", "beta", "beta_of_edges"]),
+    "benchmarks": ("benchmarks", ["y"]),
+    "consistency": ("consistency", ["lambda_mean", "over_H2"]),
+    "dual_norm": ("dual_square", ["mean", "gap", "shortcut"]),
+    "extremes": ("extremes", ["log10_value"]),
+    "grid": ("grid_square", ["error"]),
+    "infsup": ("infsup", ["beta_lower"]),
+    "multiplier": ("multiplier", ["mu"]),
+    "portrait": ("solution", ["value"]),
+    "rates": ("rates_square", ["error", "rate", "expected"]),
+    "sharpness": ("sharpness", ["rate", "before"]),
+    "verdict": ("verdict", ["margin"]),
+    "work_precision": ("work_precision", ["error"]),
+}
+
+
+def committed(figure):
+    return pd.read_csv(ROOT / f"figures/{FIGURES[figure][0]}.csv")
+
+
+def table(figure):
+    """Its table, each of the numbers times a factor of its own: none follows from others."""
+    found = committed(figure)
+    for k, name in enumerate(FIGURES[figure][1], start=1):
+        found[name] *= 1 + 0.1 * k
+    return found
+
+
+@contextmanager
+def recorded():
+    """The figures as they are written."""
+    found, savefig = [], Figure.savefig
+
+    def recording(figure, *arguments, **options):
+        savefig(figure, *arguments, **options)
+        found.append(figure)
+
+    Figure.savefig = recording
+    try:
+        yield found
+    finally:
+        Figure.savefig = savefig
+
+
+def drawn(figure, table):
+    """The page drawn from that table, and its SVG."""
+    with TemporaryDirectory() as folder, recorded() as pages:
+        path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
+        table.to_csv(path, index=False)
+        import_module(f"unilateral.study.{registry.figures()[figure]}").draw(path, target)
+        return pages[0], target.read_bytes()
+
+
+@cache
+def page(figure):
+    """What is drawn from `table`."""
+    return drawn(figure, table(figure))
+
+
+def said(page):
+    """What is written in a figure."""
+    return [text.get_text() for text in page.findobj(Text) if text.get_visible() and text.get_text()]
+
+
+def lines(axes, markers=None):
+    """The lines in the axes' data, point by point; with or without markers, or all."""
+    found = [line for line in axes.lines if line.get_transform() == axes.transData]
+    kept = [line for line in found if markers in (None, line.get_marker() not in ("None", ""))]
+    return [[tuple(p) for p in np.asarray(line.get_xydata()).round(9).tolist()] for line in kept]
+
+
+def points(axes):
+    return {point for line in lines(axes) for point in line}
+
+
+def pairs(rows, *columns):
+    return {tuple(row) for row in rows[list(columns)].dropna().round(9).to_numpy().tolist()}
+
+
+LEVELS = np.array([0.5, 0.25, 0.125])
+
+
+def study_errors():
+    """Error 10 h + H in all norms, in H^{-1/2} the r.m.s. mean of its bounds, along H = 2 h and H = h.
+
+    beta = 0 at H = h, where only u has an error.
+    """
+    h, H = LEVELS[:, None], np.array([1.0, *LEVELS])[None]
+    run = ("case", "mesh", "partition")
+    value = np.where((2 * h == H) | (h == H), 10 * h + H, np.nan)[None]
+    of_lambda = np.where(h == H, np.nan, value)
+    algorithm = np.where(h == H, "active_set", np.where(2 * h == H, "uzawa", "")).astype(object)[None]
+    values = {"h1_error": value, "l2_error": of_lambda, "algorithm": algorithm}
+    values |= {"hm12_error_lower": 0.8 * of_lambda, "hm12_error_upper": np.sqrt(2 - 0.8**2) * of_lambda}
+    sizes = {"h": ("mesh", LEVELS), "H": ("partition", H[0]), "h_over_H": (("mesh", "partition"), h / H)}
+    coords = {"case": ["made_up"], **sizes}
+    return xr.Dataset({name: (run, each) for name, each in values.items()}, coords, {"scene": "scene"})

@@ -1,0 +1,244 @@
+"""Discrete solutions and what is measured on them: exact identities, exact cases, another code's numbers."""
+
+import csv
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from conftest import DATA, condensed, coupled, discrete
+from scipy.linalg import eigh
+from scipy.sparse.linalg import spsolve
+
+from unilateral.discrete.condensed import solve, with_load, with_solution
+from unilateral.errors import InputError
+from unilateral.fem.quadrature import boundary_rule
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact import exact
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems import case as cases
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import uzawa
+
+NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]
+WITH_LAMBDA = ["full_contact", "natural", "smooth", "thirds"]
+on_every_case = pytest.mark.parametrize("name", NAMES)
+
+
+@cache
+def solved(name, n=16, m=8):
+    return solve(discrete(name, n, m))
+
+
+@on_every_case
+def test_h1_error_is_the_distance(name):
+    """The identities against quadrature of u - u_h itself."""
+    problem, solution = discrete(name, 16, 8).exact.ritz, solved(name)
+    distance = h1_distance(problem.case, problem.condensed.mesh, solution.u_h)
+    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8, abs=1e-10 * problem.u_norm)
+    assert not math.isclose(solution.errors.h1, problem.ritz_error + 0.01 * distance, rel_tol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["full_contact", "no_contact", "smooth", "thirds"])
+def test_h1_error_on_the_lshape(name):
+    made = discrete(name, 8, 4, "lshape")
+    solution = solve(made)
+    distance = h1_distance(made.exact.ritz.case, made.exact.ritz.condensed.mesh, solution.u_h)
+    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8)
+
+
+def split_defect(made, solution, sign=1.0):
+    """The defect of ||u - u_h||^2 = ||u - z_h||^2 + ||lambda - lambda_H||^2_{-1/2,h}, and ||u - u_h||^2.
+
+    z_h and the discrete norm by solves with the whole matrix, u's distances by quadrature.
+    """
+    problem, mesh, A = made.exact.ritz, made.exact.ritz.condensed.mesh, made.exact.ritz.condensed.A.tocsc()
+    extended, total = np.zeros(mesh.n_nodes), problem.load.copy()
+    extended[mesh.boundary] = problem.flux_load - sign * (made.spaces.B.T @ solution.lambda_H)
+    total[mesh.boundary] += problem.flux_load
+    z_h, dual_square = spsolve(A, total), extended @ spsolve(A, extended)
+    of_u, of_z = (h1_distance(problem.case, mesh, v) ** 2 for v in (solution.u_h, z_h))
+    return abs(of_u - of_z - dual_square), of_u
+
+
+@on_every_case
+def test_the_exact_split(name):
+    """To rounding where the quadrature of smooth u leaves only that, else to its share."""
+    made, solution = discrete(name, 16, 8), solved(name)
+    defect, square_of_error = split_defect(made, solution)
+    smooth = name in ("full_contact", "no_contact")
+    assert defect <= (1e-10 * made.exact.ritz.u_norm**2 if smooth else 1e-4 * square_of_error)
+    assert defect / square_of_error == pytest.approx(solution.errors.quadrature_share, rel=1e-3, abs=1e-10)
+    assert solution.errors.quadrature_share <= 1e-4
+
+
+@pytest.mark.parametrize("name", WITH_LAMBDA)
+def test_a_sign_error_in_the_coupling_breaks_the_split(name):
+    defect, square_of_error = split_defect(discrete(name, 16, 8), solved(name), sign=-1.0)
+    assert defect > 1e-2 * square_of_error
+
+
+@pytest.mark.parametrize("name", ["smooth", "thirds"])
+def test_quadratures_share_shrinks_with_the_degree(name):
+    shares = [solve(discrete(name, 16, 8, degree=degree)).errors.quadrature_share for degree in (4, 8, 16)]
+    assert shares[2] < 0.5 * shares[1] < 0.25 * shares[0]
+
+
+def test_no_contact_has_no_multiplier():
+    """From the start 0, and from a positive one, which the clip takes to exactly 0."""
+    made, solution = discrete("no_contact", 16, 8), solved("no_contact")
+    assert not np.any(solution.lambda_H)
+    start = np.full(made.spaces.partition.n_cells, 3.0)
+    result = uzawa(made.spaces.operator, made.offset, 1e-12, start=start)
+    assert result.converged
+    assert result.iterations > 0
+    assert not np.any(result.lambda_H)
+
+
+@pytest.mark.parametrize("start", [0.0, 2.0])
+def test_a_constant_in_contact_without_force(start):
+    """f = 1 = g: u_h = 1 touches the obstacle and lambda_H = 0."""
+    spaces = coupled("square", 16, 8)
+    on, lengths = spaces.condensed, spaces.partition.lengths
+    load = on.A @ np.ones(on.mesh.n_nodes)
+    made = with_load(spaces, load, on.solve(load)[on.mesh.boundary], np.ones(len(lengths)))
+    result = uzawa(spaces.operator, made.offset, 1e-12, start=np.full(len(lengths), start))
+    root = math.sqrt(spaces.operator.lambda_min)
+    np.testing.assert_allclose(result.lambda_H, 0, atol=1e-12 / (root * math.sqrt(lengths.min())))
+    np.testing.assert_allclose(made.solution(result, 0.0).u_h, 1, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [1, 2, 4])
+@on_every_case
+def test_the_global_balance(name, ratio):
+    """v = 1 in (2.1): int u_h - int f = int lambda_H, here from u_h's own integral too."""
+    made, solution = discrete(name, 16, 16 // ratio), solved(name, 16, 16 // ratio)
+    mesh = made.exact.ritz.condensed.mesh
+    integral = mesh.areas @ solution.u_h[mesh.triangles].mean(axis=1)
+    force = made.exact.means.partition.lengths @ solution.lambda_H
+    assert abs(integral - made.exact.ritz.load.sum() - force) < 1e-10
+    assert solution.balance < 1e-10
+
+
+@pytest.mark.parametrize("name", WITH_LAMBDA)
+def test_l2_error_by_quadrature(name):
+    cells, solution = discrete(name, 16, 8).exact.means, solved(name)
+    case = discrete(name, 16, 8).exact.ritz.case
+    rule = boundary_rule(case.polygon, cells.partition.points, case.singular())
+    _, flux, _ = case.boundary(rule.side, rule.s)
+    direct = math.sqrt(rule.weight @ (flux - solution.lambda_H[rule.interval]) ** 2)
+    assert solution.errors.l2 == pytest.approx(direct, rel=1e-12)
+    assert solution.errors.l2 != pytest.approx(cells.projection_error, rel=1e-6)
+
+
+def test_first_steklov_eigenvalue():
+    """tanh(1/(2 sqrt 2))/sqrt 2 on the unit square, by cosh(x/sqrt 2) cosh(y/sqrt 2) about its middle."""
+    known = math.tanh(0.5 / math.sqrt(2)) / math.sqrt(2)
+    errors = np.array([condensed("square", n).sigma_1 - known for n in (8, 16, 32)])
+    assert np.all(errors > 0)
+    assert np.all(np.log2(errors[:-1] / errors[1:]) > 1.9)
+    assert errors[-1] < 1e-3 * known
+
+
+def getfem():
+    """lambda_H of GetFEM in the order of T_H: the file lists the sides anticlockwise."""
+    text = (DATA / "getfem_natural_n32_H2h.csv").read_text()
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    order = {"bottom": 0, "right": 1, "top": 2, "left": 3}
+    rows.sort(key=lambda row: (order[row["side"]], float(row["start"])))
+    return np.array([float(row["lambda_H"]) for row in rows])
+
+
+@pytest.mark.parametrize("stop", [Stop(tolerance=1e-11), Stop(tolerance=1e-9, algorithm="active_set")])
+def test_natural_as_getfem_has_it(stop):
+    """1e-8 is the stop's 1e-11 over lambda_min(S)^(1/2) H^(1/2), and GetFEM's own residual."""
+    solution = solve(discrete("natural", 32, 16), stop)
+    np.testing.assert_allclose(solution.lambda_H, getfem(), rtol=0, atol=1e-8)
+
+
+def test_a_wrong_power_is_not_what_getfem_has(case_like):
+    atom = {"atom": "harmonic", "side": 0, "at": "1/2", "alpha": "0.6", "times": "3/2"}
+    case = case_like("natural", u=[atom, cases.declared("natural")[0]["u"][1]])
+    spaces = coupled("square", 32, 16)
+    assert np.abs(solve(with_solution(spaces, exact(case, spaces))).lambda_H - getfem()).max() > 1e-3
+
+
+@on_every_case
+def test_the_algebraic_error_is_a_hundredth_of_each_error(name):
+    """Divided by the norm equivalences of the L2 and the H^(-1/2) norm; ||.||_{-1/2} >= ||.||_{-1/2,h}."""
+    made, solution = discrete(name, 16, 8), solved(name)
+    bound, lambda_min = solution.result.bound, made.spaces.operator.lambda_min
+    assert solution.result.converged
+    assert bound <= 0.01 * solution.errors.h1
+    if name != "no_contact":
+        assert bound / math.sqrt(lambda_min) <= 0.01 * solution.errors.l2
+        assert bound / made.spaces.beta <= 0.01 * solution.errors.hm12_discrete
+
+
+def test_auto_takes_plain_uzawa_where_beta_is_positive():
+    assert solved("natural").result.algorithm == "uzawa"
+
+
+def test_auto_takes_the_active_set_where_beta_is_zero():
+    """At H = h, where lambda is not judged and its errors are NaN."""
+    solution = solved("natural", 16, 16)
+    assert solution.result.algorithm == "active_set"
+    assert math.isnan(solution.errors.l2)
+    assert math.isnan(solution.errors.hm12_discrete)
+    assert solution.errors.h1 == pytest.approx(solved("natural").errors.h1, rel=0.2)
+
+
+def test_auto_accelerates_where_too_many_steps_are_predicted():
+    plain = solved("natural")
+    fast = solve(discrete("natural", 16, 8), Stop(max_steps=int(plain.result.iterations) // 2))
+    assert fast.result.algorithm == "nesterov"
+    assert fast.result.converged
+    assert fast.result.iterations < plain.result.iterations / 2
+    assert fast.errors.h1 == pytest.approx(plain.errors.h1, rel=1e-3)
+
+
+def test_an_unconverged_run_warns():
+    with pytest.warns(RuntimeWarning, match="uzawa stopped after 3 steps with the algebraic bound"):
+        solution = solve(discrete("natural", 16, 8), Stop(max_steps=3, algorithm="uzawa"))
+    assert not solution.result.converged
+
+
+def test_an_unknown_algorithm_is_refused():
+    with pytest.raises(InputError, match="algorithm 'simplex' is unknown; the known ones are auto, uzawa"):
+        Stop(algorithm="simplex")
+
+
+@pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov"])
+def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm):
+    """The bound is guaranteed, so 1e-9 of it separates any two of them by no more than 2e-9 in the energy."""
+    made = discrete("natural", 16, 8)
+    expected, found = (
+        solve(made, Stop(tolerance=1e-9, algorithm=name)).result for name in ("active_set", algorithm)
+    )
+    difference = found.lambda_H - expected.lambda_H
+    assert found.algorithm == algorithm
+    assert np.linalg.norm(made.spaces.operator.half @ difference) <= 2e-9
+
+
+def test_newton_where_beta_is_zero_is_refused():
+    with pytest.raises(InputError, match="newton needs a regular S, with h/H small"):
+        solve(discrete("natural", 16, 16), Stop(algorithm="newton"))
+
+
+def test_a_step_for_the_active_set_is_refused():
+    with pytest.raises(InputError, match="active_set has no step rho"):
+        Stop(algorithm="active_set", rho=1.0)
+
+
+def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():
+    """Of all mu with the discrete norm of the bound one has the largest norm, at least in its lower bound."""
+    on, gram = discrete("natural", 16, 8), dual_norm(uniform(square(), 1 / 8)).gram()
+    found = on.iterated(1e-3, Stop())
+    ratios, vectors = eigh(gram.p0.lower, on.spaces.operator.D)
+    mu = found.result.bound * vectors[:, -1]
+    assert np.linalg.norm(on.spaces.operator.half @ mu) == pytest.approx(found.result.bound)
+    norm = math.sqrt(ratios[-1]) * found.result.bound
+    assert 1.05 * found.result.bound < norm <= found.algebraic("hm12")
+    assert found.algebraic("h1") == found.result.bound

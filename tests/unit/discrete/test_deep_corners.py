@@ -1,0 +1,77 @@
+"""A re-entrant corner at which edges are halved up to forty times: nothing is worse there than elsewhere."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import unilateral as ul
+from unilateral.discrete.multilevel import after
+from unilateral.errors import InputError
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry.adapted import adapted, refined
+from unilateral.geometry.mesh import refine
+from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.infsup import infsup
+from unilateral.problems.scaled import scaled
+from unilateral.solvers.stop import Stop
+
+PROBLEM = scaled(ul.Problem(named("lshape"), f="4*sin(3*x + y) - 3", g="(x*y - 0.3)/5"))
+COARSE = structured(named("lshape"), 1 / 4)
+
+
+@cache
+def halved(times):
+    """The triangles at the corner (0, 0) are cut so often."""
+    of = adapted(COARSE)
+    for _ in range(times):
+        corner = np.flatnonzero(~of.mesh.points.any(axis=1))
+        of = refined(of, np.flatnonzero(np.isin(of.mesh.triangles, corner).any(axis=1)))
+    return of
+
+
+@cache
+def by_multigrid(times):
+    """The steps on the last level, and the least Ritz value."""
+    return steps_and_value(after(None, PROBLEM, halved(times)))
+
+
+def steps_and_value(discrete):
+    found = discrete.grids.solve(1e-6)
+    return found.counts[-1][1], found.ritz[0]
+
+
+@pytest.mark.parametrize("times", [10, 20, 30])
+def test_the_contraction_is_that_of_uniform_meshes(times):
+    """x, the least Ritz value, says it."""
+    uniform = [steps_and_value(after(None, PROBLEM, adapted(refine(COARSE, k)))) for k in (2, 3, 4)]
+    (most, _), least = np.max(uniform, axis=0), np.min(uniform, axis=0)[1]
+    steps, value = by_multigrid(times)
+    assert steps <= most + 2
+    assert value >= 0.95 * least
+
+
+@pytest.mark.parametrize("times", [10, 20, 30])
+def test_so_is_the_bound(times):
+    """It has no more to do than with a few halvings, from where on the corner does not count."""
+    few, many = (after(None, PROBLEM, halved(k)).solved(Stop()).total("h1") for k in (8, times))
+    assert many == pytest.approx(few, rel=0.01)
+
+
+@pytest.mark.parametrize("times", [10, 20])
+def test_so_is_beta(times):
+    """At least 0.7, as on all pairs that keep the rule (claim S.local)."""
+    of = halved(times)
+    operator = mixed_spaces(condense(of.mesh), of.partition).operator
+    assert infsup(operator, dual_norm(of.partition).gram().p0).beta_lower >= 0.7
+
+
+def test_the_limit_of_rounding_is_told():
+    """Places are rounded by 1e-16: at 2^-42 by 1e-3 of an edge, of which the bound does not know enough."""
+    with pytest.raises(InputError, match="no bound is guaranteed on so fine a mesh, for rounding"):
+        after(None, PROBLEM, halved(40)).solved(Stop(tolerance=1e-6)).total("h1")
+    with pytest.raises(InputError, match="as short as rounding allows"):
+        halved(60)

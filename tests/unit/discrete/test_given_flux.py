@@ -1,0 +1,274 @@
+"""Given fluxes, from the problem to the certificate: known solutions, rates, all solvers, and controls."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import sympy
+
+import unilateral as ul
+from unilateral.accuracy.level import contradict
+from unilateral.bounds.given import nothing
+from unilateral.discrete import base, condensed, multilevel
+from unilateral.fem.p1 import gradients, h1_norm
+from unilateral.fem.quadrature import symmetric
+from unilateral.formulas.formula import parse
+from unilateral.formulas.symbolic import compile_numpy, symbolic
+from unilateral.geometry.adapted import adapted
+from unilateral.problems.atoms import X, Y
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+LSHAPE = [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)]
+KITE = [(0, 0), (1.125, -0.25), (1.5, 1.25), (0.25, 0.75)]
+
+
+class Known(NamedTuple):
+    """u on a polygon, of which some sides are held up by g = u - gap; du/dn is given on all others."""
+
+    polygon: list
+    u: str
+    held: dict
+    k: int = 1
+    c: int = 1
+
+    @property
+    def formula(self):
+        return symbolic(parse(self.u, ("x", "y"), "u"))
+
+    @property
+    def fluxes(self):
+        """k du/dn on all sides, exact."""
+        vertices = [[sympy.Rational(c) for c in vertex] for vertex in self.polygon]
+        edges = [
+            [b - a for a, b in zip(start, end, strict=True)]
+            for start, end in zip(vertices, vertices[1:] + vertices[:1], strict=True)
+        ]
+        of_x, of_y = self.formula.diff(X), self.formula.diff(Y)
+        return [self.k * (y * of_x - x * of_y) / sympy.sqrt(x**2 + y**2) for x, y in edges]
+
+    @property
+    def problem(self):
+        u = self.formula
+        f = -self.k * (u.diff(X, 2) + u.diff(Y, 2)) + self.c * u
+        sides = range(len(self.polygon))
+        g = [f"{self.u} - ({self.held[i]})" if i in self.held else None for i in sides]
+        q = [None if i in self.held else str(self.fluxes[i]) for i in sides]
+        free = [i for i in sides if i not in self.held]
+        return ul.Problem(self.polygon, str(f), g, free, k=self.k, c=self.c, q=q)
+
+    def error(self, found):
+        """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^(1/2) by a rule of degree 8."""
+        mesh, (hats, weights) = found.mesh, symmetric(8)
+        x, y = np.moveaxis(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]), 2, 0)
+        u, u_x, u_y = compile_numpy([self.formula, self.formula.diff(X), self.formula.diff(Y)], (X, Y))(x, y)
+        nodal = found.u[mesh.triangles]
+        slope = np.einsum("tid,ti->td", gradients(mesh), nodal)[:, None]
+        rest = self.k * ((u_x - slope[..., 0]) ** 2 + (u_y - slope[..., 1]) ** 2)
+        rest += self.c * (u - nodal @ hats.T) ** 2
+        return np.sqrt(mesh.areas @ (rest @ weights))
+
+    def force(self, side):
+        """The integral of k du/dn over a side, by Gauss's rule of 20 points."""
+        t, w = np.polynomial.legendre.leggauss(20)
+        start, end = (np.array(self.polygon[i % len(self.polygon)], dtype=float) for i in (side, side + 1))
+        x, y = (start + 0.5 * (t[:, None] + 1) * (end - start)).T
+        flux = compile_numpy([self.fluxes[side]], (X, Y))(x, y)[0]
+        return 0.5 * np.hypot(*(end - start)) * (w @ flux)
+
+
+PROBLEMS = {
+    "into the domain": Known(SQUARE, "cosh(x - 0.4) + cosh(y - 0.4)", {0: "0", 3: "0"}),
+    "of both signs, beside contact": Known(SQUARE, "y**2 - y + sin(2*x)", {0: "0"}),
+    "out of the domain": Known(SQUARE, "-3*x*y + y*exp(-x) - y", {0: "0"}),
+    "no contact": Known(SQUARE, "1 - x**2/2 - (y - 1)**2*y*x**2", {3: "x + 1"}),
+    "a kite": Known(KITE, "exp(x)*cos(y) - 2*y", {0: "0"}),
+    "beside a re-entrant corner": Known(LSHAPE, "x**2 + y**2 + x*y/3", {0: "0", 4: "0", 5: "0"}),
+    "with k and c": Known(SQUARE, "x**2 + exp(y) - 2*y", {0: "0", 2: "0", 1: "0"}, k=4, c=9),
+}
+"""lambda > 0 where the gap is 0: by inspection, and tested below."""
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_solutions_solve_their_problems(name):
+    """lambda >= 0, gap >= 0, one of both 0, in points of the sides that are held."""
+    of, t = PROBLEMS[name], np.linspace(0, 1, 101)[:, None]
+    for side, gap in of.held.items():
+        start, end = (np.array(of.polygon[i % len(of.polygon)], dtype=float) for i in (side, side + 1))
+        x, y = (start + t * (end - start)).T
+        flux, apart = compile_numpy([of.fluxes[side], symbolic(parse(gap, ("x", "y"), "gap"))], (X, Y))(x, y)
+        assert np.all((flux >= -1e-14) & (apart >= 0))
+        assert np.all((np.abs(flux) <= 1e-14) | (apart == 0))
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_errors_fall_as_proved_below_both_bounds(name):
+    """Rate 1 for u in H2 (Th. 4.1), less 0.1 on coarse meshes; the cheap bound is at most twice the error.
+
+    So is the sharp bound of lambda against the cheap one, which is of lower order. Forces lie between the
+    numbers that are guaranteed, exact ones by quadrature.
+    """
+    of, errors = PROBLEMS[name], []
+    for n in (8, 16, 32):
+        found = ul.solve(of.problem, h=1 / n, H=2 / n)
+        errors.append(of.error(found))
+        assert errors[-1] <= found.sharp_bounds.u
+        assert errors[-1] <= found.bounds.u <= 2 * errors[-1]
+        assert found.solved.balance <= 1e-10
+        for side, force in enumerate(found.forces(sharp=True).sides):
+            assert force.lower <= (of.force(side) if side in of.held else 0.0) + 1e-12
+            assert force.upper >= (of.force(side) if side in of.held else 0.0) - 1e-12
+    assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) >= 0.9)
+    assert found.sharp_bounds.multiplier <= found.bounds.multiplier / 2
+
+
+def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
+    """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
+    of = PROBLEMS["of both signs, beside contact"]
+    monkeypatch.setattr(condensed, "flux_load", lambda _, mesh: np.zeros(mesh.n_nodes))
+    errors = []
+    for n in (8, 16):
+        found = ul.solve(of.problem, h=1 / n, H=2 / n)
+        errors.append(of.error(found))
+        assert errors[-1] <= found.bounds.u
+    assert errors[1] > 0.9 * errors[0] > 0.1
+
+
+WAVE = Known(SQUARE, "cos(16*pi*x)*exp(-16*pi*y)/(16*pi)", {1: "1", 2: "1", 3: "1"})
+"""The flux is a wave on side 0, and 0 on the sides beside; through side 2 it is exp(-16 pi)."""
+
+
+def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
+    """With edges of 1/4 the linear part of the flux is 0 but for rounding, and so is u_h.
+
+    Its error is the norm of u. Control: without what is left of the flux both bounds are far below it.
+    """
+    found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
+    error = WAVE.error(found)
+    assert np.abs(found.u).max() < 1e-3 * error
+    assert error <= found.sharp_bounds.u
+    assert error <= found.bounds.u
+
+    def linear(flux, mesh):
+        return nothing(mesh)._replace(ends=right(flux, mesh).ends)
+
+    right = base.given
+    monkeypatch.setattr(base, "given", linear)
+    found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
+    assert found.bounds.u < 0.7 * error
+    assert found.sharp_bounds.u < 0.7 * error
+
+
+@pytest.mark.parametrize(
+    "q", ["-4*pos(x - 1/3, 0)", "9*pos(x - 1/2, 0)", "30*exp(-40000*(x - 0.3)**2)", "-9*pos(x - 0.3, 1/2)"]
+)
+def test_bounds_hold_where_the_flux_is_not_smooth(q):
+    """No solution is known: the distance from one on a mesh of 1/64 is at most the sum of both bounds.
+
+    And the bound on that of 1/8 is at most three times the distance: a third of it would be too small.
+    """
+    problem = ul.Problem(SQUARE, f="1 - 3*x", g=[None, -0.1, -0.1, -0.1], free_sides=[0], q=q)
+    coarse, fine = (ul.solve(problem, h=h, H=2 * h, mesh="structured") for h in (1 / 8, 1 / 64))
+    distance = h1_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
+    for kind in ("bounds", "sharp_bounds"):
+        of_coarse, of_fine = getattr(coarse, kind).u, getattr(fine, kind).u
+        assert distance <= of_coarse + of_fine
+        assert of_fine < of_coarse <= 3 * distance
+
+
+@pytest.mark.parametrize("name", ["of both signs, beside contact", "a kite", "with k and c"])
+def test_shares_add_up_to_the_squared_bound(name):
+    """At most that, and at least a sixth: see `LocalBound`."""
+    found = ul.solve(PROBLEMS[name].problem, h=1 / 8, H=1 / 4).solved.bound()
+    assert found.u**2 / 6 <= found.shares.sum() <= found.u**2
+
+
+def test_an_accuracy_is_reached_on_adapted_meshes():
+    """A peak of du/dn of width 0.02 on a side: five times as many nodes as alike are near it."""
+    of = Known(
+        SQUARE,
+        "exp(-1600*((x - 0.3)**2 + (y + 0.01)**2)) + 2*(x - 1/2)**2 + 2*(y - 1/2)**2",
+        {1: "0", 2: "0", 3: "0"},
+    )
+    found = ul.solve(of.problem, accuracy=0.1)
+    assert found.certified
+    assert of.error(found) <= found.bounds.u
+    near = np.hypot(found.mesh.points[:, 0] - 0.3, found.mesh.points[:, 1]) < 0.15
+    assert near.mean() > 5 * np.pi * 0.15**2 / 2
+    assert all(not contradict(a, b) for a in found.search.done for b in found.search.done)
+
+
+def test_a_jump_of_the_flux_is_refined_for():
+    """Edges at the jump, x = 1/3, have at most a quarter of the longest there; no levels contradict."""
+    problem = ul.Problem(SQUARE, f=0, g=-0.1, free_sides=[0], q="-4*pos(x - 1/3, 0)")
+    found = ul.solve(problem, accuracy=0.05)
+    assert found.certified
+    lengths = np.diff(found.mesh.s)
+    at = np.searchsorted(found.mesh.s, 1 / 3) - 1
+    assert lengths[at] <= lengths[found.mesh.side == 0].max() / 4
+    assert all(not contradict(a, b) for a in found.search.done for b in found.search.done)
+
+
+FIELDS = {"f": "x - y - 1", "g": [None, "-y/10", "-1/10", "-y/10"], "free_sides": [0]}
+FLUX = "sin(5*x) - 2*pos(x - 1/3, 0)"
+
+
+def solutions(problem):
+    """By elimination, by multigrid and on an adapted mesh that is not adapted yet: one discrete problem."""
+    mesh = ul.solve(problem, h=1 / 16, H=1 / 8, mesh="unstructured", stop=ul.Stop(algorithm="multigrid")).mesh
+    exactly = {"tolerance": 1e-11}
+    for name in ("multigrid", "active_set", "uzawa"):
+        yield ul.solve(problem, mesh=mesh, H=1 / 8, stop=ul.Stop(algorithm=name, **exactly)).solved
+    if not isinstance(problem, ul.api.Sampled):
+        yield multilevel.after(None, problem, adapted(mesh)).solved(ul.Stop(**exactly))
+
+
+def test_all_solvers_have_the_flux():
+    """Control: a solver without it finds another solution."""
+    problem = ul.Problem(SQUARE, **FIELDS, q=FLUX)
+    first, *others = solutions(problem)
+    assert first.result.algorithm == "multigrid"
+    for each in others:
+        np.testing.assert_allclose(each.u_h, first.u_h, atol=1e-8)
+    without = next(solutions(ul.Problem(SQUARE, **FIELDS)))
+    assert np.abs(without.u_h - first.u_h).max() > 0.1
+
+
+def test_functions_give_the_same_solution():
+    """Of the smooth part; in points nobody sees a jump. With k and c they are scaled alike."""
+    for units in ({}, {"k": 4, "c": 9}):
+        formula = ul.Problem(SQUARE, **FIELDS, q="sin(5*x)", **units)
+        function = ul.Problem(SQUARE, **FIELDS, q=lambda x, y: np.sin(5 * x), **units)
+        per_side = ul.Problem(SQUARE, **FIELDS, q=[lambda x, y: np.sin(5 * x), None, None, None], **units)
+        sizes = {"h": 1 / 16, "H": 1 / 8, "stop": ul.Stop(tolerance=1e-12)}
+        exact = ul.solve(formula, **sizes)
+        for problem in (function, per_side):
+            found = ul.solve(problem, **sizes)
+            assert found.u == pytest.approx(exact.u, abs=1e-10)
+            assert found.bounds is None
+            assert found.solved.balance < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        ([None, lambda x, y: x, None, None], r"field q\[1\]: side 1 is not free; write null"),
+        ([lambda x, y: x], "field q: 1 formulas for 4 sides"),
+        (lambda x, y: np.where(x > 0.5, np.nan, 1.0), r"field q\[0\]: the function is nan at \("),
+    ],
+)
+def test_functions_are_refused_likewise(q, message):
+    with pytest.raises(ul.InputError, match=message):
+        ul.solve(ul.Problem(SQUARE, **FIELDS, q=q), h=1 / 4, H=1 / 2)
+
+
+def test_no_flux_is_a_flux_of_0():
+    """Bit for bit."""
+    for problem in (FIELDS, {**FIELDS, "k": 2, "c": 3}):
+        first, *others = (
+            ul.solve(ul.Problem(SQUARE, **problem, **q), h=1 / 8, H=1 / 4)
+            for q in ({}, {"q": 0}, {"q": [0, None, None, None]})
+        )
+        for each in others:
+            assert np.array_equal(each.u, first.u)
+            assert each.bounds == first.bounds
+            assert each.sharp_bounds == first.sharp_bounds

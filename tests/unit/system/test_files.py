@@ -1,0 +1,186 @@
+"""How files are written: whole or not at all, with the permissions that the umask leaves."""
+
+import os
+import resource
+import shutil
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from unilateral.errors import InputError, StorageError
+from unilateral.geometry.mesh_files import write
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+from unilateral.study import tables
+from unilateral.study.documents import marks
+from unilateral.study.style import figure_in
+from unilateral.system import signals
+from unilateral.system.files import replacing, write_netcdf
+
+
+def figure(path):
+    with figure_in(path, 5):
+        pass
+
+
+UNFILLED = "<!-- a: begin -->\n<!-- a: end -->\n"
+
+
+def document(path):
+    if not path.exists():
+        path.write_text(UNFILLED)
+    marks.fill(path, {}, {"a": "1"}, {})
+
+
+WRITERS = {
+    "mesh.vtu": lambda path: write(structured(square(), 1), path),
+    "errors.nc": lambda path: tables.save(xr.Dataset({"x": [1.0]}), path, "scene"),
+    "rates.csv": lambda path: tables.save_csv(pd.DataFrame({"x": [1.0]}), path),
+    "rates.svg": figure,
+    "paper.md": document,
+}
+
+
+@pytest.fixture
+def masked(request):
+    old = os.umask(request.param)
+    yield request.param
+    os.umask(old)
+
+
+@pytest.mark.parametrize("masked", [0o077, 0o027, 0o022, 0o002, 0o000], indirect=True, ids=oct)
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_file_has_the_permissions_of_any_new_file_and_nothing_beside_it(tmp_path, masked, name):
+    """POSIX: a new file that asks for 0666 gets 0666 less the umask."""
+    WRITERS[name](tmp_path / name)
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~masked
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_writer_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, name):
+    """At its last step, where all of the new file is written."""
+
+    def full(*_):
+        raise OSError("no space left")
+
+    path = tmp_path / name
+    path.write_text(UNFILLED)
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(StorageError, match=rf"{name} cannot be written: no space left") as found:
+        WRITERS[name](path)
+    assert found.value.exit_code == 4
+    assert (path.read_text(), list(tmp_path.iterdir())) == (UNFILLED, [path])
+
+
+def test_what_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(TypeError), replacing(path) as temporary:
+        temporary.write_bytes("no bytes")
+    assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])
+
+
+def test_files_beside_the_named_one_come_with_it(tmp_path):
+    """As of a mesh format that keeps its numbers in a second file."""
+    with replacing(tmp_path / "mesh.xdmf") as temporary:
+        temporary.write_text("1")
+        temporary.with_suffix(".h5").write_text("2")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mesh.h5", "mesh.xdmf"]
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "paper.md"])
+def test_a_folder_that_is_not_there(tmp_path, name):
+    with pytest.raises(InputError, match=f"{name} cannot be written: there is no folder .*missing") as found:
+        WRITERS[name](tmp_path / "missing" / name)
+    assert found.value.exit_code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_the_disk_refuses(tmp_path):
+    """A folder that is in the way: its name is taken by no file."""
+    (tmp_path / "a.nc").mkdir()
+    said = r"a\.nc cannot be written: Is a directory"
+    with pytest.raises(StorageError, match=said), replacing(tmp_path / "a.nc") as temporary:
+        temporary.write_text("new")
+
+
+UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""A file that is open when its writer is ended is closed with a warning."""
+
+
+def random_ends(folder, context, rng):
+    """How often writing is ended by SIGTERM at a random moment, and how often that leaves something."""
+    ended = left = 0
+    before = signal.signal(signal.SIGALRM, signals._terminate)
+    for _ in range(1000):
+        try:
+            signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-6, 6e-4))
+            with context(folder / "a.txt") as temporary:
+                temporary.write_text("new")
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        except (SystemExit, OSError):  # which the standard library makes of it at some moments
+            ended += 1
+        remains = [file for file in folder.iterdir() if file.name != "a.txt"]
+        left += bool(remains)
+        for file in remains:
+            shutil.rmtree(file)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+    return ended, left
+
+
+@UNCLOSED
+def test_no_moment_to_be_ended_leaves_a_hidden_folder(tmp_path):
+    """By the handler of SIGTERM, called by a clock."""
+    ended, left = random_ends(tmp_path, replacing, np.random.default_rng(1))
+    assert ended > 100
+    assert left == 0
+
+
+@UNCLOSED
+def test_a_folder_whose_name_comes_too_late_is_left_at_some_moments(tmp_path):
+    """Control: the standard library's, between making and remembering it, and while removing it."""
+
+    @contextmanager
+    def plain(path):
+        with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
+            yield Path(folder) / path.name
+
+    ended, left = random_ends(tmp_path, plain, np.random.default_rng(1))
+    assert ended > 100
+    assert left > 0
+
+
+def test_handlers_are_as_before_afterwards_and_what_is_ignored_stays_so():
+    """As SIGINT is of a command in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN), signal.getsignal(signal.SIGTERM)
+    with signals.cleaning_up():
+        inside = signal.getsignal(signal.SIGINT)
+        with pytest.raises(SystemExit) as found:
+            os.kill(os.getpid(), signal.SIGTERM)
+    after = signal.signal(signal.SIGINT, before[0]), signal.getsignal(signal.SIGTERM)
+    assert (inside, found.value.code, after) == (signal.SIG_IGN, 143, (signal.SIG_IGN, before[1]))
+
+
+@pytest.mark.parametrize("size", [0, 100])
+def test_a_full_disk_is_told_as_the_system_tells_it(tmp_path, size):
+    """A limit on the size of files stands for the disk; netCDF says other things. Control: no limit."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises((OSError, RuntimeError)) as plain:
+            xr.Dataset({"x": [1.0]}).to_netcdf(tmp_path / "plain.nc", engine="netcdf4")
+        with pytest.raises(OSError, match="File too large"):
+            write_netcdf(xr.Dataset({"x": [1.0]}), tmp_path / "s.nc")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "File too large" not in str(plain.value)
+    write_netcdf(xr.Dataset({"x": [1.0]}), tmp_path / "other.nc")
+    assert xr.load_dataset(tmp_path / "other.nc").x == 1

@@ -1,0 +1,38 @@
+"""Where things stand in the package, and what they are called: one name for one thing."""
+
+import ast
+from collections import Counter
+
+from conftest import ROOT
+
+SOURCES = sorted((ROOT / "src/unilateral").rglob("*.py"))
+LOOSE = {"__init__", "__main__", "api", "arrays", "errors"}
+"""The modules that belong to no room."""
+
+
+def classes(sources):
+    """How many classes of each name these texts define."""
+    return Counter(
+        node.name for text in sources for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ClassDef)
+    )
+
+
+def test_no_two_classes_have_one_name():
+    found = classes(file.read_text(encoding="utf-8") for file in SOURCES)
+    assert len(found) > 100
+    assert [name for name, count in found.items() if count > 1] == []
+
+
+def test_a_name_that_is_there_twice_is_noticed():
+    """Control: in two modules, or inside a function."""
+    assert classes(["class A: ...", "def f():\n    class A: ..."])["A"] == 2
+
+
+def test_no_module_lies_loose():
+    assert {file.stem for file in SOURCES if file.parent == ROOT / "src/unilateral"} == LOOSE
+
+
+def test_every_room_says_what_is_in_it():
+    for file in SOURCES:
+        if file.name == "__init__.py" and "manufactured" not in file.parts:
+            assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))), file
