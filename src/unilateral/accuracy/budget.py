@@ -85,7 +85,7 @@ def wanted_part(done: Sequence[Level]) -> float:
     """The part of the last bound that the next level is to leave; 0 where it is not known what is wanted.
 
     The next prediction is taken to miss by the factor `missed` of the last one. The bound on lambda falls
-    with the unknowns to the power OF_LAMBDA.
+    like the unknowns to the power -OF_LAMBDA.
     """
     last = done[-1]
     if not (last.target > 0 and math.isfinite(last.total)):

@@ -19,7 +19,7 @@ from unilateral.arrays import Array, Index
 MOST_HALVINGS = 4
 """A triangle's edges are halved at most this many times at once."""
 STEPS = 40
-"""A bisection for theta has this many steps: theta is found as exactly as numbers are."""
+"""A bisection for theta has this many steps, which leave a part of 1e-12 of its first interval."""
 TINY = 1e-60
 """Shares below this fraction of the largest one are not told apart."""
 

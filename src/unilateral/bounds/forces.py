@@ -59,7 +59,7 @@ def forces(
 
     lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2};
     `free` sides have no constraint. If the bound is infinite, no force has an upper bound. Of the `mesh` that
-    lambda_H was computed on only the coarsest level is used.
+    lambda_H was computed on only the coarsest level is used, where that suffices (`small_mesh`).
     """
     held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
     sides = [np.intersect1d(held, [*part]) for part in parts]

@@ -20,7 +20,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
 
 ROUNDING = 2.0**-45
-"""The rounding of a sum, over its terms' sizes: 64 units in the last place, for some 20 operations each."""
+"""The rounding of a sum, over its terms' sizes: 128 units in the last place, for some 20 operations each."""
 UNDERFLOW, DIVIDED = 1e-150, 1e-156
 """What squares that underflow take from the root of a sum, at most.
 

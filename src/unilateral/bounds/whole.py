@@ -27,7 +27,7 @@ MOST_HALVINGS = 6
 """p is used on triangles that are at most this many halvings finer than its own; 8 would use up ROUNDING."""
 FINEST = 2.0**-MOST_HALVINGS
 COMPUTED = 192
-"""`values` may be off by this times EPS sum |c|, in f_h and in the mean square of p - f_h together.
+"""`values` may be off by this times EPS sum |c|, in f_h and in the root mean square of p - f_h together.
 
 Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations:
 p is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,

@@ -178,9 +178,10 @@ def _gauss(points: int) -> tuple[Array, Array]:
 
 @cache
 def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
-    """Graded to the first corner: a fraction tau^grading away from it, n Gauss points across, as many in tau.
+    """A rule on a triangle that is graded to its first corner, from which points are a part tau^grading away.
 
-    Not graded it is exact for polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric`.
+    It has n Gauss points across, and n times the grading in tau, but at most 4 n. Not graded it is exact for
+    polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric`.
     """
     x, w = _gauss(n * min(grading, 4))
     y, v = _gauss(n)

@@ -32,9 +32,8 @@ def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_ce
     A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
     jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
     those beside a shorter cell, those longer than LONGEST, and those that are long against shorter edges on
-    a side near by. No edge is shorter than SHORTEST; the grading of a singular point that near to a cell's
-    end is to that end.
-    Raises InputError if a cell is shorter.
+    a side near by. No edge is shorter than SHORTEST. The grading of a singular point that is as
+    near to a cell's end as SNAP is to that end. Raises InputError if a cell is shorter than SHORTEST.
     """
     polygon = partition.polygon
     shortest = SHORTEST * polygon.diameter

@@ -27,8 +27,8 @@ from unilateral.solvers.uzawa import (
 def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:
     """lambda_H (m,) for the offset F(0) (m,), with its bound; one of several where it is not unique.
 
-    The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, or the
-    solver gives up (lambda_H is then 0), the result warns and has converged False.
+    The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, the
+    result warns and has converged False. If the solver gives up, lambda_H is 0, with the bound of that.
     """
     check_offset(offset, tolerance)
     try:
