@@ -56,7 +56,7 @@ Size = float | str
 """A number, or one that is written as a fraction, such as "1/64"."""
 Given = Formula | Function | None
 KINDS = {"structured": structured, "unstructured": meshes.unstructured}
-"""Of meshes that are made for a polygon and a size h."""
+"""The kinds of meshes that are made for a polygon and a size h."""
 
 
 def case(
@@ -67,9 +67,9 @@ def case(
 ) -> Case:
     """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
 
-    It is put on that side of the polygon, by default the first of those it is for; a polygon has a name, or
-    stands in a YAML file, in the field `polygon`. On `free_sides`, which must carry no contact, there are no
-    multipliers. Raises InputError, among others for a case that is not certified.
+    It is put on that side of the polygon, which is by default the first of those that it is for. A polygon is
+    given by its name, or by a YAML file that has it in the field `polygon`. On `free_sides`, which must carry
+    no contact, there are no multipliers. Raises InputError, among others for a case that is not certified.
 
     >>> import unilateral as ul
     >>> ul.case("natural").polygon.name
@@ -109,10 +109,10 @@ def Problem(
     c: Coefficient = 1,
     q: Given | Sequence[Given] = 0,
 ) -> problems.Problem | Sampled:
-    """A problem of one's own: (1.1)-(1.2), with k du/dn = q in place of (1.2) on the free sides.
+    """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that are not free.
 
-    With k and c it is -k lap u + c u = f, u >= g, k du/dn >= 0, (u - g) k du/dn = 0, and the errors are
-    measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
+    On these u >= g, k du/dn >= 0 and (u - g) k du/dn = 0; for k = c = 1 this is (1.1)-(1.2). On the free
+    sides k du/dn = q. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
@@ -150,7 +150,7 @@ def Problem(
 
 
 def _listed(given: Given | Sequence[Given]) -> list[Given]:
-    """One for all sides, or one per side."""
+    """A list with one for all sides, or one per side."""
     return [given] if isinstance(given, str) or not isinstance(given, Sequence) else list(given)
 
 
@@ -196,13 +196,13 @@ def solve(
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
     `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
 
-    An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}; `tell` is then told of every
-    level. It is relative to that norm of the solution or, if it is `absolute`, the largest error itself, and
-    certified by the cheap bound of u, or by the `sharp` one; lambda takes the sharp one. Whether it was
-    reached within `max_unknowns`, `max_seconds`, by default 600, and `max_memory` MB, by default what is
-    free, is said by `certified`. A limit that is given is spent; without one the search ends as soon as the
-    accuracy is out of reach. A `dry_run` ends after the first levels, and the solution's `search.plan` says
-    what the accuracy takes. A `watch` may interrupt and see how far a level is.
+    An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}. It is relative to that norm
+    of the solution; if it is `absolute`, it is the largest error itself. It is certified by the cheap bound
+    on u, or by the `sharp` one; lambda takes the sharp one. The solution's `certified` says whether it was
+    reached within `max_unknowns`, `max_seconds` (by default 600) and `max_memory` MB (by default what is
+    free). A limit that is given is used up if need be; without one the search ends as soon as the accuracy is
+    out of reach. `tell` is called with every level. A `dry_run` ends after the first levels, and the
+    solution's `search.plan` says what the accuracy takes. A `watch` may interrupt and see how far a level is.
 
     Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
     into the memory. Warns by a SolutionWarning where the iteration did not converge, where the
@@ -286,7 +286,7 @@ def _limit(name: str, given: Size | None) -> float | None:
 
 
 def _told(found: Solution, own_mesh: bool = False) -> Solution:
-    """The same; what is less than what was wanted is told by a warning."""
+    """The solution; a warning tells what is less than what was wanted."""
     search = found.search
     if search and not search.certified:
         warnings.warn(_not_certified(search), SolutionWarning, stacklevel=3)
@@ -298,7 +298,7 @@ def _told(found: Solution, own_mesh: bool = False) -> Solution:
 
 
 def _not_certified(search: Search) -> str:
-    """Why the accuracy is not, and what is reached: in the same terms, and as an error."""
+    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
     best = search.best
     parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
     if not search.believed:

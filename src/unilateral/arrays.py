@@ -1,4 +1,4 @@
-"""The names of arrays' types, whose docstrings give their shapes, and blocks of long ones."""
+"""Names for the types of arrays, whose shapes docstrings give, and blocks of long arrays."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Int16 = NDArray[np.int16]
 Mask = NDArray[np.bool_]
 
 BLOCK = 1 << 13
-"""Rows at a time, the numbers of which fit into a processor's cache."""
+"""Long arrays are worked on this many rows at a time, whose numbers fit into a processor's cache."""
 
 
 def blocks(count: int, size: int = 0) -> Iterator[slice]:
-    """Of so many rows, by default BLOCK at a time."""
+    """Slices of so many rows, by default BLOCK at a time."""
     for begin in range(0, count, size or BLOCK):
         yield slice(begin, min(begin + (size or BLOCK), count))

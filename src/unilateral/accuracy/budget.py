@@ -11,25 +11,34 @@ from unilateral.accuracy.level import WORTH, Level, standing, unknowable, withou
 from unilateral.system.memory import available_mb
 
 MARGIN = 0.93
-"""Of the error that is wanted: what the next level aims at."""
+"""The next level aims at this fraction of the wanted error."""
 LEAST_STEP, LARGEST_STEP = 1.25, 8.0
-"""Times the triangles of the level before."""
+"""A level has at most LARGEST_STEP times the triangles of the one before, before neighbours follow.
+
+If the budget allows neither the wanted step nor LEAST_STEP times the triangles, no level is made.
+"""
 FOLLOW = 1.15
-"""Times the triangles that are predicted, for neighbours follow."""
+"""A mesh gets this many times the predicted triangles, because neighbours are refined, too."""
 OF_LAMBDA = 0.75
-"""Rate of its bound in unknowns on adapted meshes: that of H^{3/2}, and 0.82 was observed."""
+"""On adapted meshes the bound on lambda falls like the unknowns to minus this power.
+
+That is the rate of H^{3/2}; 0.82 was observed.
+"""
 RATES = (0.25, 2.0)
-"""Within which an observed rate is believed."""
+"""An observed rate is believed only as far as it lies between these two."""
 SPARE = 0.8
-"""Of the memory that is free: what the next level may take, beside what the last one still holds."""
+"""The next level may take this fraction of the free memory, beside what the last one still holds."""
 
 
 CAUTION = 0.7
-"""Of the unknowns that seconds or memory allow, for what they are predicted to be was right within 1.5."""
+"""If seconds or memory allow less than is wanted, this fraction of the unknowns that they allow is used.
+
+What these unknowns are predicted to be was right within 1.5.
+"""
 
 
 def wanted(done: Sequence[Level]) -> bool:
-    """Whether another level is, after these."""
+    """Whether another level is wanted after these."""
     last = done[-1]
     over = last.certified or not last.solved.result.converged or unknowable(last) or without_contact(last)
     return not over and len(standing(done)) == len(done)
@@ -54,7 +63,10 @@ def division(prospect: Prospect) -> Division | None:
 
 
 def _best(prospect: Prospect) -> Division:
-    """Uniform where that takes at most WORTH times the triangles; several steps are of one size."""
+    """The wanted division, which is uniform where that takes at most WORTH times the triangles.
+
+    If several steps are needed, they are of one size.
+    """
     last, part = prospect.done[-1], wanted_part(prospect.done)
     shares, m = last.solved.shares, len(last.solved.shares)
     if part == 0 or not prospect.free or not 0 < shares.max() < math.inf:
@@ -70,10 +82,10 @@ def _best(prospect: Prospect) -> Division:
 
 
 def wanted_part(done: Sequence[Level]) -> float:
-    """Of the last bound, what is to be left by the next level; 0 where nothing is known of what is wanted.
+    """The part of the last bound that the next level is to leave; 0 where it is not known what is wanted.
 
-    The last prediction is taken to have `missed` as the next one will. The bound of lambda falls with the
-    unknowns to the power OF_LAMBDA.
+    The next prediction is taken to miss by the factor `missed` of the last one. The bound on lambda falls
+    like the unknowns to the power -OF_LAMBDA.
     """
     last = done[-1]
     if not (last.target > 0 and math.isfinite(last.total)):
@@ -83,12 +95,15 @@ def wanted_part(done: Sequence[Level]) -> float:
 
 
 def sizes_and_bounds(done: Sequence[Level]) -> tuple[list[float], list[float]]:
-    """H, and the bound, of each level."""
+    """H of each level, and the bound of each level."""
     return [level.partition.H for level in done], [level.total for level in done]
 
 
 def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
-    """Of every limit, the unknowns that it allows the next level to have; that part where it is predicted."""
+    """The unknowns that each limit allows the next level to have.
+
+    Where they are predicted, it is that `part` of them.
+    """
     goal = prospect.done[-1].goal
     (of_memory, mb), (of_time, seconds) = goal.memory(SPARE * available_mb()), goal.seconds
     return {
@@ -99,14 +114,14 @@ def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
 
 
 def limits(prospect: Prospect) -> list[str]:
-    """Those that do not allow a level after the last one; that which allows least, if all do."""
+    """The limits that do not allow a level after the last one; the limit that allows least, if all do."""
     last, most = prospect.done[-1], most_unknowns(prospect)
     least = FOLLOW * (LEAST_STEP if prospect.free else 4) * last.unknowns
     return [name for name, unknowns in most.items() if unknowns < least or unknowns == min(most.values())]
 
 
 def observed_rate(sizes: Sequence[float], bounds: Sequence[float]) -> float:
-    """That of the last two levels, as far as it is believed; NaN without two finite bounds."""
+    """The rate between the last two levels, as far as it is believed; NaN without two finite bounds."""
     if len(sizes) < 2 or not (math.isfinite(bounds[-2]) and math.isfinite(bounds[-1])):
         return math.nan
     observed = math.log(bounds[-2] / bounds[-1]) / math.log(sizes[-2] / sizes[-1])

@@ -1,4 +1,4 @@
-"""What levels cost: constants as measured, corrected by what the levels done have cost."""
+"""What levels cost: constants as measured, corrected by what the finished levels have cost."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ from unilateral.solvers.stop import Stop
 
 BYTES_PER_MB = 2**20
 RECENT = 3
-"""Levels whose enclosures of f took as long as the next one's will, which hardly depends on their size."""
+"""The enclosure of f is expected to take the mean time of this many last levels.
+
+That time hardly depends on the size of a level.
+"""
 
 
 class Cost(NamedTuple):
-    """Of a level: seconds whatever its size and for an unknown, and bytes for an unknown."""
+    """What a level costs: seconds whatever its size, seconds per unknown (`each`), and bytes per unknown."""
 
     start: float
     each: float
@@ -28,7 +31,10 @@ class Cost(NamedTuple):
 MULTILEVEL = Cost(0.02, 8e-6, 1100)
 CONDENSED = Cost(0.03, 5e-5, SPARSE)
 WITH_SHARP = Cost(0.02, 2.2e-5, SHARP)
-"""As measured with up to 1e6 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC."""
+"""The costs by multigrid and condensed to the boundary, and what the sharp bound adds.
+
+They were measured with up to 1e6 unknowns, 5e4 with the sharp bound, each on one core of an AMD EPYC.
+"""
 
 
 def may_adapt(stop: Stop, kind: str) -> bool:
@@ -40,7 +46,8 @@ def may_adapt(stop: Stop, kind: str) -> bool:
 class Prospect:
     """What a level after those `done` will cost, `elapsed` seconds after the beginning.
 
-    Meshes are of that `kind` or, by default, adapted once that pays, unless more is asked for than that can.
+    Meshes are of that `kind`. By default they are adapted once that pays, unless something is asked for that
+    adapted meshes cannot give.
     """
 
     done: Sequence[Level]
@@ -55,7 +62,7 @@ class Prospect:
 
     @cached_property
     def adapted(self) -> bool:
-        """Whether it pays that they are not."""
+        """Whether meshes may be adapted, and already are or should be, because it pays."""
         last = self.done[-1]
         return self.free and (last.solved.discrete.mesh.adapted or refinement_pays(last))
 
@@ -67,20 +74,20 @@ class Prospect:
 
     @cached_property
     def speed(self) -> float:
-        """Times the seconds of `cost`, f's enclosures aside; not of the first level, which imports."""
+        """The seconds taken over those of `cost`, without f's enclosures and the first level (it imports)."""
         later = self.done[1:]
         expected = sum(self.cost.start + self.cost.each * level.unknowns for level in later)
         return sum(level.seconds - level.enclosing for level in later) / expected if later else 1.0
 
     @cached_property
     def fixed(self) -> float:
-        """Seconds of a level whatever its size: to enclose f, above all."""
+        """The seconds that a level takes whatever its size: to enclose f, above all."""
         recent = self.done[-RECENT:]
         return sum(each.enclosing for each in recent) / len(recent) + self.speed * self.cost.start
 
     @cached_property
     def held(self) -> float:
-        """MB of a level whatever its size."""
+        """The MB that a level takes whatever its size."""
         return max(level.mb - self.cost.bytes * level.unknowns / BYTES_PER_MB for level in self.done)
 
     def seconds(self, unknowns: float) -> float:

@@ -2,8 +2,8 @@
 
 A triangle with the share s of the squared bound becomes 4^g triangles if its edges are halved g times. They
 have s / 16^g each, for the square of a bound falls like h^2, and their areas like h^2, too. So the squared
-bound becomes sum s_i / 4^{g_i} on sum 4^{g_i} triangles; best is s_i / 16^{g_i} alike everywhere. With one
-number for it the g_i are known.
+bound becomes sum s_i / 4^{g_i} on sum 4^{g_i} triangles. It is best if s_i / 16^{g_i} is alike everywhere. If
+that one number is known, so are the g_i.
 """
 
 from __future__ import annotations
@@ -17,15 +17,18 @@ import numpy as np
 from unilateral.arrays import Array, Index
 
 MOST_HALVINGS = 4
-"""Of a triangle's edges, at once."""
+"""A triangle's edges are halved at most this many times at once."""
 STEPS = 40
-"""Of a bisection: theta is found as exactly as numbers are."""
+"""A bisection for theta has this many steps, which leave a part of 1e-12 of its first interval."""
 TINY = 1e-60
-"""Of the largest share: less is not told apart."""
+"""Shares below this fraction of the largest one are not told apart."""
 
 
 class Division(NamedTuple):
-    """`halvings` (m,); `times` as many triangles, before neighbours follow; what is `left` of the bound."""
+    """How often each triangle's edges are halved: `halvings` (m,).
+
+    That makes `times` as many triangles, before neighbours follow, and leaves the part `left` of the bound.
+    """
 
     halvings: Index
     times: float
@@ -33,14 +36,14 @@ class Division(NamedTuple):
 
 
 def uniform(triangles: int, halvings: int = 1) -> Division:
-    """All edges halved so often; the bound falls like h."""
+    """All edges are halved so often; the bound falls like h."""
     return Division(np.full(triangles, halvings, dtype=np.int16), 4.0**halvings, 0.5**halvings)
 
 
 def evenness(shares: Array) -> float:
-    """The triangles of the best mesh over those of one that is refined uniformly, for a bound far below.
+    """The number of triangles of the best mesh over that of a uniformly refined one, for a bound far below.
 
-    1 where nothing is known: all shares are 0, or one is infinite.
+    It is 1 where nothing is known: all shares are 0, or one is infinite.
     """
     if not 0 < shares.max() < math.inf:
         return 1.0
@@ -49,9 +52,9 @@ def evenness(shares: Array) -> float:
 
 
 def divided(shares: Array, left: float = 0.0, times: float = math.inf) -> Division:
-    """The fewest triangles with that part of the bound `left`, but at most `times` as many as there are.
+    """The fewest triangles that leave that part of the bound, but at most `times` as many as there are.
 
-    The shares (m,) are of its square.
+    The part is `left`. The `shares` (m,) are the triangles' parts of the square of the bound.
     """
     s = np.log2(np.maximum(shares / shares.max(), TINY))
     squares = shares / shares.sum()
@@ -66,7 +69,7 @@ def divided(shares: Array, left: float = 0.0, times: float = math.inf) -> Divisi
 
 
 def _theta(holds: Callable[[float], bool], s: Array) -> tuple[float, float]:
-    """The largest theta for which that holds, and one just above it, by bisection between two ends."""
+    """The largest theta for which `holds` is true, and one just above it, by bisection between two ends."""
     low, high = float(s.min()) - 4 * MOST_HALVINGS - 2, float(s.max()) + 2
     for _ in range(STEPS):
         middle = 0.5 * (low + high)

@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass
 
 NORMS = ("h1", "hm12")
-"""Of u in H1, and of lambda in H^{-1/2}."""
+"""The norms of an accuracy: that of u in H1, and that of lambda in H^{-1/2}."""
 MAX_SECONDS = 600.0
-"""For all levels together, where no limit is given."""
+"""The seconds for all levels together, where no limit is given."""
 
 
 @dataclass(frozen=True)
 class Goal:
     """An accuracy in a norm, "h1" of u or "hm12" of lambda, and what may be spent on it.
 
-    It is relative to the solution's norm, unless it is `absolute`. Limits are unknowns on
-    the finest mesh, seconds in all, and MB, in any case no more than are free; None where none is given.
-    `sharp` asks for the sharp bound, without which that of lambda is far above its error.
+    It is relative to the solution's norm, unless it is `absolute`. The limits are unknowns on the finest
+    mesh, seconds in all, and MB, in any case no more than are free; a limit that is not given is None.
+    `sharp` asks for the sharp bound, without which the bound on lambda is far above its error.
     """
 
     accuracy: float
@@ -35,18 +35,18 @@ class Goal:
 
     @property
     def unknowns(self) -> float:
-        """At most, on the finest mesh."""
+        """The largest number of unknowns that the finest mesh may have."""
         return math.inf if self.max_unknowns is None else self.max_unknowns
 
     @property
     def seconds(self) -> tuple[str, float]:
-        """The limit as messages call it, and its value."""
+        """The limit on the seconds: its name in messages, and its value."""
         if self.max_seconds is None:
             return f"max_seconds={MAX_SECONDS:g} by default", MAX_SECONDS
         return f"max_seconds={self.max_seconds:g}", self.max_seconds
 
     def memory(self, most: float) -> tuple[str, float]:
-        """The same for the MB, of which the machine has so many at `most`."""
+        """The limit on the MB: its name in messages, and its value; the machine has `most`."""
         if self.max_memory is None or most < self.max_memory:
             return f"{most:.0f} MB of this machine's memory", most
         return f"max_memory={self.max_memory:g}", self.max_memory

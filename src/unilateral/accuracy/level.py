@@ -17,18 +17,22 @@ from unilateral.geometry.polygon import Polygon
 SHARE = 0.1
 """The part of the wanted error that the iteration may have."""
 WORTH, ENOUGH = 1.5, 200
-"""1 is seen where solutions vary alike everywhere; and unknowns below which all meshes cost alike."""
+"""Adapted meshes pay if uniform ones need more than WORTH times as many triangles.
+
+Where solutions vary alike everywhere that ratio is seen to be 1. Below ENOUGH unknowns all meshes cost alike.
+"""
 SEEN = 4_000
-"""Unknowns from which on contact that is not seen is taken for none."""
+"""From this many unknowns on, contact that is not seen is taken for none."""
 NOTHING = 1e-140
-"""Where u_h is 0 a bound up to this counts as no error, for nothing is a part of 0."""
+"""Where u_h is 0, a bound up to this counts as no error, because no error is a fraction of 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal; its `seconds` count its mesh, too, and its `mb` what it took at most.
+    """One solve towards a goal. Its `seconds` include those for its mesh, and `mb` is what it took at most.
 
-    Of the seconds, `enclosing` is the part in which f is enclosed. The bound was `predicted`, if it could be.
+    `enclosing` is the part of the seconds in which f is enclosed. `predicted` is the bound as it was
+    predicted, if it could be.
     """
 
     solved: DiscreteSolution
@@ -48,23 +52,23 @@ class Level:
 
     @property
     def total(self) -> float:
-        """The guaranteed bound of the error in the goal's norm."""
+        """The guaranteed bound on the error in the goal's norm."""
         return self.solved.total(self.goal.norm, self.goal.sharp)
 
     @property
     def missed(self) -> float:
-        """Times the bound that was predicted, as far as that is believed to go on."""
+        """The factor by which the bound missed the predicted one, as far as that is believed to go on."""
         found = self.total / self.predicted
         return min(max(found, 0.9), 1.5) if found > 0 else 1.0
 
     @property
     def algebraic(self) -> float:
-        """The part of the iteration in it."""
+        """The bound on the iteration's part of the error in the goal's norm."""
         return self.solved.algebraic(self.goal.norm)
 
     @property
     def size(self) -> float:
-        """A lower bound of the solution's norm."""
+        """A lower bound on the solution's norm."""
         return self.solved.size(self.goal.norm, self.goal.sharp)
 
     @property
@@ -86,9 +90,10 @@ class Level:
 
 
 def target(solved: DiscreteSolution, goal: Goal) -> float:
-    """The error that is wanted: of the norm's lower bound or, where that is 0, of the discrete norm.
+    """The error that is wanted: the accuracy times a lower bound on the norm.
 
-    An absolute one is the accuracy itself.
+    If that lower bound is 0 the discrete norm takes its place. An absolute accuracy is the wanted error
+    itself.
     """
     if goal.absolute:
         return goal.accuracy
@@ -97,25 +102,28 @@ def target(solved: DiscreteSolution, goal: Goal) -> float:
 
 
 def without_contact(last: Level) -> bool:
-    """Whether lambda_H is 0 where an error is wanted that is a part of it, on a mesh that is not coarse."""
+    """Whether lambda_H is 0 although an error relative to it is wanted, on a mesh that is not coarse."""
     return last.target == 0 and last.goal.norm == "hm12" and last.unknowns >= SEEN
 
 
 def unknowable(last: Level) -> bool:
-    """Whether what is not known of f, g and q, and not on finer meshes, is more than what is wanted."""
+    """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
     bound = last.solved.bound(last.goal.sharp)
     return bound is not None and bound.irreducible > last.target > 0
 
 
 def least_unknowns(polygon: Polygon, h: float) -> float:
-    """On triangles of the size h, all alike; equilateral ones have 2 / sqrt(3) times the area over h^2."""
+    """The unknowns that a mesh of equal triangles of the size h has at least.
+
+    Equilateral triangles make 2 / sqrt(3) times the area over h^2.
+    """
     return 0.5 * polygon.area / h**2
 
 
 def refinement_pays(last: Level) -> bool:
     """Whether uniform meshes need more than WORTH times the triangles of adapted ones, by the bound's parts.
 
-    Where short sides leave a mesh with fewer unknowns than a uniform one has at least, they would at once.
+    They do so at once where short sides leave a mesh with fewer unknowns than a uniform one has at least.
     """
     shares, mesh = last.solved.shares, last.solved.discrete.mesh
     if last.unknowns < least_unknowns(mesh.polygon, mesh.h):
@@ -124,7 +132,7 @@ def refinement_pays(last: Level) -> bool:
 
 
 def standing(done: Sequence[Level]) -> list[Level]:
-    """The levels whose bounds no other level's contradict; of two that do none is believed."""
+    """The levels whose bounds no other level's contradict; of two that contradict, none is believed."""
     return [a for a in done if not any(contradict(a, b) for b in done if b is not a)]
 
 

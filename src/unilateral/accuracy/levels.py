@@ -32,7 +32,10 @@ from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb, forget_peak, peak_mb
 
 GROWTH = 0.4
-"""Of triangles, over their distance from a boundary of many short sides; faster, and gmsh makes flat ones."""
+"""Where all sides are short, triangles grow by this factor times their distance from the boundary.
+
+If they grow faster, gmsh makes flat ones.
+"""
 
 
 def levels(
@@ -66,7 +69,10 @@ def levels(
 
 
 def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
-    """The coarsest mesh, where all sides are short graded if we are `free`. Raises InputError as `levels`."""
+    """The coarsest mesh. Where all sides are short it is graded, if meshes are `free` to be so.
+
+    Raises InputError as `levels`.
+    """
     made, H = kind or natural_kind(polygon), float(polygon.lengths.max())
     expected = least_unknowns(polygon, H / 2)
     graded = expected > ENOUGH and made == "unstructured" and free
@@ -103,7 +109,10 @@ def two_edges_per_cell(polygon: Polygon, H: float, kind: str) -> Mesh:
 
 
 def coarsest(polygon: Polygon, H: float) -> Mesh:
-    """The same with triangles that grow with the distance from the boundary, where all sides are short."""
+    """A mesh with two boundary edges per cell, for domains with short sides only.
+
+    Its triangles grow with the distance from the boundary.
+    """
     return meshes.following(_cells(polygon, H), 2, growth=GROWTH)[0]
 
 
@@ -114,7 +123,7 @@ def _cells(polygon: Polygon, H: float) -> Partition:
 def _solved(
     discrete: DiscreteProblem, goal: Goal, stop: Stop, done: Sequence[Level], predicted: float, watch: Watch
 ) -> Level:
-    """A level whose bound will be as `predicted`, about."""
+    """Solves a level whose bound will be about as `predicted`."""
     in_norm = 1.0 if goal.norm == "h1" else discrete.beta
     start, tolerance, total = None, None, math.inf
     if done:

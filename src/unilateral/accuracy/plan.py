@@ -19,18 +19,30 @@ from unilateral.accuracy.division import evenness
 from unilateral.accuracy.level import Level
 
 PROBE, KNOWN = 1.5, 400
-"""Seconds, with those of the next level, and unknowns from which on the first levels are enough."""
+"""The first levels are enough for a plan from KNOWN unknowns on.
+
+They must also take PROBE seconds, together with the next level.
+"""
 UNEVEN = 1.2
-"""Times the triangles of the best distribution."""
+"""An adapted mesh has this many times the triangles of the best distribution."""
 FAR = 10.0
-"""Times the unknowns that the limits allow: a plan was right within 2 for u, and within 3 for lambda."""
+"""An accuracy is hopeless if it needs more than this many times the unknowns that the limits allow.
+
+A plan was right within 2 for u, and within 3 for lambda.
+"""
 VAST = 1e30
-"""Times the error that is wanted: more is not told apart, and its powers are numbers."""
+"""Bounds above this many times the wanted error are not told apart.
+
+So their powers are still finite numbers.
+"""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Unknowns of the finest mesh, seconds from the beginning, and MB; limits that do not allow it."""
+    """Unknowns of the finest mesh, seconds from the beginning, and MB.
+
+    `missed` are the limits that do not allow it.
+    """
 
     adapted: bool
     unknowns: int
@@ -40,7 +52,7 @@ class Plan:
 
 
 def plan(prospect: Prospect) -> Plan | None:
-    """None where nothing can be said: the size of the solution or of the error is not known at all."""
+    """The plan, or None if the size of the solution or of the error is not known at all."""
     last, sizes = prospect.done[-1], _sizes(prospect)
     if sizes is None:
         return None
@@ -56,7 +68,7 @@ def plan(prospect: Prospect) -> Plan | None:
 
 
 def enough(prospect: Prospect) -> bool:
-    """Whether the levels done are, for a plan."""
+    """Whether the levels done are enough for a plan."""
     sizes = _sizes(prospect)
     to_come = prospect.seconds(sizes[0]) if sizes else 0.0
     spent = sum(level.seconds for level in prospect.done)
@@ -64,9 +76,9 @@ def enough(prospect: Prospect) -> bool:
 
 
 def hopeless(prospect: Prospect) -> bool:
-    """Whether limits that nobody set do not allow the accuracy by FAR.
+    """Whether the accuracy needs more than FAR times what the limits allow, where nobody set a limit.
 
-    Bounds are taken to fall like H at least, for on coarse meshes they may seem to stand still.
+    Bounds are taken to fall like H at least, because on coarse meshes they may seem to stand still.
     """
     if prospect.done[-1].goal.limited or not (wanted(prospect.done) and enough(prospect)):
         return False
@@ -95,9 +107,9 @@ def reach(prospect: Prospect) -> float | None:
 
 
 def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
-    """The unknowns of the last mesh, infinite if unknown.
+    """The unknowns that the last mesh needs, infinite if unknown.
 
-    Uniform meshes are taken to go on with the rate that was observed, or the least one.
+    On uniform meshes the bound is taken to fall on at the rate that was observed, or at the least one.
     """
     last = prospect.done[-1]
     target, s = _wanted(last), last.solved.shares
@@ -113,7 +125,10 @@ def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
 
 
 def _wanted(last: Level) -> float:
-    """The error that will be wanted: of ||u||, taken to be ||u_h||, less that error itself."""
+    """The error that will be wanted: the accuracy times the norm of the solution.
+
+    That norm is taken to be that of the discrete solution less the error itself.
+    """
     goal, solved = last.goal, last.solved
     size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
     return goal.accuracy if goal.absolute else goal.accuracy * size / (1 + goal.accuracy)

@@ -54,7 +54,10 @@ class Search:
 
     @cached_property
     def best(self) -> Level:
-        """The last of these that is certified, or the one with the smallest bound; of none the finest."""
+        """The last believed level that is certified, or else the one with the smallest bound.
+
+        If no level is believed, it is the finest one.
+        """
         candidates = reversed(self.believed or self.done[-1:])
         return min(candidates, key=lambda level: (not level.certified, level.total))
 
@@ -72,12 +75,12 @@ def search(
     watch: Watch | None = None,
     probe: bool = False,
 ) -> Search:
-    """All `levels`, of each of which `tell` is told; an interrupt or a limit keeps those that are done.
+    """Solves all `levels` and calls `tell` with each; an interrupt or a limit keeps those that are done.
 
-    Without a limit of the goal's own the process takes no more memory than is free at the beginning, and the
-    search ends as soon as the plan shows that this or the seconds do not suffice by far.
-    To `probe`, the first ones are enough for a plan. Before the first one is done, what stops the search is
-    raised: KeyboardInterrupt, InputError, and BudgetError for a limit.
+    If the goal has no limit of its own, the process takes no more memory than is free at the beginning, and
+    the search ends as soon as the plan shows that this or the seconds do not suffice by far. To `probe`, it
+    ends when the levels are enough for a plan. Before the first one is done, what stops the search is raised:
+    KeyboardInterrupt, InputError, and BudgetError for a limit.
     """
     stop, watch, done = stop or Stop(), watch or Watch(), list[Level]()
     far = False

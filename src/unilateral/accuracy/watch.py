@@ -1,4 +1,4 @@
-"""What looks at a search while it works: how far its level is, and whether the limits are kept."""
+"""Watches a search while it works: how far its level is, and whether the limits are kept."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ ENCLOSING = "f enclosed"
 
 
 class OutOfBudget(BaseException):
-    """A limit of the goal is reached in the midst of a level; like an interrupt, no Exception."""
+    """A limit of the goal was reached in the midst of a level. Like an interrupt it is no Exception."""
 
 
 @dataclass
 class Watch:
-    """Of a search from the time `begin` on; while it works there is a `goal`, and it may take `most_mb`.
+    """The watch over a search, from the time `begin` on.
 
-    The level's mesh has so many `unknowns`, 0 while that is not known; `expected` are its seconds in all, and
-    `seconds` those of its phases so far. Limits, and whether an interrupt was `asked` for, are looked at
-    between phases, and whenever somebody looks. What was `raised` then is raised again at the next phase, for
-    libraries that call back may lose it.
+    While the search works there is a `goal`, and it may take `most_mb`. The level's mesh has so many
+    `unknowns`, 0 while that is not known. `expected` are the level's seconds in all, and `seconds` those of
+    its phases so far. Limits, and whether an interrupt was `asked` for, are checked between phases and
+    whenever `look` is called. What is `raised` then is raised again at the next phase, because libraries that
+    call back may lose it.
     """
 
     begin: float = field(default_factory=time.perf_counter)
@@ -45,11 +46,11 @@ class Watch:
 
     @property
     def level_seconds(self) -> float:
-        """Of the level so far."""
+        """The seconds of the level so far."""
         return sum(self.seconds.values()) + self.elapsed - self.since
 
     def begin_level(self) -> None:
-        """With its first phase, the mesh."""
+        """A new level begins, with its first phase, the mesh."""
         forget_peak()
         self.phase, self.unknowns, self.expected, self.seconds = "", 0, 0.0, {}
         self.at("mesh")
@@ -63,7 +64,7 @@ class Watch:
         self.unknowns = unknowns or self.unknowns
 
     def end_level(self) -> dict[str, float]:
-        """The seconds of the level's phases."""
+        """Ends the level; the seconds of its phases."""
         self._next("")
         return self.seconds
 

@@ -1,1 +1,1 @@
-"""Guaranteed bounds of the errors of a discrete solution whose exact solution is not known."""
+"""Guaranteed bounds on the errors of a discrete solution whose exact solution is not known."""

@@ -1,7 +1,7 @@
 """f on the triangles of a mesh made by refinement, from polynomials on those that they came from.
 
-f is enclosed on the triangles of the first mesh. Where that leaves too much, those give way to the ones that
-came from them, down to the mesh itself (`whole`).
+f is enclosed on the triangles of the first mesh. Where that leaves too much of f, they are replaced by those
+that came from them, down to the mesh itself (`whole`).
 """
 
 from __future__ import annotations
@@ -22,15 +22,21 @@ from unilateral.geometry.refinement import Step
 from unilateral.problems.data import Data
 
 ENOUGH = 0.003
-"""Of h ||p - mean p||, like discretisation errors: what the rest of f may be; h of triangles all alike."""
+"""The rest of f may be as large as this times h ||p - mean p||: it falls with h, like discretisation errors.
+
+h is that of triangles that are all alike (`even_h`).
+"""
 ABOVE = 0.1
-"""Of that: on coarser triangles, where it costs next to nothing."""
+"""On coarser triangles only this fraction of ENOUGH is allowed, for there it costs next to nothing."""
 FLOOR = 1e-13
-"""Of ||p||: its rounding, which no smaller piece takes away."""
+"""The rest of f may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
 
 
 class Seen(NamedTuple):
-    """Polynomials; the triangles have those `of` (m,), found so many `halvings` (m,) above."""
+    """Polynomials; triangle t has the one with the number of[t], found halvings[t] halvings above it.
+
+    `of` and `halvings` are (m,).
+    """
 
     known: Polynomials
     of: Int32
@@ -39,7 +45,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class Sums:
-    """Over pieces: E^2, ||p||^2, the integral of p, areas; and their number."""
+    """Sums over pieces of E^2 (E as in `source`), ||p||^2, the integral of p and the area; their number."""
 
     unknown: float = 0.0
     square: float = 0.0
@@ -51,9 +57,9 @@ class Sums:
         return Sums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def wanted(self, h: float, share: float = 1.0) -> float:
-        """What E^2 is wanted to be at most in all, on a mesh of that h; or a share of it, which is E's.
+        """The largest sum of E^2 that is wanted on a mesh of that h; a `share` multiplies the wanted E.
 
-        It is a share of ||f - mean f||, of which p shows no more than what exceeds E.
+        The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
         unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
         spread = math.sqrt(max(self.square - self.integral * (self.integral / self.area), 0.0)) - unknown
@@ -61,26 +67,27 @@ class Sums:
 
 
 def even_h(mesh: Mesh) -> float:
-    """h of as many triangles, all alike: halves of squares."""
+    """The h that a mesh has if as many triangles are all alike, halves of squares."""
     return math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas))
 
 
 def sums_of(of_p: Array, area: Array, squares: Array) -> Sums:
-    """Of pieces with the `averages` (2, k) of p, those areas (k,) and E^2 (k,)."""
+    """The sums over pieces, from the `averages` (2, k) of p, the areas (k,) and E^2 (k,)."""
     integral, square = (of_p @ area).tolist()
     return Sums(float(squares.sum()), square, integral, float(area.sum()), len(area))
 
 
 class AncestorSearch:
-    """From the triangles of the first mesh, or of the one `before`, to those that came from them.
+    """The search for p, from the triangles of the first mesh, or of that `before`, to those made from them.
 
-    On the mesh in hand the triangles have the polynomials `of` (m,), found so many `halvings` (m,) above. Of
-    those that are `left` (m,) they are not near enough; `new` (m,) are those whose polynomials are new.
-    `sums` are over triangles where p is near enough, or over the `whole` mesh before.
+    On the mesh in hand each triangle has the polynomial with the number in `of` (m,), found `halvings` (m,)
+    halvings above it. `left` (m,) marks the triangles whose polynomial is not near enough, `new` (m,) those
+    whose polynomial is new. `sums` are over the triangles where p is near enough or, if `whole`, over all of
+    the mesh before.
     """
 
     def __init__(self, mesh: Mesh, data: Data, first: Mesh, before: Seen | None, sums: Sums) -> None:
-        """From the `first` mesh, from what was seen there `before`, if it was, and the sums over it."""
+        """Search from the `first` mesh on, with what was seen there `before`, if anything, and its sums."""
         self.mesh, self.data, self.h = mesh, data, even_h(mesh)
         self.known, self.sums, self.whole = none(), sums, before is not None
         steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
@@ -106,7 +113,7 @@ class AncestorSearch:
         return Seen(self.known, self.of, self.halvings)
 
     def _ask(self, nodes: Index, at: Index) -> None:
-        """For f on triangles with those nodes (k, 3) and numbers (k,)."""
+        """Enclose f on the triangles with those nodes (k, 3) and the numbers `at` (k,)."""
         if not at.size:
             return
         found = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.data)
@@ -119,18 +126,21 @@ class AncestorSearch:
             self.sums = self._with(found.of(fine), area[fine])
 
     def _with(self, found: Polynomials, area: Array) -> Sums:
-        """The sums, and those over triangles with these areas (k,), unless they are in them."""
+        """The sums with those over triangles of these areas (k,) added, unless they contain these already."""
         if self.whole:
             return self.sums
         return self.sums + sums_of(found.averages(), area, area * found.rad**2)
 
     def _wide_above(self, rad: Array, sums: Sums | None = None) -> Mask:
-        """(k,) where rad (k,) is more than the triangles of the mesh in all should have: alike everywhere."""
+        """(k,) where rad (k,) would be too large if all triangles of the mesh had it."""
         wanted = (sums or self.sums).wanted(self.h, ABOVE)
         return np.asarray(rad**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
 
     def wide(self) -> Mask:
-        """(m,) where rad is too large on the mesh: half of what is wanted goes by areas, half by numbers."""
+        """(m,) where rad is too large on the mesh.
+
+        Half of what is wanted is shared out among the triangles by area, the other half equally.
+        """
         area, n = self.mesh.areas, len(self.mesh.triangles)
         rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
         wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.h)

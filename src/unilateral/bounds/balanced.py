@@ -1,7 +1,8 @@
 """A function w of V_h near u_h whose flux by `equilibrated` has the divergence w - f on every triangle.
 
-For u_h that is so but for what the solver left of the discrete equations, and for what the flux on the edges
-leaves of lambda_H. To the error of u_h that may be nothing, and much to that of lambda_H, which is smaller.
+For u_h itself this holds up to what the solver left of the discrete equations and what the flux on the edges
+leaves of lambda_H. This may be nothing beside the error of u_h, and much beside the error of lambda_H, which
+is smaller.
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ from unilateral.fem.p1 import edge_load, lumped_mass, stiffness_and_mass
 from unilateral.solvers.descent import solved
 
 SHARE = 0.01
-"""Of the squares of min(h, 1) ||grad w - q||, like ||u - w||_0: what w - f - div q may have."""
+"""||w - f - div q||^2 may be this fraction of the sum over the triangles of min(h, 1)^2 ||grad w - q||^2.
+
+That sum is like ||u - w||_0^2.
+"""
 
 
 def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Array, float]:
-    """w (n,), its flux as `equilibrated` tells it, w - f_h - div q (m,), and what rounding adds to the norms.
+    """w (n,), its flux as `equilibrated` gives it, w - f_h - div q (m,), and what rounding adds to the norms.
 
-    The flux has the values `sigma` (nb, 2) at the ends of the boundary edges, on free sides the given ones.
+    The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
     """
     w = u_h
     for last in (False, True):
@@ -37,10 +41,11 @@ def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Ar
 
 
 def _solved(source: Source, w: Array, sigma: Array, least: float) -> Array:
-    """w with (w, psi_a)_1 = (f, psi_a) + <sigma, psi_a>, until the patches lack that of their divergence.
+    """w with (w, psi_a)_1 = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
 
-    A patch spreads its r_a over the area |a| of its triangles, of which at most three lie at any place: that
-    is no more than sum 3 r_a^2 / |a|.
+    Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
+    most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
+    is brought down to `least`.
     """
     mesh = source.mesh
     stiffness, mass = stiffness_and_mass(mesh)

@@ -1,7 +1,7 @@
 """The constraint v >= g on the boundary edges of a mesh, for v of P2: g as a piecewise polynomial p on them.
 
-On every edge p is known in Gauss points of intervals, which says all of a polynomial; its sign there is told
-by its coefficients in Bernstein's basis.
+On every edge p is known at Gauss points of intervals, which determine a polynomial; its sign there is found
+from its coefficients in Bernstein's basis.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from unilateral.problems.obstacle import Obstacle
 from unilateral.problems.piecewise import ORDER, PLACES
 
 PARTS = 8
-"""Of an edge: intervals on which the sign of p - v is asked for."""
+"""Every edge is cut into this many equal intervals, on each of which the sign of p - v is asked for."""
 JUMP = 1e-13
-"""Of |g|: by what it has to jump at a vertex."""
+"""p counts as jumping at a vertex if its two values there differ by more than this times the largest |p|."""
 ON_INTERVALS = ("edge", "x", "weight", "p", "slope", "doubt", "upper")
-"""The fields of a constraint that are told on intervals."""
+"""The fields of a `Constraint` that are given for each interval."""
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """g on the boundary edges of a mesh, those on free sides left out.
+    """g on the boundary edges of a mesh; edges on free sides are left out.
 
-    `unknowns` (nb, 3) are P2's at the start, the end and the midpoint of every edge, `at_unknowns` (n,) is p
-    there, -inf where there is none; `jumps` (nb,): p differs from that of the side before or after at an end.
-    On K intervals of edges, with Q points each: the edge (K,), the places x (K, Q) in [0, 1] on it, their
-    weights, p and its derivative; the doubt, in which the `rounding` (nb,) of p is, and an upper bound of g
-    (K,).
+    `unknowns` (nb, 3) are the unknowns of P2 at the start, the end and the midpoint of every edge.
+    `at_unknowns` (n,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p differs at an end
+    of the edge from p on the edge before or after. `rounding` (nb,) is that of p. The other fields belong to
+    K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
+    `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
+    `upper` bound (K,) on g.
     """
 
     mesh: Mesh
@@ -52,16 +53,17 @@ class Constraint:
 
     @cached_property
     def highest(self) -> Array:
-        """(nb,) upper bounds of p with the doubt on the edges, -inf where there is no p."""
+        """(nb,) upper bounds on p plus its doubt on the edges, -inf where there is no p."""
         found = np.full(len(self.unknowns), -np.inf)
         np.maximum.at(found, self.edge, bernstein_bounds(self.p)[1] + self.doubt)
         return found
 
     def near(self, v: Array, also: Mask) -> Constraint:
-        """Without the intervals of edges where v (n,) is above g and its doubt; those `also` (nb,) are kept.
+        """The constraint without edges where v (n,) is above g and its doubt; those `also` (nb,) are kept.
 
-        v is at least its least coefficient in Bernstein's basis on the edge, and so are those on an interval;
-        `highest` is such a bound of p. So those of p - v, with the doubt and what is rounded, are below 0.
+        On an edge v is at least its least coefficient in Bernstein's basis, and so are its coefficients on an
+        interval; `highest` bounds p from above likewise. So on the intervals left out the coefficients of
+        p - v, with the doubt and the rounding, are below 0.
         """
         start, end, middle = v[self.unknowns].T
         least = np.minimum(np.minimum(start, end), 2 * middle - 0.5 * (start + end))
@@ -83,7 +85,10 @@ class Constraint:
 
 
 def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask) -> Constraint:
-    """The constraint v >= g on the edges `on` (nb,) for P2 with n unknowns, those (nb, 3) on the edges."""
+    """The constraint v >= g on the edges `on` (nb,), for P2 with n unknowns.
+
+    `unknowns` (nb, 3) are those on the edges, as in `Constraint`.
+    """
     lengths = np.diff(mesh.s)
     inner = mesh.s[:-1, None] + lengths[:, None] * np.arange(PARTS) / PARTS
     cuts = np.union1d(np.append(inner.ravel(), mesh.s[-1]), obstacle.points)
@@ -118,10 +123,11 @@ def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask
 
 
 def _at_ends(on_edges: Array, unknowns: Index, n: int, on: Mask) -> tuple[Array, Array, Mask]:
-    """p (n,) at the unknowns, from its values (nb, 3) on the edges; by what p is raised at their ends; jumps.
+    """p (n,) at the unknowns, what p is raised by at the edges' ends (nb, 2), and where it jumps (nb,).
 
-    The larger value counts at a vertex. What lacks of it by rounding (nb, 2) is added to p linearly along the
-    edge, or else w would not vanish there; where more lacks p jumps (nb,).
+    p has the values `on_edges` (nb, 3). At a vertex the larger of two values counts. If the other one lacks
+    something by rounding, that is added to p linearly along its edge, or else w (`feasible`) would not vanish
+    at the vertex. If it lacks more, p jumps.
     """
     on_edges = np.where(on[:, None], on_edges, -np.inf)
     at_unknowns = np.full(n, -np.inf)
@@ -152,10 +158,10 @@ def _to_bernstein() -> Array:
 
 
 ROUNDING = 4 * EPS * float(np.abs(_to_bernstein()).sum(axis=1).max())
-"""Of |p|: that of its coefficients in that basis."""
+"""The rounding of the coefficients of p in Bernstein's basis, as a multiple of the largest |p|."""
 
 
 def bernstein_bounds(values: Array) -> tuple[Array, Array]:
-    """(K,), (K,) those of the polynomials with the values (K, Q)."""
+    """(K,), (K,) lower and upper bounds on the polynomials with the values (K, Q) at Gauss points."""
     coefficients = values @ _to_bernstein().T
     return coefficients.min(axis=1), coefficients.max(axis=1)

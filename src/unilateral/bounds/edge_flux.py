@@ -16,16 +16,20 @@ from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
 
 PUSH = 0.5
-"""Of H_i lambda_i: what lies less than that above g counts as contact. Only the sharpness depends on it."""
+"""u_h counts as in contact where it is less than this times H_i lambda_i above g.
+
+Only the sharpness of the bounds depends on it.
+"""
 SUMS = 1e-9
-"""Of a sum of squares: its rounding, at most."""
+"""At most this fraction of a sum of squares is rounding."""
 
 
 class EdgeFlux(NamedTuple):
-    """lambda_H on the boundary edges: at their `ends` (nb, 2) its linear part, the slope limited, so >= 0.
+    """lambda_H on the boundary edges.
 
-    `rest` (nb,) is the squared L2 norm of what is left, `constant` (nb,) is what `oscillation` needs to bound
-    that in ||.||_{-1/2}; `push` (nb,) is the largest H_i lambda_i of a cell there.
+    `ends` (nb, 2) are the values of its linear part at the edges' ends, >= 0 since the slope is limited.
+    `rest` (nb,) is the squared L2 norm of what is left, and `constant` (nb,) is what `oscillation` needs to
+    bound that in ||.||_{-1/2}. `push` (nb,) is the largest H_i lambda_i of a cell there.
     """
 
     ends: Array
@@ -35,7 +39,7 @@ class EdgeFlux(NamedTuple):
 
 
 def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array) -> EdgeFlux:
-    """That of lambda_H (m,) on the cells."""
+    """The flux of lambda_H (m,), which is constant on the cells."""
     lengths, nb = np.diff(mesh.s), len(mesh.boundary)
     points, cell, edge = overlay(cells.points, mesh.s)
     middle = 0.5 * (points[1:] + points[:-1])
@@ -64,9 +68,9 @@ def in_contact(g: Constraint, u_h: Array, push: Array) -> Mask:
 
 
 def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int]) -> None:
-    """Raises InputError unless these are of V_h and Lambda_H, lambda_H >= 0, and 0 on the `free` sides.
+    """Raises InputError unless u_h is in V_h, lambda_H in Lambda_H, lambda_H >= 0, and 0 on the `free` sides.
 
-    So it does where the mesh is too far from the exact one.
+    It is raised, too, where the mesh is too far from the exact one.
     """
     if not np.array_equal(mesh.polygon.vertices, cells.polygon.vertices):
         raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")

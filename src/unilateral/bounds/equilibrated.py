@@ -13,11 +13,11 @@ Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
 
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
-b_j. The divergence says F_{j+1} - F_j; what is sought are all z_j and, inside the domain, F_0: the solution
-of a periodic tridiagonal system with a border, which is eliminated for many patches at once.
+b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, inside the domain, F_0. They solve
+a periodic tridiagonal system with a border, which is eliminated for many patches at once.
 
-q is told by its values on edges, so that whatever rounding does to them, q is in H(div), with that q.n up to
-the rounding of these values.
+q is given by its values on edges. So whatever rounding does to these values, q is in H(div), with that q.n up
+to their rounding.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ from unilateral.geometry.mesh import Mesh
 class _Numbers(NamedTuple):
     """Numbers of the triangles T_j (k, p) of p patches.
 
-    These are the area T, the integral of div q_a, and the T-fold squares of grad psi_b and grad psi_c, b and
-    c being b_j and b_{j+1}, and their product. `slope` (k + 1, p) is u_h(b_j) - u_h(a).
+    `area` is T, `d` is the integral of div q_a. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
+    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c. `slope` (k + 1, p) is
+    u_h(b_j) - u_h(a).
     """
 
     area: Array
@@ -48,11 +49,12 @@ class _Numbers(NamedTuple):
 
 
 def equilibrated(mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array) -> Array:
-    """q on the edges (2, E) of the `triangulation`: flows (E,), and by how much they tilt (E,).
+    """q on the edges of the `triangulation`, (2, E): their flows (E,) and tilts (E,).
 
-    What flows over an edge to its left, times its length, is linear along it. It is the sum of both at the
-    first end, and their difference at the second end. `moments` gives those of f with the hats (k, 3) of some
-    triangles; `sigma` (nb, 2) is linear on the boundary edges, with these values at their ends.
+    The flux over an edge to its left, times the edge's length, is linear along it. At the first end of the
+    edge it is the flow plus the tilt, at the second end the flow minus the tilt. `moments` gives the moments
+    (k, 3) of f with the hats of some triangles; `sigma` (nb, 2) are the values at the ends of the boundary
+    edges of q.n, which is linear there.
     """
     ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
     after, f = around(mesh, moments)
@@ -72,7 +74,7 @@ def equilibrated(mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigm
 def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
     """(3, k), (3, k) what flows into triangles through the edges opposite to their nodes, at both ends.
 
-    These are the nodes after that one, in their order.
+    The ends are the two nodes after the opposite one, in this order.
     """
     edge, start = mesh.opposite_edges[of].T, mesh.triangles[of].T[[1, 2, 0]]
     left = mesh.triangulation.ends.ravel().take(2 * edge) == start
@@ -82,7 +84,7 @@ def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
 
 
 def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array) -> _Numbers:
-    """Those of nodes a (p,), the nodes b (k + 1, p) around them, and the `moments` (k, p) of f with psi_a."""
+    """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
     points = mesh.points.ravel()
     x, y = (points.take(2 * b + i) - points.take(2 * a + i) for i in range(2))
     u = u_h.take(a)
@@ -96,9 +98,9 @@ def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array) -> _Num
 
 
 def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
-    """The flux of q_a through the first and the last spoke of nodes at which boundary edges begin, (2, p).
+    """(2, p), (2, p) F and z on the first and on the last spoke of nodes at which boundary edges begin.
 
-    It flows into the first triangle and out of the last one; these are F and z. On an edge a, b
+    They are those of the flux of q_a into the first triangle and out of the last one. On an edge a, b
 
         q_a.n = sigma(a) + (sigma(b) - sigma(a)) / 6 at a, (sigma(b) - sigma(a)) / 6 at b.
     """
@@ -112,8 +114,8 @@ def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
 def _terms(of: _Numbers, S: Array) -> tuple[Array, Array, Array]:
     """Derivatives of half of what is minimised on each triangle, with F_j = S_j + F_0.
 
-    The second one by z_j, or by z_{j+1}, and minus the first ones by these where they and F_0 are 0; that by
-    both is `bc`.
+    These are the second derivative by z_j, which is also that by z_{j+1}, and minus the first derivatives by
+    z_j and by z_{j+1} where these and F_0 are 0. The mixed second derivative is `bc`.
     """
     middle, twist = S[:-1] + S[1:], 0.25 * (of.slope[:-1] + of.slope[1:])
     mixed = 2 * of.bc
@@ -136,7 +138,7 @@ def _sums(of: _Numbers, into: Array | float, out: Array | float) -> Array:
 def _inside(of: _Numbers) -> Array:
     """(2, k, p) F and z on the spokes of p nodes with k triangles around each.
 
-    The border is that of 2 F_0.
+    The unknown of the border is 2 F_0.
     """
     S, with_b, with_c = _sums(of, 0.0, 0.0), of.bb + of.bc, of.cc + of.bc
     (own, load, load_next), both = _terms(of, S), with_b + with_c
@@ -190,7 +192,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
-    """The same of p nodes at the boundary, from F and z (2, p) on the first and the last spoke."""
+    """(2, k, p) F and z on the spokes of p nodes at the boundary, from those (2, p) on the outer spokes."""
     S, k = _sums(of, into[0], out[0]), len(of.d)
     own, load, load_next = _terms(of, S)
     diagonal, off, load = own[1:] + own[:-1], of.bc, load[1:] + load_next[:-1]

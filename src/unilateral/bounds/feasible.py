@@ -1,4 +1,4 @@
-"""A P2 function v made to satisfy v >= g on the boundary: what changes of it, and what is missing then.
+"""How a P2 function v is made to satisfy v >= g on the boundary, and what is still missing then.
 
 g is within `doubt` of a continuous piecewise polynomial p (`obstacle`). v is raised to p at the nodes and
 midpoints of the boundary edges, or at a midpoint above p. On an edge where v is in contact r = p - v is left,
@@ -28,16 +28,19 @@ from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds
 from unilateral.geometry.mesh import Mesh
 
 DEAR = 16.0
-"""What the square of ||w||_1 counts against that of a raised midpoint. Only the sharpness depends on it."""
+"""||w||_1^2 counts this many times as much as the squared norm of a raised midpoint when one is chosen.
+
+Only the sharpness of the bounds depends on it.
+"""
 SPARE = 1.05
-"""Times what a midpoint has to be raised at least: v > p between the points of the rule, too."""
+"""A midpoint is raised by this times what the points of the rule need, for v > p between them, too."""
 
 
 class Missing(NamedTuple):
-    """What w and a bound of <q.n, v + w + added - g> have on every edge, and what is added for the doubt.
+    """Bounds on ||w||_1^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the doubt.
 
-    The sum of `squares` (nb,) is at least ||w||_1^2, that of `slack` (nb,) the bound; `added` (n_nodes,) are
-    nodal values.
+    The sum of `squares` (nb,) is at least ||w||_1^2, and the sum of `slack` (nb,) is a bound on the product;
+    `added` (n_nodes,) are nodal values.
     """
 
     squares: Array
@@ -46,17 +49,17 @@ class Missing(NamedTuple):
 
     @property
     def norm(self) -> float:
-        """A bound of ||w||_1."""
+        """A bound on ||w||_1."""
         return math.sqrt(float(self.squares.sum()))
 
     @property
     def product(self) -> float:
-        """A bound of <q.n, v + w + added - g>."""
+        """A bound on <q.n, v + w + added - g>."""
         return max(float(self.slack.sum()), 0.0)
 
 
 class _Short(NamedTuple):
-    """On every edge (nb,): bounds of ||w||_1^2 and <q.n, v + w - g>, and the doubt where v + w needs it."""
+    """Bounds on ||w||_1^2 and <q.n, v + w - g> on every edge (nb,), and the doubt where v + w needs it."""
 
     squares: Array
     slack: Array
@@ -66,11 +69,12 @@ class _Short(NamedTuple):
 def raised(
     g: Constraint, v: Array, contact: Mask, triangle: Index, flux: Array, stiffness: Array
 ) -> tuple[Array, Mask]:
-    """v (n,), at least p at the unknowns, and (nb,) the edges on which r has any sign: what costs least.
+    """v (n,), raised to at least p at the unknowns, and (nb,) the edges on which r has any sign.
 
-    v = p at the unknowns in `contact` (n,), and r may have any sign where all three of an edge are; or
-    there, as elsewhere, it is (p - v)_+; or the midpoint is raised above p. `stiffness` (nb,) are the
-    squared norms of the midpoints' basis functions; see `missing` for the others.
+    v = p at the unknowns in `contact` (n,). On every edge the cheapest of these is taken: r has any sign,
+    which is for edges with all three unknowns in contact and without a jump of p; r is (p - v)_+; or the
+    midpoint is raised above p. `stiffness` (nb,) are the squared norms of the midpoints' basis functions; see
+    `missing` for the other arguments.
     """
     v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
     touching = contact[g.unknowns].all(axis=1) & ~g.jumps

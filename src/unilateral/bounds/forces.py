@@ -36,11 +36,11 @@ from unilateral.geometry.partition import Partition
 from unilateral.solvers.least import least
 
 LEAST, TINY = 1e-100, 1e-300
-"""E at least, as w is chosen: in forces, and at all."""
+"""When w is chosen, E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
 
 
 class Force(NamedTuple):
-    """The integral of lambda_H over a part of the boundary, and bounds of that of lambda."""
+    """The integral of lambda_H over a part of the boundary, and bounds on the integral of lambda there."""
 
     value: float
     lower: float
@@ -57,9 +57,9 @@ def forces(
 ) -> list[Force]:
     """The force over each of the `parts`, which are numbers of sides.
 
-    lambda_H (m,) >= 0 is that on the cells, `bound` that of ||lambda - lambda_H||_{-1/2}; `free` sides have
-    no constraint. An infinite bound leaves every force without an upper bound. Of the `mesh` that lambda_H
-    was computed on only the coarsest level is used.
+    lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2};
+    `free` sides have no constraint. If the bound is infinite, no force has an upper bound. Of the `mesh` that
+    lambda_H was computed on only the coarsest level is used, where that suffices (`small_mesh`).
     """
     held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
     sides = [np.intersect1d(held, [*part]) for part in parts]
@@ -90,7 +90,10 @@ def _ends(
 
 
 def _limits(mesh: Mesh, held: Index, part: Index) -> tuple[Array, Array]:
-    """(nb,), (nb,) c at the boundary nodes for w above, and for -w below; -inf where w is free."""
+    """(nb,), (nb,) c at the boundary nodes, for w in the upper bound and for -w in the lower one.
+
+    It is -inf where w is free.
+    """
     on, off = np.isin(mesh.side, part), np.isin(mesh.side, np.setdiff1d(held, part))
     at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
     c = np.where(at_on | at_off, 0.0, -np.inf)
@@ -101,7 +104,8 @@ def _limits(mesh: Mesh, held: Index, part: Index) -> tuple[Array, Array]:
 class Best:
     """The least of <lambda_H, w> + E ||w||_1 on a mesh with its `space`, or among constants without one.
 
-    `pairing` (nb,) is lambda_H against the hats of the boundary nodes, `load` (nb,) about that over E.
+    `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, `load` (nb,) is about
+    `pairing` over E, and `bound` is E.
     """
 
     mesh: Mesh
@@ -111,9 +115,9 @@ class Best:
     load: Array
 
     def of(self, c: Array, begin: Mask) -> Array:
-        """(k,) for w >= c, each column of c (nb, k), whose largest number is -1, 0 or 1.
+        """(k,) the least values for w >= c, for each column of c (nb, k), whose largest number is -1, 0 or 1.
 
-        `least` begins with the active sets (nb, k).
+        `least` begins with the active sets `begin` (nb, k).
         """
         constants = self._most(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
         found = constants[1 + c.max(axis=0).astype(int)]
@@ -128,7 +132,8 @@ class Best:
     def _most(self, w: Array) -> Array:
         """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
 
-        What is paired is off by the `stretch` of sides, and by places on edges, rounded like the perimeter.
+        The pairing is off by the `stretch` of sides, and by the rounding of places on edges, which is that of
+        the perimeter.
         """
         trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)

@@ -1,10 +1,10 @@
 """The flux tau that is given on free sides (q in problem files), on the boundary edges of a mesh.
 
-On an edge e tau is a piecewise polynomial p up to a function rho, of which bounds of ||rho||_e and of its
-integral are known (`problems.flux`). tau~ is the L2 projection of p onto linear functions: int tau~ psi is
-int p psi for all hats psi. What tau~ leaves of tau is p - tau~, which is orthogonal to linear functions, rho
-less its mean, and the mean of rho. For the first two see `oscillation`: with ||p - tau~||_e + ||rho||_e on
-triangles, and the sum of both with their constants on squares. Of the third, T the triangle at e,
+On an edge e tau is a piecewise polynomial p up to a function rho, and bounds on ||rho||_e and on its integral
+are known (`problems.flux`). tau~ is the L2 projection of p onto linear functions: int tau~ psi is int p psi
+for all hats psi. tau - tau~ is the sum of p - tau~, which is orthogonal to linear functions, of rho less its
+mean, and of the mean of rho. For the first two see `oscillation`: with ||p - tau~||_e + ||rho||_e on
+triangles, and the sum of both with their constants on squares. For the third, with T the triangle at e,
 
     |int rho| |mean_e v| <= |int rho| |e|^{-1/2} ||v||_e <= |int rho| (C/|e|)^{1/2} ||v||_{1,T},
 
@@ -36,14 +36,17 @@ from unilateral.problems.flux import Flux
 from unilateral.problems.piecewise import ORDER
 
 ROUNDING = 64 * EPS
-"""Of |p| on an edge: that of its moments, and so much again for every interval there."""
+"""The rounding of the moments of p on an edge, as a multiple of the largest |p| there.
+
+It is added once more for every interval of the edge.
+"""
 
 
 class Given(NamedTuple):
-    """tau~ by its values `ends` (nb, 2) at the ends of the edges, and what it leaves of tau.
+    """tau~, by its values `ends` (nb, 2) at the ends of the edges, and bounds on tau - tau~.
 
-    The dual norm of that is at most the sum of the roots of the rows' sums of `squares` (2, nb); of `doubts`
-    (2, nb) if tau were p, which are 0 but for that.
+    Each of the two rows of `squares` (2, nb) has a sum. The dual norm of tau - tau~ is at most the sum of the
+    roots of these. `doubts` (2, nb) are the same for tau - p: if tau were p they would be 0 but for rounding.
     """
 
     ends: Array
@@ -52,23 +55,23 @@ class Given(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """A bound of the norm of tau - tau~ in the dual of H^1."""
+        """A bound on the norm of tau - tau~ in the dual of H^1."""
         return _norm(self.squares)
 
     @property
     def unknown(self) -> float:
-        """What of that is tau - p."""
+        """The part of that bound that is for tau - p."""
         return _norm(self.doubts)
 
 
 def nothing(mesh: Mesh) -> Given:
-    """No flux is given."""
+    """The `Given` of a mesh on which no flux is given: 0."""
     nb = len(mesh.boundary)
     return Given(np.zeros((nb, 2)), *np.zeros((2, 2, nb)))
 
 
 def given(flux: Flux, mesh: Mesh) -> Given:
-    """That of a problem; infinite where the flux has no bound."""
+    """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
     cuts = np.union1d(mesh.s, flux.points)
@@ -89,9 +92,9 @@ def given(flux: Flux, mesh: Mesh) -> Given:
 
 
 def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) -> tuple[Array, Array]:
-    """(nb,), (nb,) bounds of ||rho||_e and its integral, from intervals (K,) of edges.
+    """(nb,), (nb,) bounds on ||rho||_e and on the integral of rho, from intervals (K,) of edges.
 
-    Within its reach of a place where two pieces meet, on either side of it, rho may be the jump there.
+    Within the flux's `reach` of a place where two pieces meet, on either side, rho may be the jump there.
     """
     at, jumps = flux.points[flux.jumps > 0], flux.jumps[flux.jumps > 0]
     before, after = (_edges(mesh, at + off) for off in (-flux.reach, flux.reach))
@@ -104,7 +107,10 @@ def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) ->
 
 
 def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
-    """(nb,) that of tau~, from |p| on intervals (K,); places, and so the edges' lengths, are rounded, too."""
+    """(nb,) the rounding of tau~, from the largest |p| on intervals (K,).
+
+    Places, and so the edges' lengths, are rounded, too.
+    """
     largest = np.zeros(len(mesh.boundary))
     np.maximum.at(largest, edge, size)
     terms = 1 + np.bincount(edge, minlength=len(largest))
@@ -112,7 +118,7 @@ def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
 
 
 def _squares(mesh: Mesh, left: Array, norm: Array, integral: Array) -> Array:
-    """(2, nb) as in `Given`, from ||p - tau~||, a bound of ||rho||, and one of the integral of rho."""
+    """(2, nb) the squares of `Given`, from ||p - tau~|| and bounds on ||rho|| and on the integral of rho."""
     triangle, lengths, square = mesh.boundary_triangles, np.diff(mesh.s), has_square(mesh)
     on_square = math.sqrt(ON_SQUARE) * left + math.sqrt(MEAN_FREE_ON_SQUARE) * norm
     on_triangle = np.sqrt(trace_constants(mesh, triangle)) * (left + norm)

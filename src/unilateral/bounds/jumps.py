@@ -1,7 +1,7 @@
 """Pieces of triangles cut along the lines and circles at which steps pos(a, 0) jump.
 
-A circle is cut along chords. Between a chord and its arc a step has the other value than in the rest of the
-piece; the area of that is known.
+A circle is cut along chords. Between a chord and its arc a step does not have the value that it has in the
+rest of the piece; the area in between is known.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
 
 TINY = 1e-300
-"""Of a triangle's area: what underflows times that."""
+"""A part of a triangle is left out if its share of the area is at most this: times an area it underflows."""
 SMALL = 1 / 8
-"""Of a circle's radius: the diameter up to which pieces are cut along chords."""
+"""A piece is cut along a chord of a circle if its diameter is at most this times the radius."""
 Jumps = Mapping[Atom, Kink]
 Steps = dict[Atom, Array]
 
 
 def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
-    """The pieces (k, 3, 3), each that a curve crosses cut in three by a chord, and what they are parts of.
+    """The pieces (k, 3, 3), cut along the curves, and the number (k,) of the piece that each is a part of.
 
-    Pieces that are large against a circle are left whole. A part without an area, or nearly so, is thinner
-    than coordinates are rounded; the boxes of its neighbours are wider by that (`source`).
+    A piece that a curve crosses is cut in three by a chord. Pieces that are large against a circle are left
+    whole. A part without an area, or nearly so, is left out: it is thinner than the rounding of coordinates,
+    by which the boxes of its neighbours are wider (`source`).
     """
     owner = np.arange(len(parent))
     for kink in jumps.values():
@@ -42,12 +43,11 @@ def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array,
 
 
 def sides(vertices: Array, jumps: Jumps, size: float) -> tuple[dict[Atom, Array], dict[Atom, Array]]:
-    """Of pieces with those vertices (k, 3, 2): the values (k,) of every step, NaN where it may have both.
+    """The value (k,) of every step on pieces, and the area (k,) on which it has the other value.
 
-    The vertices are computed from coordinates of that `size`.
-
-    And the area (k,) of what lies on the other side of the curve than the centroid, where the step has the
-    other value, up to `rounding`; NaN for pieces that the curve is not near.
+    The pieces have those vertices (k, 3, 2), computed from coordinates of that `size`. A value is NaN where
+    the step may have both. The area is that of the part on the other side of the curve than the centroid, up
+    to `rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
     """
     steps, wrong, centre = {}, {}, vertices.mean(axis=1)
     for step, kink in jumps.items():
@@ -69,20 +69,20 @@ def _diameter(vertices: Array) -> Array:
 
 
 def rounding(vertices: Array, kink: Kink, size: float) -> Array:
-    """(k,) how far rounding may falsify these areas, of vertices made of coordinates of that size."""
+    """(k,) how far rounding may falsify the areas of `sides`, for coordinates of that size."""
     diameter = _diameter(vertices)
     return 64 * EPS * (_size(size, kink) * diameter + (kink.radius + diameter) ** 2)
 
 
 def _size(size: float, kink: Kink) -> float:
-    """That of the numbers from which levels are computed."""
+    """The size of the numbers from which a kink's levels are computed."""
     return size + float(np.abs(kink.centre).max()) + kink.radius
 
 
 def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
-    """(k,) what has not the value of a step that a piece is given, that `inside` a circle or outside.
+    """(k,) the area on which a step does not have the value that its piece is given.
 
-    0 for a line, along which pieces are cut.
+    That is the value `inside` a circle or outside it. The area is 0 for a line, along which pieces are cut.
     """
     if not kink.radius:
         return np.zeros(len(vertices))
@@ -92,7 +92,7 @@ def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
 
 
 def area_in_disc(vertices: Array, radius: float) -> Array:
-    """(k,) of triangles (k, 3, 2) what lies in the disc about 0: sectors and a triangle at each edge."""
+    """(k,) the areas of triangles (k, 3, 2) in the disc about 0, from sectors and a triangle at each edge."""
     start, end = vertices, np.roll(vertices, -1, axis=1)
     d = end - start
     a, b, c = _dot(d, d), _dot(start, d), _dot(start, start) - radius**2
@@ -118,7 +118,7 @@ def _angle(a: Array, b: Array) -> Array:
 
 
 def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
-    """The pieces, those crossed each cut in three by the chord between two of its edges."""
+    """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
     above, s = level[crossed] >= 0, level[crossed]
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     order = (alone[:, None] + np.arange(3)) % 3

@@ -1,4 +1,4 @@
-"""Functions of P2 given at boundary nodes and on boundary edges, 0 but on the triangles at these nodes."""
+"""Functions of P2 given at boundary nodes and on boundary edges, 0 except on the triangles at these nodes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from unilateral.geometry.mesh import Mesh
 class Layer(NamedTuple):
     """The triangles (k,) with nodes on the boundary: their areas, and the gradients (k, 3, 2) of their hats.
 
-    `at` (nb, 2) is the row and the node of it at which each boundary edge begins. Bubble i is that of the
-    nodes i and i + 1.
+    `at` (nb, 2) says where each boundary edge begins: in which row, and at which node of that triangle.
+    Bubble i of a triangle is that of its nodes i and i + 1.
     """
 
     mesh: Mesh
@@ -33,7 +33,7 @@ class Layer(NamedTuple):
         return values[self.mesh.triangles[self.triangles]], of_edges
 
     def norms(self, hats: Array, bubbles: Array) -> Array:
-        """(k,) the squares of H1 norms."""
+        """(k,) the squared H1 norms on the triangles, from these coefficients."""
         of_gradient = linear_squares(self.areas, slopes_at_nodes(self.slopes, hats, bubbles))
         return of_gradient + squares(self.areas, hats, bubbles)
 
@@ -45,7 +45,7 @@ class Layer(NamedTuple):
 
 
 def layer(mesh: Mesh) -> Layer:
-    """That of a mesh."""
+    """The layer of a mesh."""
     on_boundary = np.zeros(mesh.n_nodes, dtype=bool)
     on_boundary[mesh.boundary] = True
     triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))

@@ -1,4 +1,4 @@
-"""What makes a function of P2 feasible on the boundary, where (u_h, lambda_H) says that there is contact."""
+"""What makes a function of P2 feasible on the boundary; (u_h, lambda_H) says where there is contact."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unilateral.problems.obstacle import Obstacle
 
 
 class Lifting(NamedTuple):
-    """The constraint, P2's unknowns in `contact` (2 nb,), and the flux (nb, 2) at the ends of the edges."""
+    """The layer, the constraint, P2's unknowns in `contact` (2 nb,), and the flux (nb, 2) at edges' ends."""
 
     of: Layer
     g: Constraint
@@ -24,12 +24,12 @@ class Lifting(NamedTuple):
     flux: Array
 
     def met(self, nodal: Array) -> tuple[Array, Array]:
-        """What to add of hats and bubbles (nb,), (nb,) to values at boundary nodes, to be g in contact."""
+        """(nb,), (nb,) the hats and bubbles to add to values at boundary nodes, to be g in contact."""
         before = _trace(nodal, np.zeros_like(nodal))
         return _coefficients(np.where(self.contact, self.g.at_unknowns - before, 0.0))
 
     def lifted(self, nodal: Array, bubbles: Array) -> tuple[Array, Array, Missing]:
-        """What to add to these coefficients to be feasible, and what is missing then."""
+        """(nb,), (nb,) what to add to these coefficients to make them feasible, and what is missing then."""
         before, triangle = _trace(nodal, bubbles), self.of.mesh.boundary_triangles
         v, touching = raised(self.g, before, self.contact, triangle, self.flux, self.of.bubble_squares())
         return *_coefficients(v - before), missing(self.g, v, touching, triangle, self.flux)
@@ -41,7 +41,7 @@ class Lifting(NamedTuple):
 
 
 def lifting(mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, held: Mask) -> Lifting:
-    """For u_h (n,), with g on the edges `held` (nb,)."""
+    """The lifting for u_h (n,), with g on the edges `held` (nb,)."""
     nb = len(held)
     start = np.arange(nb)
     unknowns = np.column_stack([start, (start + 1) % nb, nb + start])
@@ -56,6 +56,6 @@ def _trace(nodal: Array, bubbles: Array) -> Array:
 
 
 def _coefficients(trace: Array) -> tuple[Array, Array]:
-    """The other way."""
+    """(nb,), (nb,) the coefficients of hats and of bubbles with that trace (2 nb,)."""
     nodal, middle = np.split(trace, 2)
     return nodal, middle - 0.5 * (nodal + np.roll(nodal, -1))

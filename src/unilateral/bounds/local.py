@@ -19,13 +19,13 @@ the first product is at most <sigma, u_h + d - g>, since <lambda~, u~ - g> = 0, 
 says Y <= eta, the square of which is R for u_h + d.
 
 f and tau make a functional F on H^1, f~ and tau~ another one. u is the projection of what represents F in H^1
-to a convex set, and lambda the difference of both. Neither takes two points farther apart: the distances of
-u and u~, and of lambda and lambda~, are at most that of F and F~.
+to a convex set, and lambda the difference of both. Neither map takes two points farther apart: the distances
+of u and u~, and of lambda and lambda~, are at most that of F and F~.
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
 there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
-makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is asked of u_h and
-lambda_H. The sums over triangles have what rounding may have done to them added.
+makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is assumed of u_h and
+lambda_H. What rounding may have done to the sums over triangles is added to them.
 
 u_h stands for the function with its nodal values on the exact mesh (`geometry.exact`), a triangulation of the
 polygon itself. What that changes of differences is added like rounding, and `growth` has the rest.
@@ -57,9 +57,10 @@ from unilateral.problems.obstacle import Obstacle
 class LocalBound:
     """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
 
-    `flux` is ||grad u_h - q||, `residual` ||u_h - f~ - div q||, `lifting` bounds ||d||_1, and `data` what
-    f - f~ and tau - tau~ can do. `unknown` is the part that would be 0 if f, g and tau were the polynomials
-    by which they are enclosed; of that `irreducible` hardly falls on finer meshes.
+    `flux` is ||grad u_h - q||, `residual` is ||u_h - f~ - div q||, `lifting` bounds ||d||_1, and `data`
+    bounds what f - f~ and tau - tau~ can add. `unknown` is the part that would be 0 if f, g and tau were the
+    polynomials by which they are enclosed; the part of that which is `irreducible` hardly falls on finer
+    meshes.
 
     `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
     2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
@@ -89,8 +90,8 @@ def local_bound(
 
     On these the flux is 0 unless it is `given`.
 
-    They are as sharp as (u_h, lambda_H) is near the discrete solution. Raises InputError if the arrays do not
-    fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
+    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)

@@ -1,8 +1,9 @@
-"""grad u_h - q and u_h - f - div q for a flux q that is told on edges, as by `equilibrated`.
+"""grad u_h - q and u_h - f - div q for a flux q that is given on edges, as by `equilibrated`.
 
-What the exact mesh adds to their norms (`geometry.exact`) is told with the rounding: on a triangle with the
-`distortion` eps that is eps |q| and eps |div q|, and at the boundary what the sides' `stretch` changes of the
-flow through an edge, so that q.n on the exact boundary is what it is on this one (Proposition S5).
+What the exact mesh adds to their norms (`geometry.exact`) is counted with the rounding. On a triangle with
+the `distortion` eps it is eps |q| and eps |div q|. At the boundary it is also what the sides' `stretch`
+changes of the flow through an edge, so that q.n on the exact boundary is what it is on this one (Proposition
+S5).
 """
 
 from __future__ import annotations
@@ -19,18 +20,19 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
 
 ROUNDING = 2.0**-45
-"""Of the sizes of the terms of a sum: 64 units in the last place, for some 20 operations each."""
+"""The rounding of a sum, over its terms' sizes: 128 units in the last place, for some 20 operations each."""
 UNDERFLOW, DIVIDED = 1e-150, 1e-156
-"""What vanishing squares take from the root of a sum, at most.
+"""What squares that underflow take from the root of a sum, at most.
 
-The first one times 1 and the square of the perimeter; and, where squares are divided by areas, the second one
-over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each, and each
-square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided by areas.
+It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
+DIVIDED over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each,
+and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided
+by areas.
 """
 
 
 def underflow(mesh: Mesh) -> float:
-    """That of a mesh: it is added to a bound."""
+    """What underflow takes on a mesh; it is added to a bound."""
     return UNDERFLOW * (1 + mesh.polygon.perimeter**2) + DIVIDED / math.sqrt(float(mesh.areas.min()))
 
 
@@ -43,7 +45,8 @@ def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:
 def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: Array) -> Array:
     """(2, 3, k) the same, from the nodes, u_h there (3, k), and the `flows`.
 
-    At a node flow in through the edge to the next node and out through that from the node before determine q.
+    At a node the flow in through the edge to the next node and the flow out through the edge from the node
+    before determine q.
     """
     (first, last), found, points = ends, np.empty((2, *u.shape), dtype=u.dtype), mesh.points.ravel()
     x, y = points.take(2 * node), points.take(2 * node + 1)
@@ -59,7 +62,7 @@ def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: 
 def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
     """(m,) ||grad u_h - q||^2 and u_h - f~ - div q on each triangle, and what rounding adds to the norm.
 
-    The exact mesh's part is in that, too.
+    That includes what the exact mesh adds.
     """
     mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
     squares, residual = np.empty((2, len(mesh.triangles)))
@@ -79,7 +82,7 @@ def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
 
 
 def _sum(of: Array) -> Array:
-    """(k,) of the three rows: faster than a reduction."""
+    """(k,) the sum of the three rows; this is faster than a reduction."""
     return np.asarray(of[0] + of[1] + of[2])
 
 
@@ -88,7 +91,7 @@ def _largest(of: Array | list[Array]) -> Array:
 
 
 def _stretched(mesh: Mesh, q: Array) -> Array:
-    """(m,) |q_T| + |div q_T| at most, q_T having the `stretch` of the sides times the flow of q there."""
+    """(m,) bounds on |q_T| + |div q_T|, where q_T has the `stretch` of a side times the flow of q there."""
     at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
     flow, tilt = q[:, mesh.triangulation.boundary]
     flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
@@ -97,5 +100,5 @@ def _stretched(mesh: Mesh, q: Array) -> Array:
 
 
 def root(squares: Array) -> float:
-    """Of their sum."""
+    """The square root of the sum."""
     return math.sqrt(float(squares.sum()))

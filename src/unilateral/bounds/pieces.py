@@ -15,18 +15,18 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 
 ROUNDING = 4 * EPS
-"""Of the coordinates' size: that of the vertices of pieces."""
+"""The rounding of the vertices of pieces, as a fraction of the size of coordinates."""
 GAPS = 8.0
-"""Times the rounding of coordinates: how wide gaps between pieces are at most."""
+"""Gaps between pieces are at most as wide as this times EPS times the size of coordinates."""
 
 
 class TrianglePieces(NamedTuple):
     """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
 
-    The longest edge lies opposite the first corner; p's variables are -1 and 1 at its ends, -1 both there.
-    The difference f - p is a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping`
-    (k,), whose integral is at most `integral` (k,). `outer` (k,) is a piece's area and what may lie between
-    it and its neighbours, whose corners are rounded otherwise.
+    The longest edge lies opposite to the first corner. The two variables of p are (1, -1) and (-1, 1) at the
+    ends of that edge and (-1, -1) at that corner. f - p is the sum of a function with ||.||^2 <= `squares`
+    (k,) and another one with ||.|| <= `jumping` (k,), whose integral is at most `integral` (k,). `outer` (k,)
+    is a piece's area plus what may lie between it and its neighbours, whose corners are rounded differently.
     """
 
     corners: Array
@@ -56,7 +56,10 @@ def areas(mesh: Mesh, pieces: TrianglePieces) -> Array:
 
 
 def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
-    """(k,) E^2 if f were known on all of a piece as well as in its middle: smaller ones are in vain."""
+    """(k,) what E^2 would be if f were known on all of a piece as well as in its middle.
+
+    Smaller pieces would be in vain.
+    """
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
     known, size = [], rounded_size(mesh)
     for block in blocks(len(parent)):
@@ -66,7 +69,7 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Ar
 
 
 def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[TrianglePieces, Index]:
-    """p on the pieces, those at a jump cut along it, and the piece (k,) that each is a part of."""
+    """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
     found, owners = [], []
     for block in blocks(len(parent)):
         parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
@@ -78,12 +81,12 @@ def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[
 
 
 def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
-    """(k,) areas and what may lie between pieces, of coordinates of that size."""
+    """(k,) areas plus what may lie between pieces, for coordinates of that size."""
     return area + GAPS * EPS * size * perimeter
 
 
 def on_triangles(vertices: Array, size: float, data: Data) -> tuple[Array, Array, Index]:
-    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) of |f - p|, and the corner (k,) that comes first.
+    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the corner (k,) that comes first.
 
     A step has both its values on a triangle that its curve may cross.
     """
@@ -117,9 +120,9 @@ def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> TriangleP
 
 
 def _jump(found: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
-    """On parts of the pieces `at`, `wrong` (k,) in area up to `doubt` (k,), f is larger by those differences.
+    """Account for parts of the pieces `at` where f is larger `by` so much; their areas are `wrong` (k,).
 
-    p is changed by a constant so that its integral is that of f.
+    The areas are known up to `doubt` (k,). p is changed by a constant so that its integral is that of f.
     """
     lower, upper = by.range
     middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
@@ -132,7 +135,10 @@ def _jump(found: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Array
 def _jumps(
     found: TrianglePieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
 ) -> None:
-    """Where several steps are wrong at once f differs otherwise: no more than all its values there do."""
+    """Account for places where several steps are wrong at once.
+
+    f is off there by no more than all its values on the piece differ.
+    """
     both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
     lower, upper = _model(vertices, size, data, both).range
     doubts = [rounding(vertices, kink, size) for kink in data.jumps.values()]
@@ -156,7 +162,7 @@ def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
 
 
 def _known(f: Model) -> Array:
-    """(k,) a bound of |f - p|, in which the rounding of p is."""
+    """(k,) a bound on |f - p|, which includes the rounding of p."""
     return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
 
 

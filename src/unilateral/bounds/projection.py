@@ -1,6 +1,7 @@
-"""Polynomials p of degree ORDER on triangles: means of them, and with the hats.
+"""Polynomials p of degree ORDER on triangles: their means, and the means of their products with the hats.
 
-p's variables sigma are -1 and 1 at the ends of the edge opposite to a triangle's first corner, -1 both there.
+The two variables sigma of p are (1, -1) and (-1, 1) at the ends of the edge opposite to a triangle's first
+corner, and (-1, -1) at that corner.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ ORDER = 4
 
 
 def averages(c: Array) -> Array:
-    """(2, k) the means of p and of p^2, of c (m, k)."""
+    """(2, k) the means of p and of p^2, from the coefficients c (m, k) of p."""
     return np.stack([hat_means().sum(axis=0) @ c, np.sum((_triangular() @ c) ** 2, axis=0)])
 
 
@@ -29,7 +30,7 @@ def hat_means() -> Array:
 
 
 def _monomials() -> Array:
-    """(m, q) their values at the points of the rule."""
+    """(m, q) the values of the monomials at the points of the rule."""
     points, _ = collapsed(ORDER + 1)
     return np.prod((2 * points.T[1:] - 1) ** basis(2, ORDER).exponents[..., None], axis=1)
 

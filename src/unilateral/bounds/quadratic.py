@@ -21,14 +21,17 @@ from unilateral.solvers.descent import Descent, rough_inverse
 HATS = (np.ones((3, 3)) + np.eye(3)) / 12
 BUBBLES = (np.ones((3, 3)) + np.eye(3)) * 4 / 45
 MIXED = (1 + np.eye(3) + np.eye(3)[[1, 2, 0]]) / 15
-"""(., .)_0 on a triangle of area 1 of hats, of bubbles, of bubbles and hats."""
+"""On a triangle of area 1, HATS, BUBBLES and MIXED are (., .)_0 of hats, of bubbles, of bubbles with hats."""
 MASS = np.block([[HATS, MIXED.T], [MIXED, BUBBLES]])
 AT_NODES = np.zeros((3, 3, 6))
-"""[e, a, c]: the coefficient of grad psi_a at node e in the gradient of the basis function c."""
+"""AT_NODES[e, a, c] is the coefficient of grad psi_a at node e in the gradient of the basis function c."""
 for _i, _j in ((0, 1), (1, 2), (2, 0)):
     AT_NODES[:, _i, _i], AT_NODES[_i, _j, 3 + _i], AT_NODES[_j, _i, 3 + _i] = 1, 4, 4
 STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
-"""[a, b, c, d]: the coefficient of grad psi_a . grad psi_b there in (grad ., grad .)_0."""
+"""STIFFNESS[a, b, c, d] is the coefficient of grad psi_a . grad psi_b in (grad ., grad .)_0.
+
+This is for the basis functions c and d on a triangle of area 1.
+"""
 
 
 def linear_squares(areas: Array, values: Array) -> Array:
@@ -56,9 +59,10 @@ def slopes_at_nodes(slopes: Array, hats: Array, bubbles: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """`unknowns` (m, 6) of every triangle, those of hats first; the hats' `slopes` (m, 3, 2).
+    """P2 on a mesh: the `unknowns` (m, 6) of every triangle, those of hats first, and `slopes` (m, 3, 2).
 
-    `of_boundary` (2 nb,) are those of the boundary nodes, then those of the boundary edges; `size` of all.
+    The slopes are the hats' gradients. `of_boundary` (2 nb,) are the unknowns of the boundary nodes, then
+    those of the boundary edges; `size` is the number of all unknowns.
     """
 
     mesh: Mesh
@@ -68,16 +72,16 @@ class Quadratic:
     size: int
 
     def of_hats(self, v_h: Array) -> Array:
-        """(size,) from a function (n,) of V_h."""
+        """(size,) the coefficients of a function (n,) of V_h."""
         return np.append(v_h, np.zeros(self.size - len(v_h)))
 
     def coefficients(self, v: Array) -> tuple[Array, Array]:
-        """(m, 3), (m, 3) of hats and of bubbles on the triangles."""
+        """(m, 3), (m, 3) the coefficients of hats and of bubbles on the triangles."""
         of = v[self.unknowns]
         return of[:, :3], of[:, 3:]
 
     def gradient(self, v: Array) -> Array:
-        """(m, 3, 2) at the nodes of the triangles."""
+        """(m, 3, 2) the gradient of v at the nodes of the triangles."""
         return slopes_at_nodes(self.slopes, *self.coefficients(v))
 
     def norm(self, v: Array) -> float:
@@ -86,36 +90,39 @@ class Quadratic:
         return math.sqrt(float((of_gradient + squares(self.mesh.areas, *self.coefficients(v))).sum()))
 
     def assembled(self, of_triangles: Array) -> Array:
-        """(size,) from the values (m, 6)."""
+        """(size,) the sums over the triangles of values (m, 6) that belong to their unknowns."""
         return np.bincount(self.unknowns.ravel(), of_triangles.ravel(), self.size).astype(float)
 
     def load(self, values: Array) -> Array:
-        """(size,) of f linear on every triangle, with the values (m, 3) at its nodes."""
+        """(size,) the load of an f that is linear on every triangle, with the values (m, 3) at its nodes."""
         return self.assembled(self.mesh.areas[:, None] * (values @ MASS[:3]))
 
     def edge_load(self, values: Array) -> Array:
-        """(size,) of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
+        """(size,) the load of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
         found = self.of_hats(edge_load(self.mesh, values))
         found[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
         return found
 
     def load_of_gradients(self, hats: Array, bubbles: Array) -> Array:
-        """(size,) products of gradients with a field of the coefficients (m, 3, 2) on triangles."""
+        """(size,) the products of the basis functions' gradients with a field.
+
+        On triangles the field has the coefficients `hats` and `bubbles` (m, 3, 2).
+        """
         moments = self.mesh.areas[:, None, None] * (HATS @ hats + MIXED.T @ bubbles)
         along = moments @ self.slopes.transpose(0, 2, 1)
         return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
 
     def matrix(self, mass: float) -> sp.csr_array:
-        """(size, size) of (grad ., grad .)_0 and `mass` times (., .)_0."""
+        """(size, size) the matrix of (grad ., grad .)_0 plus `mass` times (., .)_0."""
         products = (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
         blocks = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
         rows, columns = np.repeat(self.unknowns, 6, axis=1).ravel(), np.tile(self.unknowns, (1, 6)).ravel()
         return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(self.size, self.size)).tocsr()
 
     def free(self, contact: Mask) -> sp.csr_array:
-        """(size, k): all functions that vanish in `contact` (2 nb,), the boundary nodes, then midpoints.
+        """(size, k) a basis of functions that vanish in `contact` (2 nb,): boundary nodes, then midpoints.
 
-        In a midpoint a bubble takes back half of the hats at the ends.
+        At a midpoint in contact the bubble takes back half of each hat at the ends of its edge.
         """
         nodes, middles = np.split(self.of_boundary, 2)
         fixed = np.zeros(self.size, dtype=bool)
@@ -126,7 +133,10 @@ class Quadratic:
         return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
 
     def descent(self, A: sp.csr_array, load: Array, start: Array, free: sp.csr_array) -> Descent:
-        """To the x (k,) for which v = start + free x, free (size, k), has the least v . A v - 2 load . v."""
+        """The descent to the x (k,) for which v = start + free x has the least v . A v - 2 load . v.
+
+        `free` is (size, k).
+        """
         own, n = (free.T @ A @ free).tocsr(), free[: self.mesh.n_nodes].nnz
         of_hats, diagonal = rough_inverse(own[:n, :n].tocsr()), own.diagonal()[n:]
         zero, rhs = np.zeros(free.shape[1]), free.T @ (load - A @ start)

@@ -12,19 +12,20 @@ x_k, and the hats psi_k there, q gets theta r,
     theta = ||div r||_T^2 / (||div r||_T^2 + ||r||_T^2),
 
 since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
-0 there, but for what `balanced` leaves; on triangles larger than 1 it would cost more than it gains. With
-curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes of RT1 with
-that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w towards the
-solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made feasible. Both take
+0 there, but for what `balanced` leaves; on triangles larger than 1 all of r would cost more than it gains.
+With curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes of RT1
+with that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w
+towards the solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made feasible.
+Both reduce
 
     eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
 
-down without meeting: (grad v, curl phi) = 0, and the best v does not depend on q. They go by conjugate
-gradients, of which every iterate will do. With R, D, X and Y as in `local`, for this q,
+independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
+conjugate gradients, and every iterate will do. With R, D, X and Y as in `local`, for this q,
 
     Y <= eta,     X^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2.
 
-Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is asked of u_h
+Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is assumed of u_h
 and lambda_H. What rounding and the exact mesh may do to the sums over triangles is added, as in `local`.
 """
 
@@ -50,19 +51,22 @@ from unilateral.norms.oscillation import oscillation_bound
 from unilateral.problems.obstacle import Obstacle
 
 ENOUGH = 0.01
-"""Of eta^2: steps end when one of v and q together takes less than that, and the next one less still."""
+"""The steps end when one of v and one of q together lower eta^2 by less than this fraction of it.
+
+The next ones would take less still.
+"""
 MOST_STEPS = 50
-"""Some 7 are enough: their number does not depend on the mesh."""
+"""At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
 
 
 @dataclass(frozen=True)
 class SharpBound:
     """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
 
-    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` is what f - f_h and tau - tau~
-    can do at most; `oscillation` bounds ||lambda_H - sigma||_{-1/2}. `unknown` is the part that would be 0 if
-    f, g and tau were the polynomials by which they are enclosed; of that `irreducible` hardly falls on finer
-    meshes.
+    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` bounds what f - f_h and
+    tau - tau~ can add; `oscillation` bounds ||lambda_H - sigma||_{-1/2}. `unknown` is the part that would be
+    0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is `irreducible`
+    hardly falls on finer meshes.
     """
 
     u: float
@@ -89,8 +93,8 @@ def sharp_bound(
 
     On these the flux is 0 unless it is `given`.
 
-    They are as sharp as (u_h, lambda_H) is near the discrete solution. Raises InputError if the arrays do not
-    fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
+    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
@@ -127,7 +131,7 @@ def sharp_bound(
 
 
 def _leg(hypotenuse: float, other: float) -> float:
-    """Of a right triangle; infinite with the hypotenuse."""
+    """The other leg of a right triangle; it is infinite if the hypotenuse is."""
     return (
         math.sqrt(hypotenuse - other) * math.sqrt(hypotenuse + other) if 0 < other < math.inf else hypotenuse
     )
@@ -135,10 +139,10 @@ def _leg(hypotenuse: float, other: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Away:
-    """What a flux q is away from w (n,) of V_h, for which it was made: functions of P2 are told by v - w.
+    """How far a flux q is from w (n,) of V_h, for which it was made; functions v of P2 are given by v - w.
 
-    grad w - q by its coefficients (m, 3, 2) of hats and bubbles, and w - f_h - div q by its values (m, 3);
-    `rounding` is what that and the exact mesh may add to the root of a `square`.
+    `hats` and `bubbles` (m, 3, 2) are the coefficients of grad w - q, and `residual` (m, 3) are the values of
+    w - f_h - div q; `rounding` is what rounding and the exact mesh may add to the root of a `square`.
     """
 
     spaces: Quadratic
@@ -149,7 +153,7 @@ class _Away:
     rounding: float
 
     def turned(self, phi: Array) -> _Away:
-        """For q + curl phi, curl phi = (d_y phi, -d_x phi)."""
+        """The same for q + curl phi in place of q, curl phi = (d_y phi, -d_x phi)."""
         hats = self.hats + _turned(self.spaces.gradient(phi))
         more = self._rounding(phi, ROUNDING + self.spaces.mesh.distortion)
         return replace(self, hats=hats, rounding=self.rounding + more)
@@ -161,23 +165,26 @@ class _Away:
         return float((of_gradient + squares(areas, hats + self.residual, bubbles)).sum())
 
     def norm(self, d: Array) -> float:
-        """Its root, not below that without rounding."""
+        """The root of `square`, with rounding added: it is not below the exact root."""
         return math.sqrt(self.square(d)) + self.rounding + self._rounding(d, ROUNDING)
 
     def _rounding(self, d: Array, by: Array | float) -> float:
-        """That of d and its gradient, `by` (m,): a height of a triangle is twice its area over an edge."""
+        """The rounding of d and its gradient, which is the fraction `by` (m,) of their sizes.
+
+        A height of a triangle is twice its area over an edge.
+        """
         mesh, largest = self.spaces.mesh, np.abs(d[self.spaces.unknowns]).sum(axis=1)
         sizes = by * largest * (1 + mesh.longest_edges / mesh.areas)
         return math.sqrt(float(mesh.areas @ sizes**2))
 
 
 def _turned(field: Array) -> Array:
-    """(m, 3, 2) by a right angle to the left."""
+    """(m, 3, 2) the field, turned by a right angle to the left."""
     return np.stack([-field[..., 1], field[..., 0]], axis=2)
 
 
 def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
-    """For q.n = sigma (nb, 2), with theta r."""
+    """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
     mesh = spaces.mesh
     w, q, residual, rounding = balanced(source, u_h, sigma)
     p, x = w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
@@ -191,12 +198,12 @@ def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
 
 
 def _share(a: Array, b: Array) -> Array:
-    """a / (a + b), or 1."""
+    """a / (a + b), or 1 where a is 0."""
     return np.divide(a, a + b, out=np.ones_like(a), where=a > 0)
 
 
 def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
-    """d (size,) with what makes w + d feasible, but for what is missing then."""
+    """d (size,) plus what makes w + d feasible, and what is missing then."""
     of = away.spaces.of_boundary
     nodal, bubbles = np.split(d[of], 2)
     *more, short = lift.lifted(away.w[away.spaces.mesh.boundary] + nodal, bubbles)
@@ -206,7 +213,10 @@ def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
 
 
 def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[Array, Array, int]:
-    """d = v - w and phi (size,), and the steps; `load` (size,) is v's, `slack` nearly 2 <sigma, v - g>."""
+    """d = v - w and phi (size,), and how many steps were made.
+
+    `load` (size,) is that of v, and `slack` is nearly 2 <sigma, v - g>.
+    """
     spaces, w = away.spaces, away.spaces.of_hats(away.w)
     d, everywhere = np.zeros(spaces.size), np.ones(len(spaces.of_boundary), dtype=bool)
     d[spaces.of_boundary] = np.concatenate(lift.met(away.w[spaces.mesh.boundary]))

@@ -1,7 +1,7 @@
 """A small mesh of the polygon, for functions that have to be steep at the ends of sides and of contact.
 
-It is graded to those of these ends where there is a load. A load that is small beside the norm of the
-functions is left out, for there nothing is gained by steepness.
+It is graded towards those of these ends where there is a load. A load that is small beside the norm of the
+functions is left out, for nothing is gained there by steepness.
 """
 
 from __future__ import annotations
@@ -20,28 +20,31 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 
 FEW, LARGE = 250, 2000
-"""Nodes before the mesh is graded: it is halved until there are so many, and not taken if there are more."""
+"""Before it is graded, the mesh is halved until it has FEW nodes; one with more than LARGE is not taken."""
 MOST = 640
-"""Nodes on the boundary, whose matrix is full, up to which the mesh is graded."""
+"""The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
 LIGHT = 1 / 16
-"""The load on a node that is small."""
+"""A load on a node counts as small if it is at most this."""
 LARGEST = 1 / 4
-"""Of the largest load on a node: what is halved first."""
+"""Triangles are halved first where the load on a node is more than this fraction of the largest one."""
 THICK = 1.0
-"""Edges of triangles at the boundary, from which functions of least norm fall within a length of 1."""
+"""Triangles at the boundary with an edge longer than this are halved.
+
+Functions of least norm fall within a length of 1 from the boundary.
+"""
 DISTORTED = 1e-6
-"""By rounding, from which on triangles are not halved."""
+"""Triangles are not halved if rounding distorts one of them by more than this."""
 GROWTH = 0.4
-"""Of triangles, over their distance from the boundary."""
+"""The size of triangles grows by this times their distance from the boundary."""
 SMALL = 1e-2
-"""The least diameter on which rounding does not hide constants."""
+"""The least diameter of a polygon on which rounding does not hide constants."""
 
 
 def condensed(mesh: Mesh, cells: Partition, load: Array) -> tuple[Mesh, Condensed | None]:
     """A small mesh of the polygon of `mesh` for the load (m,) on the cells, and its condensation.
 
-    Where there is none, as on polygons that are too thin, it is the `mesh` itself, and None. A polygon that
-    is too small is condensed larger.
+    Where there is none, as on polygons that are too thin, these are the `mesh` itself and None. A polygon
+    that is too small is enlarged before it is condensed.
     """
     try:
         found = small_mesh(mesh, cells, load)
@@ -59,7 +62,7 @@ def _not_too_small(mesh: Mesh) -> Mesh:
 
 
 def extended(space: Condensed, v: Array) -> Array:
-    """(n, k) with the values v (nb, k) on the boundary, and the least norm but for rounding."""
+    """(n, k) the functions with the values v (nb, k) on the boundary and, up to rounding, the least norm."""
     loads = np.zeros((space.mesh.n_nodes, v.shape[1]))
     loads[space.mesh.boundary] = space.A_3 @ v
     found = space.solve(loads)
@@ -83,7 +86,7 @@ def small_mesh(mesh: Mesh, cells: Partition, load: Array) -> Mesh:
 
 
 def _first(mesh: Mesh) -> Mesh:
-    """The mesh that it came from, or another one if that is large."""
+    """The mesh that this one was refined from, or another one if that is large."""
     coarse, polygon = mesh.coarse or mesh, mesh.polygon
     if coarse.n_nodes <= LARGE:
         return coarse
@@ -94,7 +97,7 @@ def _first(mesh: Mesh) -> Mesh:
 
 
 def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
-    """With all triangles halved, or those that are chosen; None where rounding would show."""
+    """The mesh with all triangles halved, or with the chosen ones; None where rounding would show."""
     if mesh.distortion.max() > DISTORTED:
         return None
     try:

@@ -1,7 +1,8 @@
-"""f on a mesh, enclosed: its linear part on every triangle, and a bound of what the rest can do.
+"""f enclosed on a mesh: its linear part on every triangle, and a bound on what the rest can do.
 
-On a piece f is a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces are
-the triangles of the first mesh; where rad is not small they give way to those that came from them (`whole`).
+On a piece f is near a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces
+are the triangles of the first mesh; where rad is not small they are replaced by those that came from them
+(`whole`).
 Triangles of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded
 (`jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between
 points. With f_h the L2 projection of p to linear functions on each triangle T, and E_T >= ||f - p||_T,
@@ -41,21 +42,23 @@ from unilateral.problems.data import Data
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
 IN_VAIN = 16.0
-"""Times what rounding leaves: a piece with that E^2 is not quartered."""
+"""A piece is not quartered if its E^2 is at most this times what rounding leaves."""
 RESOLVED = 4.0
-"""Times what the sum of E^2 is wanted to be: up to which it counts as that."""
+"""f counts as resolved if the sum of E^2 is at most this times the wanted sum."""
 MOST_PIECES = 200_000
-"""Of a mesh's triangles, or four times those: to be looked at, besides triangles of coarser levels."""
+"""At most this many pieces are looked at, or four times the number of triangles of the mesh if that is more.
+
+Triangles of coarser levels are not counted.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
     """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
 
-    f - f_h is a function with mean 0 and a norm of at most `oscillation` (m,), which is ||p - f_h||_T but for
-    jumps, and one with a norm of at most `rest` (m,), which is E_T, `resolved` if it is as small as wanted.
-
-    `seen` is where p was found.
+    f - f_h is the sum of a function with mean 0 and a norm of at most `oscillation` (m,), which is
+    ||p - f_h||_T but for jumps, and of one with a norm of at most `rest` (m,), which is E_T. `resolved` says
+    whether `rest` is as small as wanted, and `seen` where p was found.
     """
 
     mesh: Mesh
@@ -67,7 +70,7 @@ class Source:
 
     @property
     def moments(self) -> Array:
-        """(m, 3) those of f_h, and of p, with the triangles' hats."""
+        """(m, 3) the moments of f_h, and so of p, with the triangles' hats."""
         return self.moments_on(slice(None))
 
     @property
@@ -79,21 +82,21 @@ class Source:
         return found
 
     def moments_on(self, of: slice) -> Array:
-        """(k, 3) the same of some triangles."""
+        """(k, 3) the `moments` on some triangles."""
         f_h = self.f_h[of]
         return self.mesh.areas[of, None] / 12 * (f_h + f_h.sum(axis=1, keepdims=True))
 
     @property
     def distance(self) -> float:
-        """A bound of the norm of f - f_h in the dual of H^1."""
+        """A bound on the norm of f - f_h in the dual of H^1."""
         return self.distance_with(0.0)
 
     def distance_with(self, more: Array | float) -> float:
-        """The same for f - f_h and functions with mean 0 and those norms (m,) on the triangles together."""
+        """The same for f - f_h plus a function with mean 0 and the norm `more` (m,) on every triangle."""
         return math.sqrt(self.squares_with(more).sum())
 
     def squares_with(self, more: Array | float, of: slice = slice(None)) -> Array:
-        """(k,) some triangles' parts of its square, for `more` (k,) of these."""
+        """(k,) the parts of some triangles in the square of that bound, for `more` (k,) on these."""
         free, rest = self.oscillation[of] + more, self.rest[of]
         apart = (poincare(self.mesh.longest_edges[of]) * free) ** 2 + rest**2
         return np.asarray(np.minimum(apart, (free + rest) ** 2))
@@ -117,7 +120,7 @@ class Values(NamedTuple):
     rest: Array
 
     def put(self, mesh: Mesh, at: Index, seen: Seen) -> None:
-        """Of the polynomials, on the triangles `at` (k,)."""
+        """Put in what the polynomials say on the triangles `at` (k,)."""
         size, places = rounded_size(mesh), np.ascontiguousarray(mesh.points.T)
         for some in (at[of] for of in blocks(len(at), FEW)):
             area, of = mesh.areas[some], seen.of[some]
@@ -127,7 +130,7 @@ class Values(NamedTuple):
             self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
 
     def sums(self, mesh: Mesh, of: Mask) -> Sums:
-        """Over some of the triangles."""
+        """The sums over some of the triangles."""
         if not of.any():
             return Sums()
         area, means = mesh.areas[of], self.f_h[of].mean(axis=1)
@@ -172,7 +175,7 @@ def _values(of: Source) -> Values:
 
 
 def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, Sums]:
-    """f on a part of a mesh, of the rest of which there are the sums; so many pieces may be looked at."""
+    """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
     n = len(mesh.triangles)
     corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
     while parent.size:
@@ -194,7 +197,7 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
 
 
 def _rest(mesh: Mesh, pieces: TrianglePieces) -> Array:
-    """(k,) the pieces' E^2, a lack in the integral spread over their triangles."""
+    """(k,) the pieces' E^2; what may lack in the integral is spread over the piece's triangle."""
     return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
 
 

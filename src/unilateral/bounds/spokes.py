@@ -13,11 +13,14 @@ from unilateral.arrays import Array, Int32, blocks
 from unilateral.geometry.mesh import Mesh
 
 CHUNK = 4096
-"""Patches, or twice as many triangles, at a time: their numbers fit into a processor's cache."""
+"""This many patches, or twice as many triangles, are treated together.
+
+Their numbers fit into a processor's cache.
+"""
 
 
 def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Array]:
-    """Of spokes (2 E,) the next one anticlockwise, and what the corner to the left has of_corners (k, 3).
+    """(2 E,), (2 E,) for each spoke the next one anticlockwise and `of_corners` (k, 3) at the corner between.
 
     Behind spokes that run back along the boundary there is neither: both are 0.
     """
@@ -33,10 +36,10 @@ def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Arr
 
 
 def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
-    """Of p nodes with k triangles around each the spokes (k + 1, p), anticlockwise, a chunk after the other.
+    """The spokes (k + 1, p) of p nodes with k triangles around each, anticlockwise, one chunk after another.
 
-    The last spoke of a node inside is its first one again. With them the numbers (p,) of nodes along the
-    boundary, or none (0,).
+    The last spoke of a node inside is its first one again. Before the spokes come the numbers (p,) of the
+    nodes along the boundary, or none (0,) for nodes inside.
     """
     ends, n, nb = mesh.triangulation.ends.ravel(), mesh.n_nodes, len(mesh.boundary)
     first, number, kind = *np.empty((2, n), dtype=np.int32), 2 * np.bincount(ends, minlength=n)

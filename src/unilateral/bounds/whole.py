@@ -1,10 +1,11 @@
 """f on whole triangles: those of a mesh, and those that they came from by refinement.
 
-On a triangle f is a polynomial p, |f - p| <= rad. So it is on all triangles of a mesh that lie in it. In the
-variables of p, -1 and 1 at the ends of the longest edge and -1 both at the other corner, the corners of these
-are multiples of FINEST, for each halving of an edge halves the differences. In memory nodes are midpoints
-that are rounded: by half an EPS of their size for every halving. rad holds up to ROUNDING of it (`pieces`),
-so p is used on triangles up to MOST_HALVINGS finer.
+On a triangle f is near a polynomial p, |f - p| <= rad. This holds on all triangles of a mesh that lie in it.
+The two variables of p are (1, -1) and (-1, 1) at the ends of the longest edge and (-1, -1) at the other
+corner. In these variables the corners of the smaller triangles are multiples of FINEST, for each halving of
+an edge halves the differences. In memory nodes are rounded midpoints: every halving rounds them by half an
+EPS of their size. rad holds for coordinates that are rounded by up to ROUNDING of their size (`pieces`), so p
+is used on triangles that are up to MOST_HALVINGS halvings finer.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from unilateral.formulas.taylor import EPS, basis
 from unilateral.problems.data import Data
 
 MOST_HALVINGS = 6
-"""Between a triangle and one of the mesh in it; 8 of them would be ROUNDING."""
+"""p is used on triangles that are at most this many halvings finer than its own; 8 would use up ROUNDING."""
 FINEST = 2.0**-MOST_HALVINGS
 COMPUTED = 192
-"""Times EPS sum |c|: what `values` may be off by, in f_h and in the mean square of p - f_h together.
+"""`values` may be off by this times EPS sum |c|, in f_h and in the root mean square of p - f_h together.
 
 Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations:
 p is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
@@ -38,16 +39,16 @@ By `_matrices` a monomial is off by 10, and so is an entry of the first matrix b
 operations on numbers up to 3.5, by 64; the products add 7.5 times 3.5, the mean 8: 98 and, with f_h, 162.
 """
 FEW = 1 << 11
-"""Triangles at a time: the numbers in their points fit into a processor's cache."""
+"""This many triangles are treated together: the numbers at their points fit into a processor's cache."""
 LONG = 128
-"""Triangles in a row that lie alike in theirs, on average: from which on matrices are made for them."""
+"""Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 
 
 class Polynomials(NamedTuple):
-    """p's c (m, k) on triangles, and rad (k,); `frame` (6, k) is the map from places to p's variables.
+    """p on triangles by its c (m, k), and rad (k,); `frame` (6, k) is the map from places to p's variables.
 
-    They are, but for rounding, the products of its first two, and its next two, rows with a place less the
-    last two rows.
+    Take a place less the last two rows. Its products with the first two rows and with the next two are, but
+    for rounding, the two variables, in units of FINEST.
     """
 
     c: Array
@@ -58,7 +59,7 @@ class Polynomials(NamedTuple):
         return Polynomials(*(np.concatenate(both, axis=-1) for both in zip(self, others, strict=True)))
 
     def of(self, chosen: Index) -> Polynomials:
-        """The chosen ones (k,)."""
+        """The polynomials that are chosen (k,)."""
         return Polynomials(*(each[..., chosen] for each in self))
 
     def averages(self) -> Array:
@@ -82,7 +83,7 @@ def whole(corners: Array, size: float, data: Data) -> Polynomials:
 
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
-    """(6, k) of triangles with those corners (2, k), in units of FINEST."""
+    """(6, k) the `frame` of triangles with those corners (2, k), in units of FINEST."""
     e, f = 0.5 * (u - a), 0.5 * (v - a)
     scale = 1 / (FINEST * (e[0] * f[1] - e[1] * f[0]))
     return np.stack([f[1] * scale, -f[0] * scale, -e[1] * scale, e[0] * scale, *(0.5 * (u + v))])
@@ -115,9 +116,9 @@ def _one_by_one(places: Array, c: Array) -> tuple[Array, Array]:
 
 
 def _matrices(places: Array) -> tuple[Array, Array]:
-    """(r, 3, m), (r, q, m) for places (6, r): what makes f_h of c, and numbers whose squares add to the rest.
+    """(r, 3, m), (r, q, m) matrices for places (6, r) that take c to f_h and to numbers for the rest.
 
-    The rest is the mean of (p - f_h)^2.
+    The squares of these numbers add up to the mean of (p - f_h)^2.
     """
     hats, weights = symmetric(2 * ORDER)
     x, y = (hats @ each for each in (places[:3], places[3:]))
@@ -128,7 +129,7 @@ def _matrices(places: Array) -> tuple[Array, Array]:
 
 
 def inside(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """(3, k), (3, k) p's variables at the corners (2, 3, k), for that `frame` (6, k): exact."""
+    """(3, k), (3, k) the exact variables of p at the corners (2, 3, k), for that `frame` (6, k)."""
     xx, xy, yx, yy, *middle = frame
     x, y = corners[0] - middle[0], corners[1] - middle[1]
     return FINEST * np.rint(xx * x + xy * y), FINEST * np.rint(yx * x + yy * y)
@@ -155,6 +156,6 @@ def _numbers() -> dict[tuple[int, int], int]:
 
 @cache
 def _to_corners() -> Array:
-    """(3, q) from values at the points of the rule to f_h at the corners."""
+    """(3, q) the matrix from values at the points of the rule to f_h at the corners."""
     hats, weights = symmetric(2 * ORDER)
     return np.asarray((weights[:, None] * (12 * hats - 3)).T)

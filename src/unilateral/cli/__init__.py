@@ -39,7 +39,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _flush() -> int:
-    """Or else what is still to be written fails when Python ends."""
+    """Writes what is still to be written, which would else fail when Python ends."""
     if sys.stdout is not None:
         sys.stdout.flush()
     return 0

@@ -14,7 +14,7 @@ from unilateral.errors import InputError
 
 NAME = "unilateral"
 COMPLETE = "_UNILATERAL_COMPLETE"
-"""Set by a shell that asks for completions, as click names it."""
+"""The variable that a shell sets to ask for completions, as click names it."""
 COMMANDS = {
     "solve": "solve one problem, with its errors",
     "init": "write a commented problem file to begin with",
@@ -25,7 +25,7 @@ COMMANDS = {
     "infsup": "tell whether a mesh and a partition of one's own are stable",
     "claims": "judge the paper's statements by the study's results",
 }
-"""A module each in `commands`."""
+"""Each command, a module in `commands`, and what it is for."""
 
 
 class Application(Command, click.Group):

@@ -15,7 +15,7 @@ MOST_INTERVALS = 4
 
 
 def listing() -> Iterator[str]:
-    """A head, and two lines or more a case; certified one by one."""
+    """A heading, and two lines or more for each case; cases are certified one by one."""
     yield f"{'case':15} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'lambda <=':10} {'u - g <=':9} {'contact':31} on"
     for name in case.names():
         for found, certificate in certified(name, domains(name)):
@@ -27,7 +27,7 @@ def listing() -> Iterator[str]:
 
 
 def records() -> dict[str, Any]:
-    """The same for programs."""
+    """The catalogue for programs."""
     return {"cases": [_record(name) for name in case.names()]}
 
 
@@ -67,7 +67,7 @@ def certified(name: str, on: Sequence[Polygon], side: int = 0) -> Iterator[tuple
 
 
 def largest(certificate: Certificate) -> tuple[float, float]:
-    """lambda and the gap at most; 0 for what is rounding."""
+    """The largest values of lambda and of the gap; 0 for what is rounding."""
     flux, gap = (x if x > ROUND_OFF else 0.0 for x in (certificate.lambda_max, certificate.gap_max))
     return flux, gap
 

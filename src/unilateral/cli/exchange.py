@@ -110,12 +110,12 @@ def _rate(rate: Rate) -> dict[str, Any]:
 
 
 def _numbers(found: dict[str, float]) -> dict[str, float | None]:
-    """Null where not known."""
+    """The numbers, null where they are not known."""
     return {name: None if math.isnan(value) else value for name, value in found.items()}
 
 
 def _table(scored: list[Scored]) -> Iterator[str]:
-    """Errors, this project's own below them."""
+    """The errors, with this project's own below them."""
     yield f"{'level':10} {'h':>9} {'u in H1':>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
     for one in scored:
         rows = ((one.errors, one.given.level.name, one.given.kind), (one.own, "  own", "constant on cells"))
@@ -126,7 +126,7 @@ def _table(scored: list[Scored]) -> Iterator[str]:
 
 
 def _lines(rates: dict[str, Rate]) -> Iterator[str]:
-    """A line per norm."""
+    """A line on the rate in each norm."""
     for norm, rate in rates.items():
         numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
         yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"

@@ -29,9 +29,9 @@ from unilateral.problems.problem_file import polygon_of
 from unilateral.system.as_json import text
 
 LISTED = 10
-"""Cells that break the rule, and triangles, up to which text names them."""
+"""At most this many cells, and triangles, that break the rule are named in the text."""
 MOST_CELLS = 100_000
-"""On a side."""
+"""A side has at most this many cells."""
 CELL = (
     "    cell {cell} on side {side}, s = {start:.6g} to {end:.6g}: "
     "{edges:.4g} edges, {cell_over_edge:.4g} times the longest of them, delta = {delta:.3g}"
@@ -62,7 +62,7 @@ def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:
 
 
 def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
-    """Equal cells of that size, or so many on every side, or those of a file."""
+    """Equal cells of the size H, or so many on every side as are `given`, or those of a `given` file."""
     if H is not None:
         return partitions.uniform(polygon, H)
     if not given.isdecimal():
@@ -73,7 +73,7 @@ def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
 
 
 def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
-    """For programs. Raises InputError where more memory is needed than is free."""
+    """What is found, for programs. Raises InputError where more memory is needed than is free."""
     check_condensed(mesh, cells)
     constants = infsup(mixed_spaces(condense(mesh), cells).operator, dual_norm(cells).gram().p0)
     return {
@@ -118,7 +118,7 @@ def _flat(mesh: Mesh, triangles: Index, angles: Array) -> list[dict[str, float]]
 
 
 def lines(found: dict[str, Any]) -> Iterator[str]:
-    """For readers."""
+    """What is found, in lines for readers."""
     rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
     beta = f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
     if found["beta_upper"] == 0:

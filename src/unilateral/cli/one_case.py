@@ -48,7 +48,7 @@ def shown(name: str, polygon: str | None, side: int, kind: str) -> str:
 
 
 def record(on: list[tuple[Case, Certificate]]) -> dict[str, Any]:
-    """For programs: what `lines` says."""
+    """What `lines` says, for programs."""
     first = on[0][0]
     return {
         "name": first.name,
@@ -70,7 +70,7 @@ def proved(of: Case) -> dict[str, float] | None:
 
 
 def lines(on: list[tuple[Case, Certificate]]) -> Iterator[str]:
-    """For readers."""
+    """What is known of a case, in lines for readers."""
     first, certificate = on[0]
     declared = first.declaration
     yield f"{first.name}: {declared['title']}"
@@ -114,7 +114,7 @@ def _contact(intervals: list[dict[str, float]]) -> str:
 
 
 def regularity(of: Case) -> dict[str, bool]:
-    """Of u and lambda: what all atoms have."""
+    """The regularity of u and lambda: what all atoms have."""
     return {name: all(getattr(atom.regularity, name) for atom in of.atoms) for name in REGULARITY}
 
 

@@ -27,7 +27,7 @@ PICTURES = (".svg", ".png", ".pdf")
 FREE, HELD = "tab:gray", "tab:blue"
 ROUND_OFF = 1e-12
 POINTS = 201
-"""Of a side, at which g is drawn; and along x and y those of f."""
+"""g is drawn at this many points of a side, and f at this many along x and along y."""
 
 
 def init(name: str) -> None:
@@ -57,7 +57,7 @@ def check(name: str, picture: str | None) -> str:
 
 
 def described(problem: Problem) -> Iterator[str]:
-    """The lines of the text."""
+    """The lines that `check` prints."""
     polygon, units = problem.polygon, problem.units
     yield f"{problem.name}: -k lap u + c u = f with k = {units.k} and c = {units.c}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
@@ -101,16 +101,16 @@ def _along(problem: Problem, formula: Expression, side: int) -> Array:
 
 
 def _bounds(problem: Problem) -> str:
-    """Those of f in the polygon, which are guaranteed."""
+    """The bounds on f in the polygon, which are guaranteed."""
     lower, upper = problem.range_of_f
     size = max(abs(lower), abs(upper))
     return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding counted"
 
 
 def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:
-    """A bound of something of that size, `rounded` down or up to 12 digits, as a bound that can be read.
+    """A bound x on something of that `size`, as text that can be read and is still a bound.
 
-    The rounding of 0 is shown as a power of ten.
+    It is `rounded` down or up to 12 digits. The rounding of 0 is shown as 0 or as a power of ten.
     """
     if 0 < abs(x) <= ROUND_OFF * size:
         towards_0 = (x < 0) == (rounded is up)
@@ -119,7 +119,7 @@ def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:
 
 
 def _formula(formula: Expression, values: str) -> str:
-    """With what is said of its values, where it is more than a number."""
+    """The formula, with what is said of its values where it is more than a number."""
     return f"{shown(formula)}, {values}" if formula.variables else shown(formula)
 
 
@@ -162,7 +162,7 @@ def _look(problem: Problem, side: int) -> dict[str, Any]:
 
 
 def _draw_obstacle(axes: Axes, problem: Problem) -> None:
-    """g, and on free sides the flux."""
+    """Draws g, and on free sides the flux."""
     polygon = problem.polygon
     for side in range(polygon.n_sides):
         s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS)
@@ -174,7 +174,7 @@ def _draw_obstacle(axes: Axes, problem: Problem) -> None:
 
 
 def _save(figure: Figure, picture: str) -> None:
-    """The same bytes for the same problem."""
+    """Writes a picture, with the same bytes for the same problem."""
     ending = Path(picture).suffix
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending)
     with matplotlib.rc_context({"svg.hashsalt": "unilateral"}), replacing(picture) as temporary:

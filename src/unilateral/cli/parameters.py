@@ -66,7 +66,10 @@ class Choice(click.Choice[str]):
 
 
 class Name(click.ParamType):
-    """A name that the library knows, or a file where it takes `files`, too: it says what is wrong with it."""
+    """A name that the library knows or, where it takes `files`, a file.
+
+    The library says what is wrong with it.
+    """
 
     name = "name"
 
@@ -76,7 +79,7 @@ class Name(click.ParamType):
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Files first, for bash drops what comes before them."""
+        """The completions, files first, because bash drops what comes before them."""
         found = [CompletionItem(incomplete, type="file")] if self.files else []
         return found + [CompletionItem(name) for name in self.known() if name.startswith(incomplete)]
 

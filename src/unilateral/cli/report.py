@@ -19,9 +19,12 @@ from unilateral.solution.certificate import SIZE, Bounds, relative
 
 ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 DIGITS = ".4e"
-"""Of errors, bounds and forces."""
+"""The format of errors, bounds and forces."""
 SIDES, INTERVALS = 12, 4
-"""Up to which forces are computed and contact is printed, and intervals of a side."""
+"""Forces are computed, and the contact on sides is printed, for at most SIDES sides.
+
+At most INTERVALS intervals of a side are printed.
+"""
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
 COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
@@ -32,7 +35,7 @@ def head(found: dict[str, Any]) -> str:
 
 
 def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
-    """Rows for a reader; in `doubt` stands what is told of a lambda_H that may not be unique."""
+    """Rows for a reader; `doubt` is what is told of a lambda_H that may not be unique, else empty."""
     steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
     algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
@@ -98,7 +101,7 @@ def level_head(name: str, first: Level, length: float) -> str:
 
 
 def level_line(level: Level, length: float) -> str:
-    """Sizes in the user's units, of which 1 of the level's is a `length`."""
+    """The row of a level. Sizes are in the user's units: 1 in the level's is a `length` in these."""
     solved, mesh = level.solved, level.solved.discrete.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
     shown = [f"{length * size:.4g}" for size in sizes]
@@ -136,7 +139,7 @@ def _reach(search: Search) -> str:
 
 
 def rounded(plan: Plan) -> Plan:
-    """With the two digits that a prediction may have."""
+    """The plan, with the two digits that a prediction may have."""
     unknowns, seconds, mb = (float(f"{x:.2g}") for x in (plan.unknowns, plan.seconds, plan.peak_mb))
     return replace(plan, unknowns=round(unknowns), seconds=seconds, peak_mb=mb)
 
@@ -147,7 +150,7 @@ def amounts(plan: Plan) -> str:
 
 
 def planned(name: str, search: Search, as_json: bool) -> str:
-    """What a dry run found; as JSON null for what is unknown."""
+    """What a dry run found, as text or as JSON, with null for what is unknown."""
     plan, last = search.plan, search.done[-1]
     if as_json:
         found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}

@@ -42,11 +42,14 @@ if TYPE_CHECKING:
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
 READING = "the formulas enclosed"
-"""The phase before a search, long only for formulas that are long or vary fast."""
+"""The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
-"""Cells up to which the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
+"""Up to this many cells the error in H^{-1/2} is computed.
+
+For more it takes longer than all the rest.
+"""
 KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
-"""The files of --out."""
+"""The names of the files in the folder of --out."""
 
 
 def run(options: SimpleNamespace) -> int:
@@ -213,7 +216,10 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
-    """Prints each level when it is done, the first one below what is wanted, where a bar was drawn."""
+    """A function that prints each level when it is done, where a bar was drawn.
+
+    The first level comes below a line that says what is wanted.
+    """
     first, length = True, problem.units.length
 
     def one(level: Level) -> None:
@@ -234,7 +240,10 @@ def _tell_faults(search: Search) -> None:
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
-    """Over the whole boundary, and over each side with multipliers."""
+    """The forces over the whole boundary, and over each side with multipliers.
+
+    None for more than SIDES sides.
+    """
     n_sides, cells = found.mesh.polygon.n_sides, found.partition
     if n_sides > SIDES:
         return None

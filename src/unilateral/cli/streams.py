@@ -26,12 +26,12 @@ ARGUMENT = re.compile(r"\b(max_unknowns|max_seconds|max_memory|max_steps|rho|alg
 
 
 def say(text: str) -> None:
-    """On standard output, at once."""
+    """Prints a text on standard output, at once."""
     _print(text, sys.stdout)
 
 
 def tell(message: object) -> None:
-    """One line on standard error, where that can be written."""
+    """Prints one line on standard error, where that can be written."""
     try:
         _print(" ".join(["unilateral:", *as_options(str(message)).split()]), sys.stderr)
     except OSError:
@@ -77,7 +77,7 @@ def prepare() -> None:
 
 
 def abandon(stream: TextIO | None) -> None:
-    """What a stream still holds goes nowhere, or Python would fail on it once more at its end."""
+    """Drops what a stream still holds, on which Python would fail once more at its end."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # type: ignore[union-attr]
 

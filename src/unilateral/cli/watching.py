@@ -12,16 +12,16 @@ from unilateral.accuracy.watch import Watch
 from unilateral.system.signals import leave
 
 TICK = 0.02
-"""Seconds from one look to the next, in which at most some ten MB are taken."""
+"""Seconds from one look at the limits to the next, in which at most some ten MB are taken."""
 LONG = 1.0
-"""Seconds from which on a level has a bar."""
+"""A level has a bar from this many seconds on."""
 WIDTH, CELLS = 60, 20
-"""Letters of the line, and of its bar."""
+"""The number of letters in the line, and in its bar."""
 
 
 @contextlib.contextmanager
 def watching(watch: Watch, drawn: bool) -> Iterator[None]:
-    """Interrupts are the watch's, and a second one ends at once; limits are looked at again and again.
+    """The watch gets interrupts, and a second one ends the program at once; limits are checked repeatedly.
 
     A bar is `drawn` on standard error.
     """
@@ -82,7 +82,7 @@ def draw(watch: Watch) -> None:
 
 
 def clear(drawn: bool) -> None:
-    """Where a bar may be, nothing."""
+    """Clears the line where a bar may be."""
     if drawn:
         _write("")
 

@@ -25,7 +25,7 @@ from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 AIM = 0.5
-"""Of a tolerance that follows from bounds, when the iteration goes on because the first one missed it."""
+"""After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class DiscreteProblem(ABC):
     """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
     Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` f, g and q
-    are formulas; `source` is f enclosed, where it has been, as the load may be made of that.
+    are formulas. `source` is the enclosure of f, if there is one, because the load may be made of it.
     """
 
     mesh: Mesh
@@ -52,38 +52,41 @@ class DiscreteProblem(ABC):
     @property
     @abstractmethod
     def beta(self) -> float:
-        """What serves as beta of (3.4)."""
+        """The number that serves as beta of (3.4)."""
 
     @abstractmethod
     def lambda_norm(self, lambda_H: Array) -> float:
-        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
+        """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
 
     @abstractmethod
     def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`, else a fraction of other errors."""
+        """(u_h, lambda_H) with an algebraic bound up to `stop.tolerance`, else a fraction of other errors."""
 
     @abstractmethod
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
     ) -> DiscreteSolution:
-        """The solution up to a tolerance, from lambda_H = start (m,); `total` is what its bound will be."""
+        """The solution up to a tolerance, from lambda_H = start (m,).
+
+        `total` predicts the bound on its total error.
+        """
 
     @abstractmethod
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
 
     def errors(self, lambda_H: Array) -> ExactErrors | None:
-        """The true errors of lambda_H (m,) and its u_h, where the solution is seen from the spaces."""
+        """The true errors of lambda_H (m,) and its u_h, where the exact solution is known on these spaces."""
         return None
 
     def forget(self) -> None:
-        """Gives back what is large and made again in little time; by default nothing is."""
+        """Frees what is large and quickly made again; by default there is nothing."""
         return
 
 
 @dataclass(frozen=True, eq=False)
 class DiscreteSolution:
-    """lambda_H on all cells, which `result` has with its algebraic bound, and u_h."""
+    """u_h, and lambda_H on all cells; `result` is what the iteration found, with its algebraic bound."""
 
     discrete: DiscreteProblem
     result: DualResult
@@ -93,7 +96,7 @@ class DiscreteSolution:
 
     @cached_property
     def errors(self) -> ExactErrors | None:
-        """The true errors, where the solution is seen from the spaces."""
+        """The true errors, where the exact solution is known on these spaces."""
         return self.discrete.errors(self.result.lambda_H)
 
     @cached_property
@@ -105,12 +108,12 @@ class DiscreteSolution:
         return found
 
     def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
-        """The guaranteed bounds of the errors, where f, g and q are formulas; sharp ones take more time."""
+        """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
         return self._sharp_bound if sharp else self._local_bound
 
     @property
     def shares(self) -> Array:
-        """(m,) the triangles' parts of the square of the cheap bound of ||u - u_h||_1, 0 if it is unknown."""
+        """(m,) each triangle's part of the square of the cheap bound on ||u - u_h||_1; 0 if it is unknown."""
         bound = self._local_bound
         return bound.shares if bound else np.zeros(len(self.discrete.mesh.triangles))
 
@@ -126,7 +129,7 @@ class DiscreteSolution:
 
     @cached_property
     def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given] | None:
-        """What both bounds are made of."""
+        """The arguments of both bounds; None where f, g and q are no formulas."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
@@ -146,7 +149,10 @@ class DiscreteSolution:
         return self.discrete.lambda_norm(self.result.lambda_H)
 
     def forget(self) -> None:
-        """What is large and made again in little time; the norm of lambda_H, which takes it, is kept."""
+        """Frees what is large and quickly made again.
+
+        The norm of lambda_H, which needs it, is computed before and kept.
+        """
         self.lambda_norm  # noqa: B018
         self.discrete.forget()
 
@@ -162,20 +168,23 @@ class DiscreteSolution:
 
     @property
     def balance(self) -> float:
-        """|int u_h - int f - int lambda_H|: (2.1), v = 1; 0 up to rounding, by multigrid up to its stop."""
+        """|int u_h - int f - int lambda_H|, by (2.1) with v = 1.
+
+        It is 0 up to rounding, or by multigrid up to its stop.
+        """
         return float(abs(self.u_integral - self.discrete.load.sum() - self.force))
 
     def total(self, norm: str, sharp: bool = False) -> float:
-        """The bound of ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
+        """The bound on ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
         bound = self.bound(sharp)
         if bound is None:
             return math.inf
         return bound.u if norm == "h1" else bound.lambda_
 
     def algebraic(self, norm: str) -> float:
-        """The part of the iteration in that error: its bound, over beta for lambda.
+        """The bound on the iteration's part of that error; for lambda it is divided by beta.
 
-        It says when to stop. `total` has the error of the iteration in it, and does not rest on this.
+        It says when to stop. `total` includes the error of the iteration, and does not rest on this bound.
         """
         if norm == "hm12" and len(self.discrete.cells) == 0:
             return 0.0
@@ -183,14 +192,14 @@ class DiscreteSolution:
         return self.result.bound / beta if beta > 0 else math.inf
 
     def size(self, norm: str, sharp: bool = False) -> float:
-        """A lower bound of the norm of the exact solution, from that of the discrete one."""
+        """A lower bound on the norm of the exact solution, from that of the discrete one."""
         of_discrete = self.u_norm if norm == "h1" else self.lambda_norm
         return max((1 - SUMS) * of_discrete / self.discrete.mesh.growth - self.total(norm, sharp), 0.0)
 
     def improved(self, tolerance: float, stop: Stop, aim: float = AIM) -> DiscreteSolution:
-        """The same, iterated on to `aim` times the `tolerance` where the algebraic bound misses that.
+        """The solution, iterated on to `aim` times the `tolerance` if the algebraic bound misses it.
 
-        Not so where half of the bound or more is rounding, which no step takes away.
+        It stays as it is where half of the bound or more is rounding, which no step takes away.
         """
         enough = max(tolerance, 2 * self.result.rounding)
         if self.result.bound <= enough or not self.result.converged:
@@ -198,9 +207,10 @@ class DiscreteSolution:
         return self.discrete.continued(self, aim * tolerance, stop)
 
     def within(self, stop: Stop) -> DiscreteSolution:
-        """Iterated on until the algebraic bound is at most `stop.fraction` of the one of ||u - u_h||_1.
+        """The solution, iterated on until the algebraic bound is at most a fraction of that on ||u - u_h||_1.
 
-        That is asked for again, for it falls, too, where most of it was algebraic. Rounding may end it.
+        The fraction is `stop.fraction`. The bound on ||u - u_h||_1 is computed again each time, because it
+        falls, too, where most of it was algebraic. Rounding may end the iteration before.
         """
         found = self
         while (better := found.improved(stop.fraction * found.total("h1"), stop)) is not found:

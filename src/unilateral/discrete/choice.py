@@ -1,4 +1,4 @@
-"""Which of two ways solves a discrete problem, by multigrid or condensed to the boundary, in what memory."""
+"""Chooses how a discrete problem is solved, by multigrid or condensed to the boundary, and in what memory."""
 
 from __future__ import annotations
 
@@ -17,23 +17,30 @@ from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb
 
 PAYS = 20_000
-"""Unknowns from which multigrid is cheaper than A_3; below, importing it alone takes longer."""
+"""From this many unknowns on multigrid is cheaper than A_3, the matrix condensed to the boundary.
+
+Below, importing it alone takes longer.
+"""
 COARSE = 5000
-"""Unknowns of the coarse mesh that an unstructured one is refined from."""
+"""The coarse mesh that an unstructured one is refined from has about this many unknowns."""
 MORE_CELLS = 1.5
-"""Times those of uniform meshes that are not made by halving, at most."""
+"""A mesh made by halving has at most this many times the boundary cells of a uniform one that is not."""
 MULTIGRID, RECURSIVE, SPARSE = 400, 1000, 5000
-"""Bytes for an unknown, as measured at 1e6 of them."""
+"""Bytes per unknown, as measured with 1e6 unknowns: by multigrid, and condensed to the boundary.
+
+Condensing takes RECURSIVE where the mesh was refined often enough for macro-elements, else SPARSE.
+"""
 LOCAL, SHARP = 300, 5000
-"""The same for guaranteed bounds: the cheap one, and the sharp one."""
+"""Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
 DENSE = 64
-"""Bytes for an entry of A_3 or S: some eight matrices of that size are held."""
+"""Bytes per entry of A_3 or S: about eight matrices of that size are held."""
 
 
 def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteProblem:
     """The problem on nested levels where these pay and can follow the partition, else `condensed`.
 
-    An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for in vain.
+    An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for but not
+    possible.
     """
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import multilevel  # and with it PyAMG
@@ -67,9 +74,10 @@ def check_condensed(mesh: Mesh, partition: Partition) -> None:
 
 
 def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
-    """How often an unstructured mesh with so many edges in a cell of the size H is to be made by halving.
+    """How often a coarse unstructured mesh is halved to get so many `edges` in each cell of the size H.
 
-    0 where A_3 is cheaper; and not so often that short sides, which have a cell from the beginning, get many.
+    0 where condensing to the boundary is cheaper. It is not halved so often that short sides, which have a
+    cell from the beginning, get many cells.
     """
     unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
@@ -82,24 +90,24 @@ def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
 
 
 def wants_multigrid(stop: Stop, unknowns: float) -> bool:
-    """Whether to try that first."""
+    """Whether to try multigrid first."""
     pays = stop.algorithm == "auto" and stop.rho is None and unknowns >= PAYS
     return pays or stop.algorithm == "multigrid"
 
 
 def condensed_mb(mesh: Mesh, partition: Partition) -> float:
-    """What it takes to condense to the boundary."""
+    """The MB that it takes to condense to the boundary."""
     unknown = SPARSE if mesh.halvings < REFINED else RECURSIVE
     return (unknown * mesh.n_nodes + DENSE * (len(mesh.boundary) + partition.n_cells) ** 2) / 2**20
 
 
 def bound_mb(mesh: Mesh, sharp: bool) -> float:
-    """What a guaranteed bound takes."""
+    """The MB that a guaranteed bound takes."""
     return (SHARP if sharp else LOCAL) * mesh.n_nodes / 2**20
 
 
 def check_size(polygon: Polygon, h: float) -> None:
-    """Raises InputError if a mesh of that size is too large for the memory, whatever the way."""
+    """Raises InputError if a mesh of size h is too large for the memory, whichever way it is solved."""
     unknowns = polygon.area / h**2
     needed, free = MULTIGRID * unknowns / 2**20, available_mb()
     if needed > free:

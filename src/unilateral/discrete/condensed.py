@@ -31,20 +31,26 @@ from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
 
 FIRST = 0.01
-"""Of the residual at lambda = 0: how far to iterate before the size of the error is known."""
+"""Before the size of the error is known, the tolerance is this fraction of the residual at lambda = 0."""
 UNKNOWN = 1e-4
-"""Of that residual: what the errors are taken to be where nothing is known of them."""
+"""Where nothing is known of the errors, they are taken to be this fraction of the residual at lambda = 0."""
 ROOM = 2.0
-"""Times what rounding adds to the bound: for that in a tolerance, as it depends on lambda_H."""
+"""A tolerance has room for this many times what rounding adds to the bound.
+
+It is more than once that, because what rounding adds depends on lambda_H.
+"""
 UNSEEN = 3e-4
-"""Of the bound: what may be said too much of the rounding of u_h, to save a solve that would tell more."""
+"""The rounding of u_h may be overestimated by this fraction of the bound.
+
+That saves a solve that would tell more.
+"""
 MOST_BOUNDED = 100_000
-"""Unknowns up to which the error is bounded to find a tolerance, which takes 3 GB."""
+"""Up to this many unknowns the error is bounded to find a tolerance, which takes 3 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class CondensedProblem(DiscreteProblem):
-    """(P_h*) on the `spaces`: `offset` (m,) is F(0). Errors are known where the solution is `exact`."""
+    """(P_h*) on the `spaces`; `offset` (m,) is F(0). True errors are known where the `exact` solution is."""
 
     spaces: MixedSpaces
     offset: Array
@@ -59,11 +65,11 @@ class CondensedProblem(DiscreteProblem):
         return self.spaces.beta
 
     def errors(self, lambda_H: Array) -> ExactErrors | None:
-        """The true errors of lambda_H (m,) and its u_h, where the solution is `exact`."""
+        """The true errors of lambda_H (m,) and its u_h, where the `exact` solution is known."""
         return self.exact.errors(self.spaces, lambda_H) if self.exact else None
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}.
+        """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}.
 
         It is that norm up to the rounding of A_3.
         """
@@ -71,7 +77,7 @@ class CondensedProblem(DiscreteProblem):
 
     @cached_property
     def first(self) -> DualResult:
-        """lambda = 0 and its bound."""
+        """The result lambda = 0 with its bound."""
         operator, zero = self.spaces.operator, np.zeros(len(self.offset))
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
@@ -79,7 +85,7 @@ class CondensedProblem(DiscreteProblem):
         return self.solution(result, 0.0).result if bound < math.inf else result
 
     def crude(self, share: float) -> float:
-        """A tolerance: that share of the residual at lambda = 0, and what rounding may add to the bound."""
+        """A tolerance: a `share` of the residual at lambda = 0, and what rounding may add to the bound."""
         return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
 
     def solved(self, stop: Stop) -> DiscreteSolution:
@@ -91,9 +97,9 @@ class CondensedProblem(DiscreteProblem):
     ) -> DiscreteSolution:
         """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
 
-        The residual of u_h is rounding, and small against any `total`.
-        Without a tolerance a crude one: a share of the residual at 0. What rounding adds to the bound is
-        known at the end only; if then the bound misses the tolerance the iteration goes on once.
+        `total` is not needed: the residual of u_h is rounding, and small against any total. Without a
+        tolerance a crude one is taken, a share of the residual at 0. What rounding adds to the bound is known
+        at the end only. If the bound then misses the tolerance, the iteration goes on once.
         """
         operator = self.spaces.operator
         wanted = self.crude(FIRST) if tolerance is None else tolerance
@@ -113,7 +119,7 @@ class CondensedProblem(DiscreteProblem):
         return replace(more, result=joined(solution.result, more.result))
 
     def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
-        """What belongs to the lambda_H that was found, its bound now with what was rounded on the way."""
+        """The solution for the lambda_H that was found; its bound now includes the rounding on the way."""
         u_h = self.spaces.response(self.load, result.lambda_H)
         bound = self._certified(result, u_h)
         rounding = max(bound - result.bound, 0.0)
@@ -143,7 +149,7 @@ def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) ->
 
 
 def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
-    """The problem of a case whose solution is seen from these spaces."""
+    """The problem of a case whose exact solution is known on these spaces."""
     discrete = with_load(spaces, exact.ritz.load, exact.ritz.trace, exact.means.g_means)
     return replace(discrete, exact=exact, data=exact.ritz.case)
 
@@ -160,7 +166,10 @@ def with_data(spaces: MixedSpaces, data: Data) -> CondensedProblem:
 
 
 def with_samples(spaces: MixedSpaces, problem: Sampled) -> CondensedProblem:
-    """The problem whose f, g and q are known in points: by Gauss rules, whose errors nobody knows."""
+    """The problem whose f, g and q are known at points only.
+
+    Gauss rules integrate them, with errors that nobody knows.
+    """
     mesh = spaces.mesh
     load = p1_load(mesh, sampled_moments(problem, mesh)) + flux_load(problem, mesh)
     trace = spaces.condensed.solve(load)[mesh.boundary]
@@ -168,14 +177,14 @@ def with_samples(spaces: MixedSpaces, problem: Sampled) -> CondensedProblem:
 
 
 def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
-    """(n,) that of the given flux: of its enclosure exact for the polynomials, or by Gauss rules."""
+    """(n,) the load of the given flux: exact for the polynomials of its enclosure, or by Gauss rules."""
     if isinstance(problem, Sampled):
         return sampled_edge_load(problem, mesh)
     return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
 
 
 def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
-    """(cells,) the means of g: of a case exact to rounding, else of the enclosure, or by Gauss rules."""
+    """(cells,) the means of g: of a case exact up to rounding, else of the enclosure, or by Gauss rules."""
     if is_case(problem):
         return cell_means(problem, cells).g_means
     if not isinstance(problem, Sampled):
@@ -193,12 +202,13 @@ def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Con
 
 
 def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008
-    """(u_h, lambda_H), its algebraic error at most `stop.tolerance`, else `stop.fraction` of the others.
+    """(u_h, lambda_H), with an algebraic error of at most `stop.tolerance`, or a fraction of other errors.
 
-    Where the solution is exact that holds in every norm that is judged; `beta`, a lower bound of the constant
-    in (3.4), turns the algebraic bound into one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED
-    unknowns, it holds for the bound of ||u - u_h||_1, which is known after a first, cruder, solve, but where
-    rounding hides it. Else it is a share of that of lambda = 0.
+    Without a tolerance the fraction is `stop.fraction`. Where the exact solution is known, it is kept in
+    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound into
+    one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED unknowns, it is a fraction of the bound on
+    ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is a share
+    of the residual at lambda = 0.
     """
     if stop.tolerance is not None:
         return discrete.iterated(stop.tolerance, stop)
@@ -211,7 +221,10 @@ def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = 
 
 
 def _to_exact(discrete: CondensedProblem, exact: Exact, stop: Stop, beta: float) -> DiscreteSolution:
-    """Goes on from lambda_H where the H^{-1/2} error then still misses the fraction."""
+    """The solution of a case.
+
+    It goes on from lambda_H if the H^{-1/2} error then still misses the fraction.
+    """
     spaces = discrete.spaces
     solved = discrete.iterated(stop.fraction * exact.tolerance(spaces), stop)
     if spaces.operator.singular or exact.means.lambda_is_zero:

@@ -1,6 +1,6 @@
 """The discrete problem (P_h*) on a mesh that was made by refinement, solved by multigrid.
 
-It offers what `discrete` offers for the problem that is condensed to the boundary, without dense matrices:
+It offers what `condensed` offers for the problem that is condensed to the boundary, without dense matrices:
 time and memory are proportional to the number of unknowns, on uniform and on adapted meshes alike.
 """
 
@@ -32,16 +32,16 @@ from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 MOST_COARSE = 50_000
-"""Unknowns of the coarsest mesh, whose matrix is factorised."""
+"""The coarsest mesh, whose matrix is factorised, has at most this many unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
 
-    The iteration begins at the `guess` (n,), by default with coarser levels. `free` are the sides without
-    multipliers. Each cell has a node inside, so lambda_H is `unique`; as no lower bound of `beta` is known, 1
-    is put for it: algebraic bounds are then in ||.||_{-1/2,h}.
+    The iteration begins at the `guess` (n,), by default on coarser levels. `free` are the sides without
+    multipliers. Each cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so
+    it is set to 1: algebraic bounds are then in ||.||_{-1/2,h}.
     """
 
     free: tuple[int, ...]
@@ -63,14 +63,14 @@ class MultilevelProblem(DiscreteProblem):
         return found
 
     def forget(self) -> None:
-        """The levels, which take half of the memory and are needed by no bound of the total error."""
+        """Frees the levels, which take half of the memory and are needed for no bound on the total error."""
         vars(self).pop("grids", None)
 
     def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H), its algebraic bound at most `stop.tolerance`.
+        """(u_h, lambda_H), with an algebraic bound of at most `stop.tolerance`.
 
-        Else it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are no coarser
-        levels to begin with, of its bound. The bound itself is guaranteed.
+        Without a tolerance it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are
+        no coarser levels to begin with, of the bound on that. The algebraic bound itself is guaranteed.
         """
         found = self.iterated(stop.tolerance, stop)
         if stop.tolerance is not None or len(self.grids.grids) > 1:
@@ -80,9 +80,10 @@ class MultilevelProblem(DiscreteProblem):
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
     ) -> DiscreteSolution:
-        """The same for a tolerance, if one is given; cells with start (m,) > 0 are active first.
+        """The solution up to a tolerance, if one is given; cells with start (m,) > 0 are active first.
 
-        Where the bound of the total error will be about `total`, the residual is small against that, too.
+        Where the bound on the total error will be about `total`, the residual is made small against that,
+        too.
         """
         begin = None if self.guess is None or start is None else (self.guess, start > 0)
         found = self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total)
@@ -95,7 +96,7 @@ class MultilevelProblem(DiscreteProblem):
         return replace(more, result=joined(solution.result, more.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        """A lower bound of ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
+        """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
         return self.grids.dual_norm_below(lambda_H)
 
     def _solution(self, found: Found) -> DiscreteSolution:
@@ -110,8 +111,8 @@ class MultilevelProblem(DiscreteProblem):
 def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh, without multipliers on its free sides.
 
-    None where the mesh has no coarse level, or its levels cannot follow the partition: a point of that is no
-    node of the mesh, or a cell has one edge only.
+    None where the mesh has no coarse level, or one of more than MOST_COARSE unknowns, or where its levels
+    cannot follow the partition: a point of the partition is no node of the mesh, or a cell has one edge only.
     """
     coarse = mesh.coarse or mesh
     if not mesh.steps or coarse.n_nodes > MOST_COARSE:
@@ -128,7 +129,7 @@ def _on_levels(
     source: Source | None,
     guess: Array | None = None,
 ) -> MultilevelProblem | None:
-    """With a load of f (n,)."""
+    """The problem with the `load` of f (n,), or None if the `levels` cannot follow the partition."""
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
     means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
@@ -143,7 +144,7 @@ def _on_levels(
 
 
 def _grids(of: MultilevelProblem, levels: Hierarchy) -> Multigrid | None:
-    """None if the levels cannot follow the partition."""
+    """The problem on all levels, or None if these cannot follow the partition."""
     cells = nested_cells(levels, of.partition, of.free)
     if cells is None:
         return None
@@ -153,7 +154,7 @@ def _grids(of: MultilevelProblem, levels: Hierarchy) -> Multigrid | None:
 def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> MultilevelProblem:
     """The problem on a mesh and its cells, from the solution on a mesh from which this one was refined.
 
-    Of f only new triangles are looked at. The iteration begins at that solution, which forgets its levels.
+    f is enclosed on new triangles only. The iteration begins at that solution, which forgets its levels.
     """
     mesh, before = of.mesh, last.discrete if last else None
     known = before.grids.finest.of if isinstance(before, MultilevelProblem) else None
@@ -175,11 +176,11 @@ def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> Mult
 def refinements(
     problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[DiscreteSolution], Index], most: float
 ) -> Iterator[DiscreteSolution]:
-    """The solutions on a mesh, two of whose boundary edges make a cell, and on finer ones of `most` unknowns.
+    """The solutions on a mesh with two boundary edges in each cell, and on finer ones, up to `most` unknowns.
 
-    Of each mesh the triangles (k,) are refined that are `chosen` by its solution, from which the next one
-    starts. Algebraic bounds are at most `stop.fraction` of those of ||u - u_h||_1. Raises InputError as
-    `chosen` does.
+    `chosen` gives the triangles (k,) of a mesh that are refined, from the solution on it. The next solve
+    starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1. Raises
+    InputError as `chosen` does.
     """
     of, last = adapted_mesh(mesh), None
     while of.mesh.n_nodes <= most:
@@ -198,7 +199,7 @@ def _solved(last: DiscreteSolution | None, discrete: MultilevelProblem, stop: St
 
 
 def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
-    """(n,) values of (f, phi_i), and f enclosed where they are made of that."""
+    """(n,) the load (f, phi_i), and the enclosure of f if the load is made of that."""
     if is_case(problem):
         return by_parts(mesh, partial(case_moments, problem)), None
     if isinstance(problem, Sampled):

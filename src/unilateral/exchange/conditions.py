@@ -5,7 +5,7 @@
     mortar       integrals of (u - g) phi_j
 
 are >= 0, with multipliers >= 0 that are 0 where they are > 0. All are B v >= B g with rows that are scaled as
-means, so that one solver does for all. `mistaken` are those that authors take in their place.
+means, so that one solver does for all. `mistaken` ones are what authors take in their place.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from unilateral.problems.case import Case
 from unilateral.solvers.active_set import active_set
 
 ROUNDING = 1e-9
-"""Of the largest value: what is smaller counts as 0."""
+"""Values below this fraction of the largest one count as 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """`what` is >= 0, B (k, nb) v over `weights` (k,) not below `g` (k,), at the arc lengths `s` (k,).
+    """Conditions B v / weights >= g at the arc lengths `s` (k,), with B (k, nb), `weights` and `g` (k,).
 
-    `mu` (k,) are the multipliers that were handed in.
+    `what` says in words how u >= g is meant. `mu` (k,) are the multipliers that were handed in.
     """
 
     what: str
@@ -53,7 +53,7 @@ class Conditions:
     def multiplier_load(
         self, discrete: CondensedProblem, load: Array, tolerance: float
     ) -> tuple[Array, float]:
-        """(nb,) of the multiplier that belongs to a load (n,), and a bound on its error in H1."""
+        """The load (nb,) of the multiplier that belongs to a load (n,), and a bound on its error in H1."""
         if not len(self.g):
             return np.zeros(len(discrete.mesh.boundary)), 0.0
         condensed = discrete.spaces.condensed
@@ -66,13 +66,13 @@ class Conditions:
         return np.asarray(self.B @ trace / self.weights - self.g)
 
     def kept(self, rows: Mask) -> Conditions:
-        """Those of the rows (k,)."""
+        """The conditions of those rows (k,)."""
         at = np.flatnonzero(rows)
         return Conditions(self.what, self.B[at], self.weights[at], self.g[at], self.s[at], self.mu[at])
 
 
 class Equal(Conditions):
-    """u = g in place of u >= g."""
+    """The conditions u = g in place of u >= g."""
 
     def multiplier_load(
         self, discrete: CondensedProblem, load: Array, tolerance: float
@@ -84,7 +84,7 @@ class Equal(Conditions):
 
 
 class Reversed(Conditions):
-    """u <= g with multipliers <= 0."""
+    """The conditions u <= g with multipliers <= 0."""
 
     def multiplier_load(
         self, discrete: CondensedProblem, load: Array, tolerance: float
@@ -95,9 +95,9 @@ class Reversed(Conditions):
 
 
 def conditions(case: Case, discrete: CondensedProblem, mu: Trace) -> Iterator[Conditions]:
-    """Those that mu may belong to; none on free sides.
+    """The conditions that mu may belong to; there are none on free sides.
 
-    A mu that is constant on the cells of the exported partition, or on parts of these, may belong to it.
+    A mu that is constant on the cells of the exported partition, or on parts of these, may belong to that.
     """
     mesh = discrete.mesh
     if mu.nodal is None:
@@ -146,7 +146,10 @@ def mistaken(
 
 
 def _counted(case: Case, of_cells: Conditions, mu: Trace) -> Iterator[tuple[str, Conditions]]:
-    """The means of g on its cells taken from another vertex on, where the cells are the same from there."""
+    """The conditions with the means of g on the cells taken from another vertex on.
+
+    That is done where the cells are the same from there.
+    """
     if mu.nodal is not None or case.free_sides:
         return
     given = constant(mu.cells, of_cells.g)
@@ -156,7 +159,10 @@ def _counted(case: Case, of_cells: Conditions, mu: Trace) -> Iterator[tuple[str,
 
 
 def moves(mu: Trace) -> Iterator[tuple[str, Trace]]:
-    """What is constant on cells, if their arc length began at another vertex or ran clockwise."""
+    """What mu, constant on cells, would be if their arc length began at another vertex or ran clockwise.
+
+    Each comes with a text that says so.
+    """
     for clockwise in (True, False):
         for vertex, start in enumerate(mu.cells.polygon.starts[:-1].tolist()):
             if clockwise or vertex:
@@ -171,7 +177,10 @@ def moves(mu: Trace) -> Iterator[tuple[str, Trace]]:
 def _ignored(
     case: Case, discrete: CondensedProblem, mu: Trace, trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
-    """Without the sides that look ignored; nodes at their ends that look so, too, are left out."""
+    """The conditions without the sides that look ignored.
+
+    Nodes at their ends that look ignored, too, are left out.
+    """
     first = next(conditions(case, discrete, mu))
     below, pushed = _below_and_pushed(first, trace)
     sides = [

@@ -1,4 +1,4 @@
-"""Which bug explains what u leaves of the equation inside: the one that, undone, leaves a right solution.
+"""Which bug explains what u leaves of the equation inside: undoing it leaves a right solution.
 
 A bug adds c times its signature to the equation's residual. With the stiffness matrix K and the mass matrix M
 
@@ -7,7 +7,7 @@ A bug adds c times its signature to the equation's residual. With the stiffness 
     K u + M u = (1 + c) f       the load, the matrix or u
     K u / 2 + 2 M u = f         areas of triangles that are twice the right ones
 
-and c comes by least squares in the dual norm of the hats inside.
+and c is found by least squares in the dual norm of the hats inside.
 """
 
 from __future__ import annotations
@@ -28,17 +28,23 @@ from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.problems.case import Case
 
 EXPLAINS = 0.1
-"""Of what is wrong: as much may be left where a bug is named. A tenth of a norm is 1 % of its square."""
+"""A bug is named if at most this fraction of what is wrong is left without it.
+
+A tenth of a norm is 1 % of its square.
+"""
 NOTHING = 1e-3
-"""Of what may be left: less is as good as nothing, and not compared."""
+"""Less than this fraction of what may be left is as good as nothing, and not compared."""
 EXACT = 1e-6
-"""A factor below it is 0."""
+"""A factor below this counts as 0."""
 MIXED = 10
-"""How many times as far as other values of u its values at the nodes have to be from the right ones."""
+"""u counts as renumbered only if its distance from the right values is more than this many times two others.
+
+These are the distance of both if they are sorted, and that of the right values from the exact ones.
+"""
 
 
 class Undone(NamedTuple):
-    """A bug, and the `residual` without it; `multiplier` is what then becomes of one that was handed in.
+    """A bug, and the `residual` without it; `multiplier` makes of one that was handed in what it then is.
 
     The bug may be one of `both`, of u and of the multiplier.
     """
@@ -52,8 +58,9 @@ class Undone(NamedTuple):
 def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
     """The residual with the load that u's equation has, and that load's name: the exported one if in doubt.
 
-    Another one has to leave no more than `allowed` inside, and hardly anything of what the exported one does:
-    inside where that leaves more, else with the boundary load mu (nb,) of the multiplier, if there is one.
+    Another load has to leave no more than `allowed` inside, and hardly anything of what the exported one
+    leaves. If the exported one leaves more than `allowed` inside, that is compared inside. Else it is
+    compared on V_h, beside the boundary load mu (nb,) of the multiplier, if there is one.
     """
     beside = None if exported.inside > allowed else mu
     left = exported.whole(beside)
@@ -80,7 +87,7 @@ def explanations(case: Case, plain: Residual, allowed: float) -> list[Undone]:
 
 
 def _best(found: list[Undone], most: float) -> list[Undone]:
-    """Those that leave not clearly more than another."""
+    """The bugs that, undone, leave not clearly more than another one does."""
     left = [each.residual.inside for each in found]
     least = max(min(left) / EXPLAINS, NOTHING * most)
     return [each for each, of_each in zip(found, left, strict=True) if of_each <= least]
@@ -99,7 +106,7 @@ def _bugs(of: Residual) -> Iterator[Undone]:
 
 
 def _of_load(of: Residual) -> Iterator[Undone]:
-    """What has a factor if (u, v)_1 = factor (f, v) inside."""
+    """What may have a wrong factor, if (u, v)_1 = factor (f, v) inside."""
     factor = 1 + of.share(of.load)
     scaled = Residual(of.discrete, of.u, factor * of.load)
     load = _factor("the load (f, v)", factor, of.load, scaled)
@@ -114,7 +121,10 @@ def _of_load(of: Residual) -> Iterator[Undone]:
 
 
 def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
-    """That a term (n,) has it, or is missing if it is 0 as exactly as what is left lets see."""
+    """The fault that a term (n,) has a wrong factor.
+
+    The term is missing if the factor is 0 as exactly as what is left lets see.
+    """
     size = of.size(term)
     if abs(factor) * size <= of.inside + EXACT * size:
         return Fault(f"{name} is missing", "the equation holds inside without it")
@@ -122,7 +132,7 @@ def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
 
 
 def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:
-    """Where the mesh is its own mirror image."""
+    """The bug that x and y are exchanged, where the mesh is its own mirror image."""
     mesh = plain.discrete.mesh
     distance, node = cKDTree(mesh.points).query(mesh.points[:, ::-1])
     if distance.max() > SAME * mesh.h:
@@ -134,10 +144,11 @@ def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:
 
 
 def renumbered(case: Case, plain: Residual, u_h: Array) -> Fault | None:
-    """If the values in their order are as near to those of u_h (n,) as these are to the exact ones.
+    """The fault of another numbering, if the sorted values are nearly those of u_h (n,).
 
-    All distances are root mean squares over the nodes. Ordered values are never farther apart than values at
-    the nodes, so that a right solution, however numbered, passes; as another method may err twice as much.
+    They have to be as near to these as these are to the exact ones. All distances are root mean squares over
+    the nodes. Sorted values are never farther apart than values at the nodes, so a right solution passes,
+    however numbered. Twice the distance is allowed, as another method may err twice as much.
     """
     exact = case.value_and_gradient(plain.discrete.mesh.points)[0]
     own, here = _rms(u_h - exact), _rms(plain.u - u_h)

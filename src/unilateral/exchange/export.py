@@ -118,7 +118,7 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
 
 
 def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
-    """A row per node, s empty inside, and g there and on free sides."""
+    """A row per node; s is empty inside, and g is empty inside and on free sides."""
     s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
     s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
     (x, y), f = mesh.points.T, case.source(mesh.points)

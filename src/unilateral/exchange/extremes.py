@@ -26,7 +26,7 @@ class Extreme(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """Of the values at the nodes, or of the means over the cells; without a multiplier `gap` alone."""
+    """Extremes of values at the nodes, or of the means over the cells; without a multiplier `gap` alone."""
 
     at_nodes: bool
     gap: Extreme
@@ -34,13 +34,13 @@ class Extremes(NamedTuple):
     product: Extreme | None
 
     def as_numbers(self) -> dict[str, Any]:
-        """For programs; null where there is no multiplier."""
+        """The extremes for programs; null where there is no multiplier."""
         values = {"gap_least": self.gap, "lambda_least": self.multiplier, "product_largest": self.product}
         where = "values at the nodes" if self.at_nodes else "means over the cells"
         return {"of": where} | {name: each and each._asdict() for name, each in values.items()}
 
     def __str__(self) -> str:
-        """A lambda that is constant on the cells is its own mean."""
+        """The extremes in a line. A lambda that is constant on the cells is its own mean."""
         where, gap = ("at the nodes", "(u - g)") if self.at_nodes else ("over the cells", "mean(u - g)")
         names = (f"min {gap}", "min lambda", f"max |lambda {gap}|")
         known = [f"{name} = {of}" for name, of in zip(names, self[1:], strict=True) if of is not None]
@@ -48,9 +48,9 @@ class Extremes(NamedTuple):
 
 
 def extremes(case: Case, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
-    """Of the first conditions that the multiplier may belong to, else at the nodes; None if all is free.
+    """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
 
-    At a node lambda is its integral with the hat over that of the hat.
+    None if all sides are free. At a node lambda is its integral with the hat over that of the hat.
     """
     mesh, mu = discrete.mesh, given.multiplier
     each = next(conditions(case, discrete, mu or continuous(mesh, np.zeros(len(mesh.boundary)))))

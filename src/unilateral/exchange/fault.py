@@ -23,17 +23,17 @@ class Fault(NamedTuple):
 
 
 def wrong(name: str, factor: float, right: str = "the right one") -> Fault:
-    """That something has a factor; `right` says of what."""
+    """The fault that something has a wrong factor; `right` says what it is a multiple of."""
     return Fault(f"{name} has the wrong {'sign' if factor < 0 else 'scale'}", f"{factor:.6g} times {right}")
 
 
 def unexplained(what: str, perhaps: str, measured: str) -> Fault:
-    """That something is wrong, and what may be the reason; "" if there is no guess."""
+    """The fault that something is wrong, and what may be the reason; "" if there is no guess."""
     guess = f" (perhaps {perhaps})" if perhaps else ""
     return Fault(f"{what}, and {UNEXPLAINED}{guess}", measured)
 
 
 def either(faults: list[Fault]) -> Fault:
-    """One of them, where nothing tells which."""
+    """One of several faults, where nothing tells which."""
     what, measured = ("; or ".join(dict.fromkeys(each)) for each in zip(*faults, strict=True))
     return Fault(what, measured)

@@ -1,7 +1,7 @@
 """Why a solution is wrong, told from what it leaves of the equations that it claims to solve.
 
-All is measured in the dual norm of V_h, where it is an error of u in H1. What is left counts from the share
-of the discretisation error on that an algebraic error may have, for others as for this project.
+All is measured in the dual norm of V_h, where it is an error of u in H1. What is left counts if it is more
+than an algebraic error may be: the same share of the discretisation error for others as for this project.
 """
 
 from __future__ import annotations
@@ -24,9 +24,12 @@ from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 
 COUNTS = Stop.fraction
-"""Of this project's error on the same level. So far a rate over a factor of 2 changes by 0.03 at most."""
+"""What is left counts if it exceeds this fraction of this project's error on the same level.
+
+Up to there a rate over a factor of 2 changes by 0.03 at most.
+"""
 ROUNDING = 1e-10
-"""Of the error of u: an error of lambda below it is 0."""
+"""An error of lambda below this fraction of the error of u counts as 0."""
 REMARK = "the load is that of f {}; its error is a part of yours, and no fault"
 
 
@@ -38,10 +41,11 @@ class Judged(NamedTuple):
 
 
 def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
-    """By this project's `own` errors on the level, and its u_h (n,).
+    """What is wrong with a solution, by this project's `own` errors on the level, and its u_h (n,).
 
-    A bug inside is told only if a right solution is left without it and without further known bugs, of the
-    multiplier or the conditions. Of several those are told that need the fewest further ones.
+    A bug inside is told only if without it, and without further known bugs of the multiplier or the
+    conditions, a right solution is left. Of several such bugs those are told that need the fewest further
+    ones.
     """
     allowed, mu = COUNTS * own.h1, given.multiplier
     exported = Residual(discrete, given.u, discrete.load)
@@ -76,7 +80,10 @@ def _inside(of: Residual) -> Fault:
 
 
 def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """By u's equation at the boundary, which says what the multiplier has to be, and by its conditions."""
+    """What is wrong with the multiplier.
+
+    u's equation at the boundary says what it has to be, and its conditions are checked.
+    """
     if mu is None:
         return
     allowed, first = _allowed(of, own), plain(mu, of.discrete.mesh)
@@ -102,12 +109,12 @@ def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> I
 
 
 def _allowed(of: Residual, own: Errors) -> float:
-    """What may be left at the boundary."""
+    """How much may be left at the boundary."""
     return COUNTS * (own.hm12_lower if own.hm12_lower > ROUNDING * own.h1 else own.h1) + of.inside
 
 
 def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
-    """What is wrong with a multiplier that has not the right scale, if it was meant as in a reading."""
+    """The faults of a multiplier that has not the right scale, if it was meant as in a reading."""
     if fault:
         yield Fault(fault, "so read it fits u's equation, but for a factor")
     if fit.factor == fit.left == 0:
@@ -130,7 +137,10 @@ def _is_scaled(fit: Fit, allowed: float) -> bool:
 
 
 def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """A sign that is surer than what is left and this project's error, where u says nothing."""
+    """A wrong sign of the multiplier, by the exact one, where u says nothing.
+
+    It is told only if it is surer than what is left and this project's error.
+    """
     if mu is None:
         return
     fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))
@@ -140,7 +150,7 @@ def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Faul
 
 
 def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
-    """Other conditions that u has, if it has none of those that belong to mu."""
+    """The other conditions that u has, if it has none of those that belong to mu."""
     missed = {}
     for each in conditions(case, of.discrete, mu):
         load, bound = each.multiplier_load(of.discrete, of.load, allowed)

@@ -1,6 +1,6 @@
 """A case as expressions in its coordinates: u, f, grad u, and on each side g, the gap and lambda = du/dn.
 
-They are Python in x and y, or as a module for numpy or UFL. Beside sin, cos and the like the expressions use
+They are Python in x and y, or a module for numpy or UFL. Beside sin, cos and the like the expressions use
 `pos` and `angle`, which `DEFINITIONS` and the modules define.
 """
 
@@ -26,15 +26,15 @@ DEFINITIONS = (
 NO_FORMULAS = "there are no closed formulas, for u is a sum over the intervals of a Cantor set"
 COORDINATES = {"python": ("x", "y"), "ufl": ("x[0]", "x[1]")}
 ARGUMENTS = {"python": "x, y", "ufl": "x"}
-"""How coordinates are written in a module of each kind, and what its functions take."""
+"""COORDINATES is how a module of each kind writes coordinates, ARGUMENTS what its functions take."""
 SIMPLE = 1024
-"""Of denominators: fractions up to it are written as such."""
+"""Fractions with a denominator up to this are written as fractions."""
 Closed = Smooth | Tensor | Polar
 ANGLE = sympy.Function("angle", real=True)
 
 
 def formulas(case: Case, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
-    """`u`, `f` and the two of `grad_u`; `g`, `gap` and `lambda` per side.
+    """The formulas `u`, `f` and the two of `grad_u`, and `g`, `gap` and `lambda` per side.
 
     Each is None where the case has no closed formula.
     """
@@ -85,19 +85,19 @@ def module(case: Case, kind: str) -> str:
 
 
 def _text(expression: sympy.Expr, names: dict[sympy.Symbol, sympy.Symbol]) -> str:
-    """As Python has it; numbers with all their digits."""
+    """An expression as Python has it; numbers with all their digits."""
     return str(sympy.sstr(expression.xreplace(names), full_prec=True))
 
 
 def _along(case: Case, side: int) -> sympy.Expr:
-    """t, the arc length from the side's start in side lengths."""
+    """t, the arc length from the side's start over the length of the side."""
     (a, b), (p, q) = case.polygon.vertices[side], case.polygon.tangents[side]
     s = (X - _number(a)) * _number(p) + (Y - _number(b)) * _number(q)
     return s / _number(case.polygon.lengths[side])
 
 
 def _number(value: float) -> sympy.Expr:
-    """Exact: a simple fraction as such."""
+    """A number, exactly; a simple fraction is written as a fraction."""
     numerator, denominator = float(value).as_integer_ratio()
     simple = denominator <= SIMPLE
     return sympy.Rational(numerator, denominator) if simple else sympy.Float(float(value), 17)

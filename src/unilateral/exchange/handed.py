@@ -29,7 +29,10 @@ class Handed(NamedTuple):
 
 
 def handed(file: str) -> Handed:
-    """By the file's ending: .csv, .nc, or one of meshio's. Raises InputError for what cannot be read."""
+    """What a file holds, by its ending: .csv, .nc, or one of meshio's.
+
+    Raises InputError if it cannot be read.
+    """
     if not Path(file).is_file():
         raise InputError(f"there is no file {file}")
     try:

@@ -16,7 +16,7 @@ def held_edges(case: Case, mesh: Mesh) -> Mask:
 
 
 def held_cells(case: Case, cells: Partition) -> Mask:
-    """(m,) which cells do."""
+    """(m,) which cells lie on no free side."""
     return ~np.isin(cells.side, case.free_sides)
 
 

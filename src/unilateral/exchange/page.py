@@ -22,11 +22,11 @@ TITLES = {"h1": "u in H¹", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²
 DRAWN = {"h1": "$u$ in $H^1$", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}
 THEIRS, OWN, EXACT = "tab:red", "tab:blue", "0.3"
 POINTS = 400
-"""Of each side, at which the exact values are drawn."""
+"""The exact values are drawn at this many points of each side."""
 
 
 def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
-    """Errors beside this project's own, rates, faults, and the boundary on the finest level."""
+    """The page: errors beside this project's own, rates, faults, and the boundary on the finest level."""
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
     template = resources.files("unilateral.exchange") / "page.template.html"
     faults = [escape(sentence) for sentence in sentences(scored)]
@@ -47,7 +47,7 @@ def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
 
 
 def _table(head: Iterable[str], rows: Iterable[tuple[str, Iterable[str]]]) -> str:
-    """Rows with their classes."""
+    """A table in HTML, with a class for each row."""
     lines = [f"<tr>{''.join(f'<th>{each}</th>' for each in head)}</tr>"]
     lines += [f'<tr class="{kind}">{"".join(f"<td>{each}</td>" for each in row)}</tr>' for kind, row in rows]
     return "\n".join(["<table>", *lines, "</table>"])

@@ -24,9 +24,9 @@ from unilateral.problems import case as cases
 from unilateral.problems.case import Case
 
 LARGEST = 1e100
-"""Of a value, so that squares of errors do not overflow."""
+"""Values have to be below this, so that squares of errors do not overflow."""
 SAME = 1e-6
-"""Of h: places so near are the same."""
+"""Places whose distance is at most this fraction of h are the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def _level(folder: Path, case: Case, name: str) -> ExportedLevel:
 
 
 def foreign(levels: list[ExportedLevel], file: str, multiplier: str | None = None) -> Foreign:
-    """The solution in a file, of the level whose nodes it has; its multiplier may be in another file.
+    """The solution in a file, on the level whose nodes it has; its multiplier may be in another file.
 
     Raises InputError for missing points, another mesh, values that are not finite, and what cannot be read.
     """

@@ -18,9 +18,10 @@ from unilateral.problems.case import Case
 
 @dataclass(frozen=True, eq=False)
 class MeantMultiplier:
-    """A multiplier as the boundary load (nb,) that it is if it was meant like that; `fault` says how.
+    """A way in which a multiplier may have been meant; `fault` says which.
 
-    `mu` is None where that says all, and its conditions need not be looked at.
+    `load` (nb,) is the boundary load that it is then. `mu` is None where the fault says all, and its
+    conditions need not be looked at.
     """
 
     fault: str
@@ -29,12 +30,12 @@ class MeantMultiplier:
 
 
 def plain(mu: Trace, mesh: Mesh) -> MeantMultiplier:
-    """As it was handed in."""
+    """The multiplier as it was handed in."""
     return MeantMultiplier("", mu.load(mesh), mu)
 
 
 def readings(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
-    """Other ways to read it, where u's equation has the `right` load (nb,)."""
+    """Other ways to read the multiplier, where u's equation has the `right` load (nb,)."""
     if mu.nodal is None:
         yield from _of_cells(mu, mesh, right)
         return
@@ -69,7 +70,8 @@ def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
 def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMultiplier]:
     """The multiplier after one more step of Uzawa's iteration than u has.
 
-    That is max(0, mu_u - rho times the means of u - g). mu_u has the `right` load (nb,); rho > 0 is nearest.
+    That is max(0, mu_u - rho times the means of u - g), where mu_u has the `right` load (nb,). The rho > 0 is
+    taken that comes nearest.
     """
     for each in conditions(case, of.discrete, mu):
         gap = each.means(of.u[of.discrete.mesh.boundary])

@@ -22,9 +22,9 @@ from unilateral.problems.case import Case
 
 
 class Fit(NamedTuple):
-    """`factor` times the right load is nearest to a load, and `left` is how far, in the dual norm.
+    """The `factor` for which factor times the right load is nearest to a load.
 
-    `size` is the norm of the right one.
+    `left` is how far it is then, in the dual norm, and `size` is the norm of the right load.
     """
 
     factor: float
@@ -39,7 +39,7 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """Of u (n,) on a `discrete` problem, with a load (n,)."""
+    """The residual of u (n,) on a `discrete` problem, with a `load` (n,)."""
 
     discrete: CondensedProblem
     u: Array
@@ -57,25 +57,31 @@ class Residual:
         return np.asarray(condensed.A_3 @ (self.u - condensed.solve(self.load))[boundary])
 
     def nearer_to(self, load: Array) -> Array:
-        """(nb,) that, or the reactions A u - f, which differ by what is left inside: the nearer to `load`."""
+        """(nb,) `boundary` or the reactions A u - f, whichever is nearer to `load`.
+
+        They differ by what is left inside.
+        """
         reactions = self.values[self.discrete.mesh.boundary]
         return min((self.boundary, reactions), key=lambda right: self.norm(load - right))
 
     @cached_property
     def inside(self) -> float:
-        """sup over the v of V_h that are 0 on the boundary."""
+        """The dual norm of the residual over the v of V_h that are 0 on the boundary."""
         return self.size(self.values)
 
     def size(self, load: Array) -> float:
-        """The same of a load (n,)."""
+        """The dual norm of a load (n,) over the v of V_h that are 0 on the boundary."""
         return math.sqrt(max(float(self._inner(load[:, None])[0, 0]), 0.0))
 
     def whole(self, mu: Array | None) -> float:
-        """sup over V_h of what is left beside a boundary load mu (nb,); inside where that is None."""
+        """The dual norm over V_h of what is left beside a boundary load mu (nb,).
+
+        It is `inside` where mu is None.
+        """
         return self.inside if mu is None else math.hypot(self.inside, self.norm(self.boundary - mu))
 
     def plus(self, load: Array) -> Residual:
-        """With another load (n,) added to that of u's equation."""
+        """The residual with another load (n,) added to that of u's equation."""
         return replace(self, load=self.load + load)
 
     def share(self, signature: Array) -> float:
@@ -84,7 +90,10 @@ class Residual:
         return float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
 
     def _inner(self, loads: Array) -> Array:
-        """(k, k) products of loads (n, k) in that norm: A_II^{-1}, of the inner nodes, comes from A^{-1}."""
+        """(k, k) products of loads (n, k) in the norm of `size`.
+
+        A_II^{-1}, of the inner nodes, comes from A^{-1}.
+        """
         condensed, boundary = self.discrete.spaces.condensed, self.discrete.mesh.boundary
         inner = loads.copy()
         inner[boundary] = 0.0
@@ -98,15 +107,18 @@ class Residual:
         return tuple(self.discrete.mesh.points[of_node.argmax()].tolist())
 
     def norm(self, load: Array) -> float:
-        """sup over V_h of a boundary load (nb,): ||mu||_{-1/2,h}."""
+        """The dual norm over V_h of a boundary load (nb,): ||mu||_{-1/2,h}."""
         return math.sqrt(max(self.product(load, load), 0.0))
 
     def product(self, one: Array, other: Array) -> float:
-        """Of boundary loads (nb,), of which that norm comes."""
+        """The product of boundary loads (nb,) from which `norm` comes."""
         return float(one @ self.discrete.spaces.condensed.solve_boundary(other))
 
     def fitted(self, load: Array, right: Array) -> Fit:
-        """By which factor a boundary load (nb,) is nearest to the right one; 0 where that is 0."""
+        """The multiple of the right load that is nearest to a boundary load (nb,).
+
+        The factor is 0 where the right load is 0.
+        """
         square = self.product(right, right)
         factor = self.product(load, right) / square if square > 0 else 0.0
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))

@@ -20,11 +20,11 @@ from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
 
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
-"""By (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
+"""The rates proved by (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
 ROOM = 0.1
-"""By which a rate between finite levels may stay below the proved one: set, not derived.
+"""A rate between finite levels may stay below the proved one by this: set, not derived.
 
-For scale: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) of the rate, 0.1 at H = 1/128.
+For comparison: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) of the rate, 0.1 at H = 1/128.
 """
 
 ROUNDING = 1e-12
@@ -48,7 +48,10 @@ class Scored:
 
 
 class Rate(NamedTuple):
-    """`observed`: the least rate over pairs of levels, of so many `pairs`; `proved` is NaN where none is."""
+    """`observed` is the least rate over so many `pairs` of levels, and `own` that of this project.
+
+    `proved` is NaN where no rate is proved.
+    """
 
     observed: float
     pairs: int
@@ -86,7 +89,7 @@ def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | No
 
 
 def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
-    """The rates over a ladder of levels, by norm; that in H^{-1/2} is of the bounds' root mean square.
+    """The rates over all levels, by norm; in H^{-1/2} the error is the root mean square of its bounds.
 
     Pairs are compared from where the case says that it is asymptotic, and by the factor that it names.
     """
@@ -110,7 +113,7 @@ def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
 
 
 def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tuple[Scored, Scored]]:
-    """Coarser and finer levels by that factor apart, from h = begin and H = 2 begin on."""
+    """Pairs of a coarser and a finer level by that factor apart, from h = begin and H = 2 begin on."""
     for coarse in ladder:
         level = coarse.given.level
         if max(level.mesh.h, level.cells.H / 2) > begin * (1 + SAME):
@@ -121,7 +124,7 @@ def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tu
 
 
 def _known(norm: str, *errors: Errors) -> bool:
-    """Neither NaN nor 0 up to rounding, which has no rate."""
+    """Whether the errors are neither NaN nor 0 up to rounding, which has no rate."""
     return all(error_in(each, norm) > ROUNDING for each in errors)
 
 
@@ -173,7 +176,7 @@ def _short(rate: Rate) -> bool:
 
 
 def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
-    """In a word: faults come before rates, and what was not looked at comes last."""
+    """The verdict in a few words: faults come before rates, and what was not looked at comes last."""
     if any(each.faults for each in scored):
         return "faults were found"
     if any(map(_short, found.values())):

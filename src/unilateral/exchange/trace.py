@@ -22,9 +22,9 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Linear between the values `ends` (m, 2) at the ends of each cell.
+    """A function that is linear on each cell, with the values `ends` (m, 2) at the ends of the cell.
 
-    `nodal` (nb,): its values at the boundary nodes where it is P1, None where it is constant on the cells.
+    `nodal` (nb,) are its values at the boundary nodes where it is P1, None where it is constant on the cells.
     """
 
     cells: Partition
@@ -33,7 +33,7 @@ class Trace:
 
     @property
     def values(self) -> Array:
-        """(m,) of a function that is constant on the cells, else `ends`."""
+        """(m,) the values of a function that is constant on the cells, else `ends`."""
         return self.ends[:, 0] if self.nodal is None else self.ends
 
     def load(self, mesh: Mesh) -> Array:
@@ -49,7 +49,7 @@ class Trace:
         return math.sqrt(weight @ (flux - mu) ** 2) if case.flux_in_L2 else math.nan
 
     def beside(self, case: Case) -> tuple[Array, Array, Array]:
-        """Weights (Q,), lambda (Q,) and mu (Q,) at the points of a rule that sees the case."""
+        """Weights (Q,), lambda (Q,) and mu (Q,) at the points of a rule for the case's singularities."""
         rule = boundary_rule(case.polygon, self.cells.points, case.singular())
         flux = case.boundary(rule.side, rule.s, rule.near)[1]
         return rule.weight, flux, values_on(self.cells, rule, rule.interval, self.values[None])[:, 0]
@@ -63,11 +63,14 @@ class Trace:
         return bool(np.all(highest - lowest <= ROUNDING * np.abs(self.ends).max()))
 
     def times(self, factor: float) -> Trace:
-        """That multiple of it."""
+        """The function times a factor."""
         return Trace(self.cells, factor * self.ends, None if self.nodal is None else factor * self.nodal)
 
     def carried(self, mesh: Mesh, node: Index) -> Trace:
-        """With the values at the boundary nodes taken from other ones, `node` (n,); on cells it stays."""
+        """The function with its values at the boundary nodes taken from other nodes, `node` (n,).
+
+        If it is constant on cells it stays as it is.
+        """
         if self.nodal is None:
             return self
         values = np.zeros(mesh.n_nodes)
@@ -75,7 +78,7 @@ class Trace:
         return continuous(mesh, values[node][mesh.boundary])
 
     def moved(self, start: float, clockwise: bool) -> Trace:
-        """The same on its cells if its arc length began at `start`, and ran clockwise or not.
+        """The function as it is if the arc length of its cells began at `start`, and ran clockwise or not.
 
         Raises InputError where a vertex would lie inside a cell.
         """

@@ -1,6 +1,6 @@
 """Partial elimination of the interior unknowns (the paper, section 5): A c = g becomes A_3 c'' = g''.
 
-By macro-elements where the mesh was refined often enough, else by sparse elimination.
+It is done by macro-elements where the mesh was refined often enough, else by sparse elimination.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from unilateral.fem.sparse import Sparse, dissected, last_block
 from unilateral.geometry.mesh import Mesh
 
 CONSTANTS = 1e-8
-"""How accurately constants must be solved for; what is guaranteed is so up to this rounding of A_3."""
+"""Constants have to be solved for with at most this error; guarantees hold up to this rounding of A_3."""
 REFINED = 3
-"""How often a mesh has to be refined for macro-elements to pay."""
+"""Macro-elements pay on meshes that were refined at least this often."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Condensed:
 
     @cached_property
     def A(self) -> sp.csr_array:
-        """(n, n)"""
+        """(n, n) the matrix of (., .)_1 on V_h."""
         return matrix(self.mesh)
 
     @cached_property
@@ -52,7 +52,10 @@ class Condensed:
 
     @cached_property
     def for_products(self) -> sp.csr_array:
-        """A (n, n) up to rounding, its rows not sorted: on a refined mesh, whose edges are known, faster."""
+        """A (n, n) up to rounding, its rows not sorted.
+
+        It is made faster on a refined mesh, whose edges are known.
+        """
         return h1_matrix(self.mesh) if self.mesh.known else self.A
 
     def solve(self, rhs: Array) -> Array:
@@ -65,7 +68,7 @@ class Condensed:
 
     @cached_property
     def sigma_1(self) -> float:
-        """The smallest sigma with (v, w)_1 = sigma <v, w> for all w in V_h, above Steklov's by O(h^2)."""
+        """The smallest sigma with (v, w)_1 = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
         mass, size = boundary_mass(self.mesh), len(self.mesh.boundary)
 
         def similar(v: Array) -> Array:
@@ -95,14 +98,14 @@ def condense(mesh: Mesh) -> Condensed:
 
 
 def by_sparse(mesh: Mesh, factors: Sparse) -> Condensed:
-    """From the factors of A with the boundary last. Raises InputError as `condense` does."""
+    """The condensation from the factors of A with the boundary last. Raises InputError as `condense` does."""
     check_constants(mesh, factors.solve(lumped_mass(mesh)))
     cholesky = last_block(factors.lu, len(mesh.boundary))
     return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky)
 
 
 def check_constants(mesh: Mesh, found: Array) -> None:
-    """`found`, the solution of (u, v)_1 = (1, v)_0, has to be 1: on small domains K + M loses M.
+    """Check that `found`, the solution of (u, v)_1 = (1, v)_0, is 1: on small domains K + M loses M.
 
     Raises InputError otherwise.
     """

@@ -21,18 +21,18 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation
 
 ROWS = 1 << 17
-"""Of a matrix at a time: with their triangles they take some 90 MB."""
+"""This many rows of a matrix are made at a time: with their triangles they take some 90 MB."""
 
 
 class Elements(NamedTuple):
-    """Of triangles: the products (T, 3) that belong to the opposite edges, and areas (T,)."""
+    """The products (T, 3) that belong to the edges opposite to the nodes of triangles, and the areas (T,)."""
 
     stiffness: Array
     area: Array
 
 
 def elements(points: Array, nodes: Int32) -> Elements:
-    """Of the triangles with those nodes (T, 3)."""
+    """The `Elements` of the triangles with those nodes (T, 3)."""
     stiffness, area = np.empty(nodes.shape), np.empty(len(nodes))
     for of in blocks(len(nodes)):
         (x, y) = points.T[:, nodes[of].T]
@@ -70,7 +70,10 @@ def some_rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_arra
 
 
 def _rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
-    """From a node inside each edge leads to the next node of one triangle and to the last one of another."""
+    """(k, n) the rows of some nodes (k,), as in `some_rows`.
+
+    Each edge from an inner node leads to the next node of one triangle and to the last node of another.
+    """
     place = np.full(n, -1, dtype=np.int32)
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
     some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
@@ -90,7 +93,7 @@ def _rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
 
 
 def _once(values: Array, rows: Int32, columns: Int32, shape: tuple[int, int]) -> sp.csr_array:
-    """The matrix with these entries, no two of which are in one place: it is not looked for such."""
+    """The matrix with these entries. No two of them are in one place, and none such are looked for."""
     found = sp.coo_array((values, (rows, columns)), shape=shape)
     found.has_canonical_format = True
     return found.tocsr()

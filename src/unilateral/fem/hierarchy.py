@@ -1,8 +1,8 @@
 """Nested spaces V_0, ..., V_L on a mesh that was made by refinement, uniform or not.
 
 Nodes keep their numbers, so one vector (n,) holds the values on all levels: V_l has the first of them. A
-level knows the nodes whose hats changed, which are new, or ends of edges that were halved, and the rows of
-the matrix of (., .)_1 that belong to them. Where refinement was uniform these are all nodes.
+level knows the nodes whose hats changed and the rows of the matrix of (., .)_1 that belong to them. These
+nodes are new, or ends of edges that were halved. Where refinement was uniform they are all nodes.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from unilateral.geometry.refinement import Step
 class FinerSpace:
     """V_l with n nodes, after V_{l-1} with the first of them.
 
-    `ends` (o,) are the ends of the halved edges, `P` (k, o) makes of values there those at the k new nodes.
-    `smoothed` (s,) are the nodes whose hats changed, `ends` first, `columns` (c,) those that their rows
-    reach, `smoothed` first, and `rows` (s, c) are of the matrix. If refinement was uniform the first two are
-    None, and the rows are the whole matrix. The last level of a hierarchy has no rows, for its matrix is
-    there. `step` made it; the areas of its new triangles (c,) were `halved` so often. `met` numbers are added
-    to one when a functional goes to the level before, at most.
+    `ends` (o,) are the ends of the halved edges, and `P` (k, o) takes values there to those at the k new
+    nodes. `smoothed` (s,) are the nodes whose hats changed, `ends` first; `columns` (c,) are the nodes that
+    their rows reach, `smoothed` first; `rows` (s, c) are these rows of the matrix. If refinement was uniform,
+    `smoothed` and `columns` are None, and the rows are the whole matrix. The last level of a hierarchy has no
+    rows, for the hierarchy has its matrix. `step` made the level. `halved` says how often the area of each of
+    its new triangles was halved. When a functional goes to the level before, each of its numbers there is a
+    sum of at most `met`.
     """
 
     n: int
@@ -45,19 +46,19 @@ class FinerSpace:
 
     @property
     def before(self) -> int:
-        """The nodes of the level before."""
+        """The number of nodes of the level before."""
         return self.step.n
 
     def restrict(self, R: Array) -> None:
-        """R (n,) on the hats of this level becomes that on those of the level before, in place."""
+        """Turn R (n,) on the hats of this level into R on those of the level before, in place."""
         R[self.ends] += self.P.T @ R[self.before : self.n]
 
     def prolong(self, v: Array) -> None:
-        """v, with values at the nodes of the level before, gets those at the new nodes, in place."""
+        """Give v, which has values at the nodes of the level before, those at the new nodes, in place."""
         v[self.before : self.n] = self.P @ v[self.ends]
 
     def with_rows(self, rows: sp.csr_array) -> FinerSpace:
-        """The same with the rows (s, n) of its nodes, or all."""
+        """This level with the rows (s, n) of its `smoothed` nodes, or with all rows if that is None."""
         if self.smoothed is None:
             return replace(self, rows=rows)
         touched = np.zeros(self.n, dtype=bool)
@@ -76,8 +77,8 @@ class Hierarchy:
     """The levels 1, ..., L, and A (n, n) on the last one, each row beginning with the diagonal.
 
     `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `mass` (n,) are the sums
-    of A's rows; `boundary` (nb,) and `s` (nb + 1,) as in `Mesh`. The last level has the triangles `nodes`
-    (T, 3). They lie in those of level 0 with the numbers `root` (T,), whose areas were `halved` (T,) times.
+    of A's rows; `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the triangles `nodes`
+    (T, 3). They lie in the triangles `root` (T,) of level 0, whose areas were halved `halved` (T,) times.
     """
 
     coarse: Mesh
@@ -108,7 +109,7 @@ class Hierarchy:
 
     @cached_property
     def smoothed(self) -> Int32:
-        """The nodes inside whose hats the last level has changed; on level 0 none."""
+        """The inner nodes whose hats the last level has changed; none on level 0."""
         if not self.levels:
             return np.zeros(0, dtype=np.int32)
         of = self.levels[-1].smoothed
@@ -119,7 +120,10 @@ class Hierarchy:
 
     @cached_property
     def coarser(self) -> Hierarchy | None:
-        """That of the level before if the last step was uniform and its matrix is whole; no triangles."""
+        """The hierarchy of the level before, without its triangles.
+
+        None unless the last step was uniform and the matrix before it is whole.
+        """
         if not self.levels or any(level.smoothed is not None for level in self.levels[-2:]):
             return None
         *levels, last = self.levels
@@ -157,7 +161,7 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
 
 
 def _rows(level: FinerSpace, points: Array, nodes: Int32) -> sp.csr_array:
-    """Of the triangles with those nodes (T, 3)."""
+    """The rows of a level whose triangles have those nodes (T, 3)."""
     if level.step.after:
         return matrix(level.step.after, points)[0]
     assert level.smoothed is not None
@@ -173,7 +177,7 @@ def _on_level_0(mesh: Mesh) -> Hierarchy:
 
 
 def _level(step: Step, halved: Int16) -> FinerSpace:
-    """Without its rows."""
+    """The level that a step makes, without its rows."""
     n, k = step.n, len(step.ends)
     changed = np.zeros(n, dtype=bool)
     changed[step.ends] = True

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
 SAMPLED = 8
-"""Degree of the rule on triangles for an f that is known in points only."""
+"""The degree of the rule on triangles for an f that is known in points only."""
 
 PART = 1 << 16
-"""Triangles that are looked at together: a part of a mesh takes some 10 MB."""
+"""This many triangles are treated together: such a part of a mesh takes some 10 MB."""
 
 
 def parts(mesh: Mesh) -> Iterator[Mesh]:
@@ -38,7 +38,7 @@ def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
 
 
 def case_moments(case: Case, mesh: Mesh) -> Array:
-    """(m, 3), by a quadrature that sees the case's singular points and kinks."""
+    """(m, 3) the moments of a case's f, by a quadrature that sees the case's singular points and kinks."""
     found = np.zeros((len(mesh.triangles), 3))
     for rule in triangle_rules(mesh, case):
         f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
@@ -47,14 +47,14 @@ def case_moments(case: Case, mesh: Mesh) -> Array:
 
 
 def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
-    """(m, 3), by a rule whose error nobody knows."""
+    """(m, 3) the moments of a sampled f, by a rule whose error nobody knows."""
     hats, weights = symmetric(SAMPLED)
     f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
     return mesh.areas[:, None] * ((f * weights) @ hats)
 
 
 def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
-    """(n,) that of the given flux, by a Gauss rule on every edge."""
+    """(n,) the load of the given flux, by a Gauss rule on every edge."""
     rule = boundary_rule(problem.polygon, mesh.s)
     x = (problem.polygon.starts[rule.side] + rule.s - mesh.s[rule.interval]) / np.diff(mesh.s)[rule.interval]
     points = (each[:, None] for each in (x, rule.weight, problem.flux(rule.side, rule.s)))

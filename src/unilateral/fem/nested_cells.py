@@ -14,7 +14,7 @@ from unilateral.fem.hierarchy import Hierarchy
 from unilateral.geometry.partition import VERTEX_TOLERANCE, Partition
 
 LEAST = 2
-"""Edges in a cell: a node then lies inside, and the rows of B are independent."""
+"""A cell has at least this many edges: a node then lies inside it, and the rows of B are independent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Cells:
 
 
 def nested_cells(of: Hierarchy, partition: Partition, free: Sequence[int] = ()) -> list[Cells] | None:
-    """The cells, without those on `free` sides, of the last levels, as many as have cells.
+    """The cells of the last levels, for as many levels as have cells, without the cells on `free` sides.
 
     A level's cells are the smallest unions of finer ones with at least two of its edges; where refinement was
     not uniform only the last level has cells. None where a point of the partition is no node, or a cell has
@@ -80,13 +80,13 @@ def _first_of_unions(ends: Index, side: Index) -> Index | None:
 
 
 def _cells(of: Hierarchy, ends: Index, first: Index | None) -> Cells:
-    """Those from boundary node ends[:, 0] to ends[:, 1]; unions begin with the cells `first`."""
+    """The cells from boundary node ends[:, 0] to ends[:, 1]; unions of them begin with the cells `first`."""
     parent = None if first is None else np.searchsorted(first, np.arange(len(ends)), side="right") - 1
     return Cells(_integrals(of, ends), _inside(of, ends), parent)
 
 
 def _inside(of: Hierarchy, ends: Index) -> Index:
-    """(m,) of each cell the node with the longest edges, the first of several."""
+    """(m,) the node inside each cell with the longest edges, or the first of several such nodes."""
     length = np.diff(of.s)
     cell = np.repeat(np.arange(len(ends)), ends[:, 1] - ends[:, 0] - 1)
     node = np.concatenate([np.arange(begin + 1, end) for begin, end in ends] or [cell])

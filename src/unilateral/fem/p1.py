@@ -19,7 +19,7 @@ def gradients(mesh: Mesh) -> Array:
 
 
 def hat_gradients(corners: Array, areas: Array) -> Array:
-    """The same of triangles with the corners (m, 3, 2) and those areas (m,)."""
+    """The same for triangles with the corners (m, 3, 2) and those areas (m,)."""
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     turned = np.stack([-opposite[..., 1], opposite[..., 0]], axis=-1)
     return np.asarray(turned / (2 * areas)[:, None, None])
@@ -53,9 +53,10 @@ def edge_load(mesh: Mesh, values: Array) -> Array:
 
 
 def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array) -> Array:
-    """(nb, 2) at the ends of the boundary edges: the L2 projection onto linear functions on each.
+    """(nb, 2) the L2 projection onto linear functions on each boundary edge, by its values at the ends.
 
-    Of what has `values` (K, Q) at the points x of [0, 1] on edges (K,) of rules with those weights.
+    It is that of a function with the `values` (K, Q) at the points x in [0, 1] of K rules, which lie on the
+    edges `edge` (K,) and have the weights `weight` (K, Q).
     """
     first, second = (
         np.bincount(edge, np.sum(weight * values * hat, axis=1), len(mesh.boundary)) for hat in (1 - x, x)
@@ -102,7 +103,7 @@ def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
 def h1_norm(mesh: Mesh, v: Array) -> float:
     """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel.
 
-    In units of the largest value, for squares of tiny and of huge ones vanish or overflow.
+    It is computed in units of the largest value, for squares of tiny and of huge ones vanish or overflow.
     """
     unit = float(np.abs(v).max(initial=0.0))
     if not 0 < unit < math.inf:

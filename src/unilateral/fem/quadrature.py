@@ -30,16 +30,19 @@ GAUSS = 16
 DEGREE = 8
 FINE_DEGREE = 5
 FINE = 1 / 64
-"""Of the shortest side and four times a cutoff's radius: from there on h^(FINE_DEGREE + 1) is below 2e-11."""
+"""A mesh is fine if h is at most this times the shortest side, and this times four times a cutoff's radius.
+
+h^(FINE_DEGREE + 1), in these units, is then below 2e-11.
+"""
 STRONG, TOWARDS = 2, 6
-"""Gradings above which the rule is cut towards a point, and how often."""
+"""Towards a point whose grading is above STRONG the rule is cut, TOWARDS times on either side."""
 
 
 class BoundaryRule(NamedTuple):
-    """Points by side (Q,) and arc length from the side's start s (Q,); weight (Q,); the cut interval (Q,).
+    """Points by their side (Q,) and arc length s (Q,) from its start; their weight (Q,) and interval (Q,).
 
-    `near`: the nearest vertex or singular point t (Q,) of the side, in side lengths, and the arc length (Q,)
-    from it, which s rounds.
+    The intervals are those between cuts. `near` is the nearest vertex or singular point t (Q,) of the side,
+    in side lengths, and the arc length (Q,) from it, which is rounded in s.
     """
 
     side: Index
@@ -135,7 +138,7 @@ class TriangleRule:
 def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterator[TriangleRule]:
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
-    Without a `degree` it is DEGREE, and FINE_DEGREE on whole triangles of a mesh finer than FINE.
+    If no `degree` is given it is DEGREE, or FINE_DEGREE on whole triangles of a fine mesh, see FINE.
     """
     split = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
@@ -175,9 +178,10 @@ def _gauss(points: int) -> tuple[Array, Array]:
 
 @cache
 def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
-    """Graded to the first corner: a fraction tau^grading away from it, n Gauss points across, as many in tau.
+    """A rule on a triangle that is graded to its first corner, from which points are a part tau^grading away.
 
-    Not graded it is exact for polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric`.
+    It has n Gauss points across, and n times the grading in tau, but at most 4 n. Not graded it is exact for
+    polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric`.
     """
     x, w = _gauss(n * min(grading, 4))
     y, v = _gauss(n)

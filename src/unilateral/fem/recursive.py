@@ -148,7 +148,7 @@ class Recursive:
         )
 
     def _eliminated(self, K: Array, inner: Index, outer: Index) -> Array:
-        """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes, as a stage more."""
+        """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes; a stage is appended."""
         i = inner.shape[-1]
         if i == 0:
             return K
@@ -189,7 +189,7 @@ def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:
 
 
 def _orders(n: int, halvings: int) -> list[Index]:
-    """The triangles of each level from n on, each followed by its sisters."""
+    """The triangles of each level, n on the first one; each is followed by its sisters."""
     found = [np.arange(n)]
     for _ in range(halvings):
         t, T = found[-1][:, None], len(found[-1])

@@ -1,4 +1,4 @@
-"""A guaranteed bound of a functional R on V_h, ||R|| = sup R(v) / ||v||_1, from nested spaces.
+"""A guaranteed bound on a functional R on V_h, ||R|| = sup R(v) / ||v||_1, from nested spaces.
 
 With I_l the interpolation at the nodes of level l, a function v of V_L is I_0 v and, for each level
 l = 1, ..., L, its hats at the new nodes times
@@ -32,8 +32,9 @@ exactly. So R' vanishes there, and ||R|| <= ||z||_1 + (3) for R'.
 
 The bound with the lumped mass (`rounded`) is too large by up to 1/h; this one is too large by up to a
 multiple of log 1/h on uniform meshes, and by more where (1) is used several times, as at a corner where
-edges are halved 20 times and more. What rounding leaves of R' on V_0, at a node of level 0 each, and what R
-is not known by, is a functional of its own, small enough for that one: it adds nothing to R_e.
+edges are halved 20 times and more. What rounding leaves of R' on V_0, number by number at the nodes of level
+0, and what is not known of R make a functional of its own. It is small enough for the bound with the lumped
+mass, and adds nothing to R_e.
 """
 
 from __future__ import annotations
@@ -51,13 +52,13 @@ from unilateral.fem.smoothing import downward
 from unilateral.formulas.taylor import EPS
 
 CONSTANT = np.array([1, 1, 1.0001, 1.4473, 2.0001])
-"""Above C, by the number of children."""
+"""CONSTANT[k] is an upper bound on C for a triangle with k children."""
 GROWTH = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
-"""Above M_0, M_1, ..., M_7."""
+"""These are upper bounds on M_0, M_1, ..., M_7."""
 
 
 def growth(halvings: int) -> float:
-    """A bound of M for triangles whose areas were halved so often."""
+    """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
     times, rest = divmod(halvings // 2, len(GROWTH) - 1)
@@ -65,7 +66,7 @@ def growth(halvings: int) -> float:
 
 
 def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
-    """A bound of ||R||, R (n,) on the hats of the last level, where it is known up to the `doubt` (n,)."""
+    """A bound on ||R||, for R (n,) on the hats of the last level, which is known up to the `doubt` (n,)."""
     z = downwards(of, R)
     A_z = rounded.product(of.A, of.mass, z)
     norm_of_z, left = rounded.root(z, A_z.values), R - A_z.values
@@ -109,7 +110,7 @@ def downwards(of: Hierarchy, R: Array) -> Array:
 
 
 def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
-    """One over the nodes whose hats the last level changed."""
+    """One sweep of Gauss and Seidel for z, over the nodes whose hats the last level changed."""
     A, smoothed = of.A, of.levels[-1].smoothed
     if smoothed is None:
         smoothed = np.arange(of.n, dtype=np.int32)
@@ -117,7 +118,7 @@ def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
 
 
 def without_coarsest(of: Hierarchy, R: Array) -> float:
-    """(3), for an R (n,) that vanishes on V_0."""
+    """The bound (3), for an R (n,) that vanishes on V_0."""
     R, found = R.copy(), 0.0
     for level, rho in zip(reversed(of.levels), weights(of), strict=True):
         found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))

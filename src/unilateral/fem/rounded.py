@@ -1,7 +1,7 @@
-"""Residuals of A u = load with a bound of their rounding, and what that can do in the dual norm of V_h.
+"""Residuals of A u = load with a bound on their rounding, and what that can do in the dual norm of V_h.
 
-A, the matrix of (., .)_1, is told by its entries off the diagonal and the sums m_i of its rows, thirds of the
-areas of the triangles at each node:
+A, the matrix of (., .)_1, is given by its entries off the diagonal and the sums m_i of its rows, thirds of
+the areas of the triangles at each node:
 
     (A u)_i = m_i u_i + sum_j A_ij (u_j - u_i).
 
@@ -29,11 +29,14 @@ from unilateral.arrays import Array, blocks
 from unilateral.formulas.taylor import EPS
 
 ROWS = 1 << 15
-"""Rows at a time, whose numbers fit into a processor's cache."""
+"""This many rows are treated at a time: their numbers fit into a processor's cache."""
 UNIT = EPS / 2
-"""Of a number: its rounding, at most. Two units more than are needed are for the rounding of the bounds."""
+"""The rounding of a number is at most this fraction of it.
+
+Bounds count two units more than are needed, for their own rounding.
+"""
 SLACK = 1 + 1e-9
-"""Times a norm that is computed from A x: its rounding, but for that of A x."""
+"""A norm that is computed from A x is multiplied by this for its rounding, except for that of A x."""
 
 
 class Rounded(NamedTuple):
@@ -49,7 +52,7 @@ def terms(matrix: sp.csr_array) -> int:
 
 
 def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
-    """A u (n,), A (n, n) with those sums (n,) of its rows, which each have an entry."""
+    """A u (n,), for A (n, n) whose rows have the sums `mass` (n,) and an entry each."""
     values, sizes = mass * u, mass * np.abs(u)
     for rows in blocks(len(u), ROWS):
         start = A.indptr[rows.start : rows.stop + 1]
@@ -61,7 +64,7 @@ def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
 
 
 def constrained(B: sp.csr_array, u: Array, d: Array) -> Rounded:
-    """B u - d (m,), no entry of B (m, n) negative."""
+    """B u - d (m,), for B (m, n) without negative entries."""
     sizes = B @ np.abs(u) + np.abs(d)
     return Rounded(B @ u - d, UNIT * (terms(B) + 4) * sizes)
 
@@ -86,11 +89,11 @@ def residual(A: sp.csr_array, mass: Array, u: Array, load: Rounded) -> Rounded:
 
 
 def dual_norm(R: Array, mass: Array) -> float:
-    """A bound of that of R (n,) on V_h; squares neither overflow nor vanish."""
+    """A bound on the dual norm of R (n,) on V_h; squares neither overflow nor vanish."""
     return SLACK * 2 * float(dnrm2(R / np.sqrt(mass)))
 
 
 def root(x: Array, y: Array) -> float:
-    """(x . y)^{1/2} for numbers (n,) of one size, or 0 if that is below 0; in units of the largest one."""
+    """(x . y)^{1/2} for numbers (n,) of one size, or 0 if x . y < 0; computed in units of the largest one."""
     unit = max(float(np.max(np.abs(each), initial=0.0)) for each in (x, y))
     return unit * max(float(x / unit @ (y / unit)), 0.0) ** 0.5 if unit > 0 else 0.0

@@ -11,7 +11,7 @@ from unilateral.fem.hierarchy import FinerSpace
 
 
 def downward(level: FinerSpace, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
-    """x (s,), one sweep of Gauss and Seidel from 0 for r (n,), and what was left then; r loses S x."""
+    """x (s,), one sweep of Gauss and Seidel from 0 for r (n,), and what is left then; S x is taken from r."""
     if level.smoothed is None:
         x, of = np.zeros(level.n), r[: level.n]
         gauss_seidel(S.indptr, S.indices, S.data, x, of, 0, level.n, 1)
@@ -25,7 +25,7 @@ def downward(level: FinerSpace, S: sp.csr_array, r: Array) -> tuple[Array, Array
 
 
 def upward(level: FinerSpace, S: sp.csr_array, e: Array, x: Array, left: Array) -> None:
-    """e (n,), which has only what comes from below, gets x and a sweep backward for what is left (s,)."""
+    """Add x and a backward sweep for what is left (s,) to e (n,), which so far comes from coarser levels."""
     if level.smoothed is None:
         below, y = e[: level.n], np.zeros(level.n)
         left -= S @ below

@@ -19,11 +19,11 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
 SINGULAR = 1e-12
-"""lambda_min / lambda_max of S below which beta counts as 0."""
+"""beta counts as 0 if lambda_min / lambda_max of S is at most this."""
 FORMS = 1e-6
-"""Of a quadratic form of A_3 or S: its rounding, at most; see `condense.CONSTANTS`."""
+"""At most this fraction of a quadratic form of A_3 or S is rounding; see `condense.CONSTANTS`."""
 STEKLOV_GUARD = 0.5
-"""sigma_1 is known from above, by its Ritz value; half of it is taken where beta is not known."""
+"""sigma_1 is known from above, by its Ritz value; this fraction of it is taken where beta is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class DualOperator:
 
     @property
     def lambda_low(self) -> float:
-        """A lower bound of lambda_min: forming S and its spectrum rounds each by some EPS tr(S)."""
+        """A lower bound on lambda_min: forming S and its spectrum rounds each by some EPS tr(S)."""
         return (1 - FORMS) * self.lambda_min - EPS * sum(self.half.shape) * float(self.spectrum.sum())
 
     @property

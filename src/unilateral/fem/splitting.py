@@ -27,7 +27,10 @@ KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
 KINK_SHARE = 1 / 64
 SHORTEST = 1 / 64
-"""Of the longest side: no kink far away is resolved any better because some side is shorter."""
+"""No side counts as shorter than this times the longest one.
+
+A kink far away is not resolved any better because some side is shorter.
+"""
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
@@ -35,7 +38,10 @@ ON_CORNER = 1e-10
 
 @dataclass(frozen=True)
 class Apart:
-    """Pieces, corners (k, 3, 3) of the triangles parent (k,), with a singular `point` (k, 2) as first one."""
+    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
+
+    The first corner is a singular `point` (k, 2), which has that `grading`.
+    """
 
     corners: Array
     parent: Index
@@ -45,9 +51,10 @@ class Apart:
 
 @dataclass(frozen=True)
 class Split:
-    """Pieces, corners (k, 3, 3) of the triangles parent (k,), and those at singular points of each grading.
+    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
 
-    Every triangle that occurs is covered once; those that do not occur need no splitting.
+    `singular` are the pieces at singular points, for each grading. Every triangle that occurs is covered
+    once; those that do not occur need no splitting.
     """
 
     corners: Array
@@ -144,7 +151,7 @@ def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
 
 
 def _at_corner(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple[Array, Index]:
-    """The up to three pieces of each piece that join the point to an edge, the point their first corner."""
+    """Up to three parts of each piece, which join the point to an edge; the point is their first corner."""
     weights = _barycentric(mesh, corners, parent, point)
     apex = (weights[:, None] @ corners)[:, 0]
     pieces = [np.stack([apex, corners[:, i], corners[:, (i + 1) % 3]], axis=1) for i in range(3)]

@@ -1,4 +1,4 @@
-"""Functions of formulas, and numbers such as sqrt(2) or sin(1): their values and signs, whatever cancels."""
+"""The values and signs of numbers such as sqrt(2) or sin(1), whatever cancels; functions of formulas."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from unilateral.formulas.reading import Reading
 
 BITS = 160
 SHARP = 2.0**-62
-"""Relatively: the width of an interval whose middle has 17 digits."""
+"""The middle of an interval has 17 digits if the interval's relative width is at most this."""
 AT_ZERO = {"sin": 0, "cos": 1, "exp": 1, "sinh": 0, "cosh": 1, "tanh": 0}
 SQUARES = {Fraction(n): Fraction(square, 4) for n, square in ((0, 0), (2, 1), (3, 2), (4, 3), (6, 4))}
-"""Of sin(n pi/12)."""
+"""The squares of sin(n pi/12), by n."""
 
 
 def rounded(e: Expression) -> float:
@@ -28,7 +28,7 @@ def rounded(e: Expression) -> float:
 
 
 def nearest(e: Expression) -> float:
-    """The same; infinite if it is too large."""
+    """As `rounded`, but infinite if the value is too large."""
     try:
         return rounded(e)
     except OverflowError:
@@ -36,13 +36,13 @@ def nearest(e: Expression) -> float:
 
 
 def sign(e: Expression) -> int:
-    """-1, 0 or 1; raises as `rounded`."""
+    """The sign of an expression without variables, -1, 0 or 1; raises as `rounded`."""
     value = e.rational if e.rational is not None else _value(e)
     return int(value > 0) - int(value < 0)
 
 
 def magnitude(e: Expression) -> int:
-    """That of a number that is not 0, as a power of 2, up to 1; raises as `rounded`."""
+    """log2 |e| as a whole number, up to an error of 1, for a number e that is not 0; raises as `rounded`."""
     if e.rational is not None:
         return e.rational.numerator.bit_length() - e.rational.denominator.bit_length()
     return int(math.log2(math.e) * float(_intervals().log(abs(_value(e)))))
@@ -50,7 +50,7 @@ def magnitude(e: Expression) -> int:
 
 @lru_cache(maxsize=1024)
 def _value(e: Expression) -> Any:
-    """As a number of any size: the middle of an interval that contains it; by sympy if that is wide."""
+    """The value, of any size: the middle of an interval that contains it, or by sympy if that is wide."""
     iv, found = _intervals(), _Intervals((e,), {}).of(e)
     if abs(found).a > 0 and found.delta <= SHARP * abs(found).a:
         return found.mid
@@ -69,7 +69,7 @@ def _intervals() -> Any:
 
 
 class _Intervals(Reading[Any]):
-    """Every result contains the number."""
+    """The values of numbers as intervals, each of which contains its number."""
 
     def number(self, value: Fraction) -> Any:
         return _intervals().mpf(value.numerator) / value.denominator
@@ -97,7 +97,10 @@ class _Intervals(Reading[Any]):
 
 
 def apply(name: str, *args: Expression) -> Expression:
-    """A function of the grammar; its value where that is known. Raises as `sign` for the sign of a number."""
+    """A function of the grammar, or its value where that is known.
+
+    Raises as `sign` where it needs the sign of a number.
+    """
     a = args[0]
     if name == "pos" and not a.variables:
         (k,) = (each.rational for each in args[1:])

@@ -11,7 +11,7 @@ import re
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal, localcontext
 
 SPEC = re.compile(r"\.(\d+)([efg])")
-"""What Python's format specifications may be here."""
+"""The format specifications of Python that are allowed here."""
 
 
 def up(x: float, spec: str) -> str:
@@ -24,7 +24,7 @@ def up(x: float, spec: str) -> str:
 
 
 def down(x: float, spec: str) -> str:
-    """The largest number of the format that is not above x, as by `up`."""
+    """The largest number of the format that is not above x, written as by `up`."""
     return _rounded(x, spec, ROUND_FLOOR)
 
 
@@ -52,5 +52,5 @@ def _rounded(x: float, spec: str, rounding: str) -> str:
 
 
 def _short(number: str) -> str:
-    """Without zeros at the end of its decimals."""
+    """The number without zeros at the end of its decimals."""
     return number.rstrip("0").rstrip(".") if "." in number else number

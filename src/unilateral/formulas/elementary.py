@@ -33,15 +33,18 @@ Range = Callable[[Interval], Interval]
 Steps = Mapping[Atom, Array]
 
 OF_TANH = 1024 * EPS
-"""The error of a Taylor coefficient: every step of the recursion at most doubles the error before it."""
+"""The error of a Taylor coefficient of tanh.
+
+Every step of the recursion at most doubles the error before it.
+"""
 AROUND_TANH = 1.5575
 """The largest |tanh| up to a distance of 1 from the real axis, tan 1 = 1.55740.., rounded up."""
 OF_EXPONENT = 1e-10
-"""Relatively, more than the rounding of a power with an exponent up to 100, for |log x| < 745."""
+"""More than the relative rounding of a power of x with an exponent up to 100, for |log x| < 745."""
 
 
 def _around(a: Model) -> tuple[Array, Interval, int]:
-    """The constant term, an interval that contains it and all values, and n."""
+    """The constant term of a model, an interval that contains it and all values, and the degree n."""
     at = a.c[0]
     return at, (np.fmin(a.range[0], at), np.fmax(a.range[1], at)), a.basis.order
 
@@ -80,7 +83,7 @@ def _hyperbolic(first: Any, second: Any, range_of: Range) -> Function:
 
 
 def tanh(a: Model) -> Model:
-    """By y' = 1 - y^2, and Cauchy's estimate on circles of radius 1."""
+    """tanh of a model, by y' = 1 - y^2 and Cauchy's estimate on circles of radius 1."""
     at, _, n = _around(a)
     y = np.zeros((n + 1, len(at)))
     y[0] = np.tanh(at)
@@ -99,9 +102,10 @@ def _binomials(exponent: float, n: int) -> Array:
 
 @QUIET
 def _power_series(a: Model, exponent: float, range_: Interval) -> Model:
-    """a^exponent where a > 0, or a is not 0 and the exponent is whole and negative; elsewhere its range.
+    """The series of a^exponent where a > 0, or where a is not 0 and the exponent is whole and negative.
 
-    The exponent is negative or fractional, so that no coefficient is 0.
+    Elsewhere it is the range of a^exponent. The exponent is negative or fractional, so that no coefficient
+    is 0.
     """
     at, (low, high), n = _around(a)
     *found, next_ = _binomials(exponent, n)
@@ -129,9 +133,9 @@ def power(a: Model, n: int) -> Model:
 
 
 def positive_power(a: Model, k: float) -> Model:
-    """a_+^k for k != 0. Where a >= -d has both signs it is a^k up to d^k, for a whole k > 0.
+    """a_+^k for k != 0. Where a has both signs and a >= -d, it is a^k up to d^k for a whole k > 0.
 
-    For any other k it is in its range there.
+    For any other k only its range is known there.
     """
     lower, upper = a.range
     whole = k > 0 and k == int(k)
@@ -152,10 +156,10 @@ def positive_power(a: Model, k: float) -> Model:
 
 @QUIET
 def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> Model:
-    """r^beta cos(beta (theta - phase)), x + i y = r exp(i theta), for theta in [0, omega] and beta > 0.
+    """r^beta cos(beta (theta - phase)) with x + i y = r exp(i theta), theta in [0, omega] and beta > 0.
 
-    By the series of z^beta about the box's centre, which converges where |z| there is larger than the box.
-    From its term n + 1 on the next one is at most `ratio` times as large.
+    By the series of z^beta, z = x + i y, about the box's centre, which converges where |z| at the centre is
+    larger than the box. From its term n + 1 on, each next term is at most `ratio` times as large.
     """
     n, turn = x.basis.order, np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
     z, sizes = (x.c + 1j * y.c) * turn, np.abs(x.c) + np.abs(y.c)
@@ -217,6 +221,6 @@ class _Models(Reading[Model]):
 
 
 def _step(a: Model) -> Model:
-    """pos(a, 0)."""
+    """pos(a, 0), which is 1 where a > 0 and 0 elsewhere, as a model."""
     low, high = a.range
     return constant(a.basis, (np.where(low > 0, 1.0, 0.0), np.where(high > 0, 1.0, 0.0)))

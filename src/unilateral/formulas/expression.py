@@ -16,7 +16,7 @@ from functools import cached_property, lru_cache
 
 Number = int | Fraction
 SMALL = 1 << 10
-"""The root of a whole number is the product of those of its prime factors below this, and of what is left."""
+"""Roots of a whole number are taken of each prime factor below this, and of the product of all others."""
 
 
 class Node(ABC):
@@ -29,7 +29,7 @@ class Node(ABC):
     @property
     @abstractmethod
     def variables(self) -> frozenset[str]:
-        """The names of those in it."""
+        """The names of the variables in it."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Node) and self.key == other.key
@@ -74,7 +74,7 @@ class Expression(Node):
         return frozenset().union(*(base.variables for of, _ in self.terms for base, _ in of))
 
     def __str__(self) -> str:
-        """As sympy writes it."""
+        """The formula as sympy writes it."""
         from unilateral.formulas.symbolic import symbolic  # whose import takes longer than a small problem
 
         return str(symbolic(self))
@@ -87,14 +87,14 @@ class Expression(Node):
 
     @property
     def factors(self) -> tuple[Fraction, Product]:
-        """A number and powers of which it is the product: the sum itself if it has several terms."""
+        """A number and powers whose product it is: 1 and the sum itself if it has several terms."""
         if len(self.terms) > 1:
             return Fraction(1), ((self, Fraction(1)),)
         return next(((c, of) for of, c in self.terms), (Fraction(0), ()))
 
     @cached_property
     def split(self) -> tuple[Expression, list[tuple[Expression, Product]]]:
-        """The terms without variables; of every other the factors without and those with variables."""
+        """The terms without variables; for every other term its factors without and with variables."""
         fixed, varying = [], []
         for of, c in self.terms:
             known = tuple(power for power in of if not power[0].variables)
@@ -193,7 +193,7 @@ ZERO, ONE = number(0), number(1)
 
 @lru_cache(maxsize=1024)
 def parts_in(formulas: tuple[Expression, ...]) -> dict[Part, int]:
-    """Sums and powers that they are made of, outer ones first, and how often each occurs."""
+    """The sums and powers that formulas are made of, outer ones first, and how often each occurs."""
     found: dict[Part, int] = {}
     waiting: list[Part] = [*formulas]
     for part in waiting:
@@ -213,25 +213,25 @@ def _made_of(part: Part) -> list[Part]:
 
 
 def atoms_in(e: Expression, name: str) -> list[Atom]:
-    """The functions of that name."""
+    """The functions of that name in an expression."""
     bases = (part[0] for part in parts_in((e,)) if not isinstance(part, Expression))
     return list(dict.fromkeys(base for base in bases if isinstance(base, Atom) and base.name == name))
 
 
 def has_root(e: Expression) -> bool:
-    """Whether it has a power with variables whose exponent is no whole number."""
+    """Whether an expression has a power with variables whose exponent is no whole number."""
     powers = (part for part in parts_in((e,)) if not isinstance(part, Expression))
     return any(k.denominator > 1 and base.variables for base, k in powers)
 
 
 def hides_kink(e: Expression, k: Fraction) -> bool:
-    """Whether its power with that exponent is that of an absolute value."""
+    """Whether e^k is the power of an absolute value, such as (x^2)^(1/2)."""
     whole = [power * k for _, power in e.factors[1] if power % 2 == 0]
     return bool(e.variables) and len(whole) == len(e.factors[1]) and not all(each % 2 == 0 for each in whole)
 
 
 def _is_square(e: Fraction, result: Fraction) -> bool:
-    """Whether a root with that resulting exponent can be taken of a base to the power e."""
+    """Whether a root of a base to the power e is the base to the power `result`."""
     return e.denominator > 1 or (e % 2 == 0 and result % 2 == 0)
 
 

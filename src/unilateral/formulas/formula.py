@@ -53,7 +53,10 @@ def parse(text: object, variables: Sequence[str], where: str) -> Expression:
 
 
 def substituted(formula: Expression, values: Mapping[str, Expression], where: str) -> Expression:
-    """The formula with values, or other formulas, for some variables; InputError if it has none there."""
+    """The formula with values, or other formulas, for some variables.
+
+    Raises InputError if the result is not known to be a finite real function.
+    """
     try:
         found = _Substituted((formula,), {Atom(name): value for name, value in values.items()}).of(formula)
         finite = grammar.is_finite_and_real(found)
@@ -83,7 +86,7 @@ class _Substituted(_Formulas):
 
 
 class _Expanded(_Formulas):
-    """Multiplied out, numbers too."""
+    """Formulas that are multiplied out, numbers too."""
 
     def product(self, a: Expression, b: Expression) -> Expression:
         return total(
@@ -157,7 +160,7 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
 
 
 def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, ...], Expression] | None:
-    """Those of a polynomial in these variables, by their exponents; None if it is none.
+    """The coefficients of a polynomial in these variables, by their exponents; None if it is no polynomial.
 
     Raises ValueError where one cannot be told from 0.
     """
@@ -177,9 +180,10 @@ def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, .
 
 
 def _real_roots(of: Sequence[Expression]) -> list[float]:
-    """Of a polynomial, the coefficient of the highest power first. Irrational ones are rounded for degree 2.
+    """The real roots of a polynomial, its coefficient of the highest power first.
 
-    Infinite where one is too large, and so far away from the side that it does not count.
+    Irrational coefficients are rounded for degree 2. A root that is too large is infinite: it is so far away
+    from the side that it does not count.
     """
     if len(of) == 1:
         return []

@@ -17,22 +17,22 @@ from unilateral.formulas.hints import STEP, comma, not_called, offered
 
 MAX_LENGTH = 2000
 MAX_NESTING = 30
-"""Parentheses in parentheses."""
+"""Parentheses may be nested this deep."""
 MAX_OPERATIONS = 500
-"""Signs, functions and operators."""
+"""A formula may have this many signs, functions and operators."""
 MAX_FUNCTIONS = 6
-"""Functions in functions; sympy's time may grow sixteenfold with two of them."""
+"""Functions may be nested this deep; with two of them sympy's time may grow sixteenfold."""
 MAX_DEGREE = 100
-"""Of a product or a power if it were multiplied out; and the largest exponent."""
+"""The largest degree of a product or a power if it were multiplied out, and the largest exponent."""
 MAX_KINK_DEGREE = 20
-"""Of the argument of pos, whose zeros are computed exactly."""
+"""The largest degree of the argument of pos, whose zeros are computed exactly."""
 MAX_DENOMINATOR = 20
-"""Of the powers of pos: singular points are graded by it, see `quadrature`."""
+"""The largest denominator of the powers of pos. Singular points are graded by it, see `quadrature`."""
 MAX_BITS = 1000
-"""Of numerators and denominators, which then are finite in floating point."""
+"""Numerators and denominators may have this many bits; then they are finite in floating point."""
 
 FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sinh", "cosh", "tanh"), 1)
-"""With the number of their arguments."""
+"""The functions of formulas, each with the number of its arguments."""
 HALF = Fraction(1, 2)
 OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
     ast.Add: lambda a, b: a + b,
@@ -45,7 +45,7 @@ COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
 
 
 class FormulaPart(NamedTuple):
-    """The value of a part of a formula, at least its degree, and how many functions are nested in it."""
+    """The value of a part of a formula, an upper bound on its degree, and how deep functions nest in it."""
 
     value: Expression
     degree: float = 0.0
@@ -73,7 +73,7 @@ def _check(size: int, limit: int, message: str) -> None:
 
 
 class Reader(ast.NodeVisitor):
-    """Makes a `FormulaPart` of a formula's syntax tree; raises InputError for what the grammar has not."""
+    """Makes a `FormulaPart` of a syntax tree; raises InputError for what the grammar does not have."""
 
     def __init__(self, source: str, variables: Iterable[str], where: str) -> None:
         self.source, self.where = source, where
@@ -138,7 +138,7 @@ class Reader(ast.NodeVisitor):
         return operand._replace(value=-operand.value) if isinstance(node.op, ast.USub) else operand
 
     def visit_BinOp(self, node: ast.BinOp) -> FormulaPart:
-        """By a loop along a chain such as a + b + c, which may be longer than Python's recursion is deep."""
+        """Follows a chain such as a + b + c by a loop; it may be longer than Python's recursion is deep."""
         chain = [node]
         while isinstance(chain[-1].left, ast.BinOp):
             chain.append(chain[-1].left)
@@ -148,7 +148,7 @@ class Reader(ast.NodeVisitor):
         return found
 
     def combined(self, node: ast.BinOp, left: FormulaPart, right: FormulaPart) -> FormulaPart:
-        """What the operator makes of both."""
+        """The part of a formula that an operator makes of two."""
         if type(node.op) not in OPERATORS:
             power = "; write x**2 for x^2" if isinstance(node.op, ast.BitXor) else ""
             raise self.refuse(node, f"uses an operator that is not one of + - * / **{power}")
@@ -197,7 +197,7 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
 
     def checked_power(self, node: ast.AST, argument: FormulaPart, power: FormulaPart) -> float:
-        """That of pos, which is a number."""
+        """The power k of pos(a, k), which has to be a number within the limits."""
         k = power.value.rational
         if k is None or not (0 <= k <= MAX_DEGREE and k.denominator <= MAX_DENOMINATOR):
             limits = f"between 0 and {MAX_DEGREE}, its denominator at most {MAX_DENOMINATOR}"
@@ -208,7 +208,7 @@ class Reader(ast.NodeVisitor):
 
 
 def is_finite_and_real(value: Expression) -> bool:
-    """Whether a number is; a function may still fail to be where it is evaluated.
+    """Whether a number is finite and real; a function counts as such, and may fail where it is evaluated.
 
     Raises ValueError for a number that cannot be told from 0.
     """

@@ -1,4 +1,4 @@
-"""What is meant, perhaps, by what is no formula."""
+"""Hints for messages: what a text that is no formula may have been meant to be."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ INSTEAD = {
     "sign": "2*pos(a, 0) - 1 for sign(a)",
     "where": "b + (a - b)*pos(c, 0) for where(c > 0, a, b)",
 } | dict.fromkeys(("heaviside", "Heaviside", "step"), "pos(a, 0), which is 1 where a > 0 and else 0")
-"""Of functions that people try."""
+"""What to write in place of functions that people try."""
 OF_NUMBERS = ("log", "sqrt")
-"""Functions that are not offered, for formulas may not have them of x, y or t."""
+"""Functions that messages do not offer: formulas may have them of numbers, not of x, y or t."""
 NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
 STEP = (
     "; there are no conditions in formulas; pos(a, 0) is 1 where a > 0 and 0 elsewhere, "
@@ -48,7 +48,7 @@ def comma(source: str) -> str:
 
 
 def offered(known: Iterable[str]) -> str:
-    """The names of these functions that a formula may have."""
+    """The names of the known functions that a formula may have of its variables."""
     return ", ".join(name for name in known if name not in OF_NUMBERS)
 
 

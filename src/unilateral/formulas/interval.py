@@ -18,18 +18,21 @@ Interval = tuple[Array, Array]
 ULPS = 8
 LARGE = 1e308
 PRODUCT = 2.0**-50
-"""What each factor of a power adds to its rounding, relatively."""
+"""Each factor of a power adds this to the relative rounding error of the power."""
 EXPONENT = 2.0**-51
-"""What rounds a fractional exponent, relatively, and the logarithm."""
+"""The relative rounding error of a fractional exponent, and of the logarithm."""
 NEAR_EXTREMUM = 1e-12
-"""Of an argument of sin or cos and 1: how far from an extremum it still counts as one."""
+"""An extremum of sin or cos counts as inside an interval if it is at most this far outside.
+
+The unit is 1 plus the absolute values of the interval's ends.
+"""
 QUIET = np.errstate(all="ignore")
-"""What overflows, or is NaN then, becomes an infinite bound."""
+"""NumPy's warnings are not needed: what overflows, or is NaN then, becomes an infinite bound."""
 
 
 @QUIET
 def outward(lower: Array, upper: Array) -> Interval:
-    """Wider by the rounding; what overflows is at least LARGE."""
+    """The interval widened by the rounding; a number that overflows is at least LARGE in size."""
     lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
     lower, upper = lower - ULPS * np.spacing(np.abs(lower)), upper + ULPS * np.spacing(np.abs(upper))
     return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)

@@ -15,9 +15,10 @@ V = TypeVar("V", bound=Any)
 
 
 class Reading(ABC, Generic[V]):
-    """Values that can be added, from those of the variables and other `known` atoms.
+    """Computes the values of formulas from those of the variables and other `known` atoms.
 
-    Of parts that occur more than once in the `formulas` they are kept, to be used again.
+    Values may be of any kind that can be added. Those of parts that occur more than once in the `formulas`
+    are kept, to be used again.
     """
 
     def __init__(self, formulas: tuple[Expression, ...], known: Mapping[Atom, V]) -> None:
@@ -29,11 +30,11 @@ class Reading(ABC, Generic[V]):
 
     @abstractmethod
     def power(self, base: V, k: Fraction) -> V:
-        """For k != 1."""
+        """The power of a value, for k != 1."""
 
     @abstractmethod
     def function(self, of: Atom) -> V:
-        """Of an atom that is not known."""
+        """The value of an atom that is not known."""
 
     def product(self, a: V, b: V) -> V:
         return a * b
@@ -43,7 +44,7 @@ class Reading(ABC, Generic[V]):
         return self.product(value, self.of(e))
 
     def constant(self, e: Expression) -> V:
-        """Of an expression without variables."""
+        """The value of an expression without variables."""
         terms = (
             reduce(self.product, (self._power(power) for power in of), self.number(c)) for of, c in e.terms
         )

@@ -1,4 +1,4 @@
-"""Formulas as expressions of sympy, for cases, whose data are derived, and where numbers cancel."""
+"""Formulas as expressions of sympy: to derive the data of cases, and to evaluate numbers that cancel."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def number_of(text: object, where: str) -> sympy.Expr:
 
 
 def value(e: Expression, context: Any) -> Any:
-    """Of an expression without variables, to 17 digits, as a number of a context of mpmath.
+    """The value of an expression without variables to 17 digits, as a number of a context of mpmath.
 
     Raises ArithmeticError where it is no real number, and ValueError where it cannot be told from 0 by
     DIGITS digits.
@@ -86,7 +86,7 @@ def symbolic(e: Expression) -> sympy.Expr:
 
 @lru_cache(maxsize=4096)
 def plain(e: sympy.Expr) -> Expression:
-    """A formula of sympy, whose symbols are variables, and whose floating-point numbers are exact."""
+    """A formula of sympy as an `Expression`. Symbols become variables; floating-point numbers are exact."""
     if e.is_Rational or e.is_Float:
         return number(Fraction(*map(int, sympy.Rational(e).as_numer_denom())))
     if e.is_Symbol or e is sympy.pi:
@@ -120,7 +120,7 @@ def kinks(e: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, Fraction]]:
 
 
 def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
-    """Of a polynomial, the coefficient of the highest power first; infinite ones beyond all numbers."""
+    """The real roots of a polynomial, its coefficient of the highest power first; infinite if too large."""
     x = sympy.Symbol("x")
     of = sympy.Poly([sympy.Rational(c.numerator, c.denominator) for c in coefficients], x)
     return [float(root) for root in sympy.real_roots(of)]

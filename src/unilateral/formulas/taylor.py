@@ -4,11 +4,11 @@ On box j the variables are affine functions of sigma in [-1, 1]^d. A model says 
 
     |F - sum over alpha of c_alpha sigma^alpha| <= rad  and  lower <= F <= upper,
 
-with |alpha| <= n (Makino and Berz, 2003). Rounding is part of `rad`, and goes outward in the range. A
-polynomial that is not sharper than the range gives way to the range's midpoint, so that kinks and
-singularities end at their range; so does one that overflows. EPS bounds the rounding of one operation, twice
-over, and TINY is added wherever numbers may underflow. Coefficients are finite, and `rad` is infinite where
-nothing is known (`settled`).
+with |alpha| <= n (Makino and Berz, 2003). `rad` includes rounding, and the range is rounded outward. A
+polynomial that is not sharper than the range is replaced by the range's midpoint, and so is one that
+overflows. Therefore a model has only a range at kinks and singularities. EPS is twice a bound on the
+rounding of one operation, and TINY is added wherever numbers may underflow. Coefficients are finite, and
+`rad` is infinite where nothing is known (`settled`).
 """
 
 from __future__ import annotations
@@ -28,14 +28,17 @@ from unilateral.formulas.interval import QUIET, Interval
 
 EPS = 2.0**-52
 TINY = 1e-300
-"""More than what underflows in all operations that make a coefficient, each at most 2^-1022."""
+"""More than all that underflows in the operations that make a coefficient, each at most 2^-1022."""
 OF_FUNCTIONS = 8 * EPS
 """The relative error of a Taylor coefficient of a function."""
 
 
 class Basis(NamedTuple):
-    """Monomials (m, d) by degree (m,); `first` (n + 2,) is where each degree begins; `times` per monomial:
-    those with which it makes one of degree at most n, and which, in runs of neighbours."""
+    """The monomials up to degree n, in the order of their `degree` (m,), with their `exponents` (m, d).
+
+    `first` (n + 2,) is where each degree begins. For each monomial `times` has those whose product with it
+    is of degree at most n, and the numbers of these products, both as slices of neighbours.
+    """
 
     exponents: Index
     degree: Index
@@ -49,7 +52,7 @@ class Basis(NamedTuple):
 
 @cache
 def basis(d: int, n: int) -> Basis:
-    """Those of d variables up to degree n."""
+    """The basis for d variables up to degree n."""
     found = sorted((a for a in cartesian(range(n + 1), repeat=d) if sum(a) <= n), key=lambda a: (sum(a), a))
     exponents = np.array(found, dtype=np.intp)
     degree, place = exponents.sum(axis=1), {a: i for i, a in enumerate(found)}
@@ -62,7 +65,7 @@ def basis(d: int, n: int) -> Basis:
 
 
 def _runs(places: Index) -> tuple[tuple[slice, slice], ...]:
-    """The indices 0, 1, ... and their places (k,), cut where a place does not follow the one before it."""
+    """Slices of the indices 0, 1, ... and of their places (k,), cut where a place is not the next one."""
     cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
     return tuple(
         (slice(i, j), slice(at, at + j - i))
@@ -72,7 +75,7 @@ def _runs(places: Index) -> tuple[tuple[slice, slice], ...]:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """On k boxes: c (m, k), rad (k,) and the range, two arrays (k,)."""
+    """A model on k boxes: coefficients c (m, k), remainder rad (k,), and the range, two arrays (k,)."""
 
     basis: Basis
     c: Array
@@ -91,7 +94,7 @@ class Model:
 
     @QUIET
     def scaled(self, number: float) -> Model:
-        """Times a number that is rounded, and may be subnormal or infinite then."""
+        """The model times a number that is rounded, and may be subnormal or infinite then."""
         sizes, doubt = np.abs(self.c).sum(axis=0), 4 * EPS * abs(number) + TINY
         rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
         values = interval.product(self.range, interval.outward(np.array([number]), np.array([number])))
@@ -106,7 +109,10 @@ class Model:
 
 @QUIET
 def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: float = 0.0) -> Model:
-    """centre (k,) + sum over i of arms (d, k) sigma_i, of that range, up to their rounding and that much."""
+    """centre (k,) + sum over i of arms (d, k) sigma_i, with the range `ends`.
+
+    The remainder covers the rounding of these numbers and the further `rounding`.
+    """
     c = np.zeros((len(of.degree), len(centre)))
     c[0] = centre
     c[of.first[1] : of.first[2]] = arms[::-1]  # of degree 1: (0, 1), (1, 0)
@@ -114,7 +120,7 @@ def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: floa
 
 
 def constant(of: Basis, values: Interval) -> Model:
-    """What lies between two numbers (k,)."""
+    """The model of a function of which only two bounds (k,) are known."""
     known = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
     c = np.zeros((len(of.degree), len(known[0])))
     c[0], rad = _middle(known)
@@ -122,7 +128,7 @@ def constant(of: Basis, values: Interval) -> Model:
 
 
 def number(like: Model, value: Array | float) -> Model:
-    """A number, or one per box (k,), that is rounded: on the boxes of another model."""
+    """The model of a rounded number, or of one per box (k,), on the boxes of another model."""
     values = value + np.zeros_like(like.rad)
     return constant(like.basis, interval.outward(values, values))
 
@@ -151,9 +157,10 @@ def by_part(parts: Sequence[tuple[Callable[..., Model], Mask]], *arguments: Mode
 
 @QUIET
 def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
-    """With the better of both: a range that knows the polynomial, and a polynomial that knows the range.
+    """The model, its range cut to what the polynomial allows.
 
-    No polynomial that is not finite, or not known to be near, is kept, whatever became of its remainder.
+    A polynomial that is then not sharper than the range is replaced by the range's midpoint, and so is one
+    that is not finite or not known to be near the function, whatever became of its remainder.
     """
     rad = upward(of, rad)
     reach = upward(of, np.abs(c[1:]).sum(axis=0) + rad)
@@ -171,7 +178,7 @@ def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
 
 
 def upward(of: Basis, size: Array) -> Array:
-    """(k,) sizes and what the rounding of their own sums and products, one per monomial, may take away."""
+    """(k,) sizes, increased by what rounding of their sums and products, one per monomial, may take away."""
     return (1 + 4 * len(of.degree) * EPS) * size + TINY
 
 
@@ -193,7 +200,7 @@ def _by_degree(of: Basis, c: Array) -> Array:
 
 @QUIET
 def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Coefficients and remainder of a product."""
+    """The coefficients and the remainder of a product."""
     (x, r), (y, s) = a, b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
     for i in np.flatnonzero(x.any(axis=1)):
@@ -212,10 +219,10 @@ def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple
 def composed(
     a: Model, coefficients: Array, last: Array, range_: Interval, error: Array | float | None = None
 ) -> Model:
-    """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) of the next one.
+    """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) on the next.
 
     `last` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow. `error` is
-    that of the coefficients, by default OF_FUNCTIONS, relatively, and `range_` is that of g(a).
+    that of the coefficients, by default OF_FUNCTIONS times their size. `range_` is the range of g(a).
     """
     c, rad = series(a.basis, (a.c, a.rad), coefficients, last, error)
     return settled(a.basis, c, rad, range_)
@@ -225,7 +232,7 @@ def composed(
 def series(
     of: Basis, a: tuple[Array, Array], coefficients: Array, last: Array, error: Array | float | None = None
 ) -> tuple[Array, Array]:
-    """The same as coefficients and a remainder, which may be complex."""
+    """The coefficients, which may be complex, and the remainder of g(a) as in `composed`."""
     inner = a[0].copy()
     inner[0] = 0.0
     size = upward(of, np.abs(inner).sum(axis=0) + a[1])

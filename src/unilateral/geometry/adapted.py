@@ -1,10 +1,10 @@
-"""The cells of T_H on meshes that are refined where it is needed.
+"""The cells of T_H, the multiplier's partition of the boundary, on meshes refined where it is needed.
 
 Places on the boundary are whole numbers: every edge of the first mesh is UNIT long, and edges 0 and 1, 2 and
-3, .. of it lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its parent, twice
-as long; of nested parents the largest is a cell of T_H. Every edge that meets a cell is then at most half of
-it, which keeps the pair of spaces stable. Where an edge is shorter than a quarter of its cell, the cell's
-longest ones are halved, too: edges in geometric progression would be one cell else.
+3, .. of it lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its parent, which
+is twice as long; of nested parents the largest is a cell of T_H. Every edge that meets a cell is then at most
+half of it, which keeps the pair of spaces stable. Where an edge is shorter than a quarter of its cell, the
+cell's longest edges are halved, too; else edges in geometric progression would be one cell.
 """
 
 from __future__ import annotations
@@ -20,11 +20,14 @@ from unilateral.geometry.mesh import ROUNDED, Mesh, refine_some
 from unilateral.geometry.partition import Partition
 
 UNIT = 2**44
-"""Halvings of an edge end, by rounding, before it is 1 long; so long may 2^19 edges be together."""
+"""The length of an edge of the first mesh; 2^19 such edges reach the limit of 64-bit integers.
+
+Rounding ends the halving of an edge before its length is 1.
+"""
 SHORTEST = 4
-"""Times as long as its shortest edge a cell may be."""
+"""A cell may be at most this many times as long as its shortest edge."""
 BULK = 0.5
-"""Of the sum of all shares: what those of the marked triangles usually are to be, at least."""
+"""The shares of the marked triangles are usually to be at least this part of the sum of all shares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,7 @@ class AdaptedMesh:
 
     @property
     def unbalanced(self) -> Index:
-        """The triangles at the edges that are too long for a shorter one in their cell."""
+        """The triangles at boundary edges that are too long beside a shorter edge of the same cell."""
         length = np.diff(self.at)
         total, shortest = np.zeros((2, self.cell[-1] + 1), dtype=np.int64)
         np.add.at(total, self.cell, length)
@@ -63,14 +66,14 @@ class AdaptedMesh:
 
 
 def adapted(mesh: Mesh) -> AdaptedMesh:
-    """The first mesh, two of whose boundary edges, of the same length, make a cell."""
+    """The first mesh: its boundary edges 0 and 1, 2 and 3, .., each pair of one length, make the cells."""
     return AdaptedMesh(mesh, UNIT * np.arange(len(mesh.s), dtype=np.int64))
 
 
 def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
-    """The fewest triangles with that part of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
+    """The fewest triangles with the part `bulk` of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
 
-    Without those whose edges are as short as rounding; raises InputError if none is left.
+    Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
     shortest = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / ROUNDED
     order = np.argsort(-shares, kind="stable")
@@ -85,7 +88,7 @@ def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
 
 
 def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
-    """With the edges of each triangle halved so often (m,), and what else that needs."""
+    """The mesh with the edges of each triangle halved `halvings` (m,) times, and others as that needs."""
     wanted = halvings
     while (chosen := np.flatnonzero(wanted > 0)).size:
         before = len(of.mesh.steps)
@@ -96,7 +99,10 @@ def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
 
 
 def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
-    """With the chosen triangles cut in four, and what else that needs. Raises InputError as `refine_some`."""
+    """The mesh with the chosen triangles cut in four, and others as that needs.
+
+    Raises InputError as `refine_some`.
+    """
     while chosen.size:
         of = _refined(of, chosen)
         chosen = of.unbalanced

@@ -10,13 +10,16 @@ from unilateral.geometry.plane import longest_edges, segment_distances, signed_a
 from unilateral.geometry.polygon import Polygon
 
 NEAR = 1e-6
-"""Of the least height of the triangles at a boundary node: how far beside its side the node may lie.
+"""A boundary node may lie beside its side by this part of the least height of the triangles at the node.
 
-Moved onto the side it changes gradients there by about that part; the bounds are those of the moved mesh.
-Files keep to it if their coordinates are written to 1e-7 of that height.
+Moved onto the side, it changes gradients there by about that part. The bounds are those of the moved mesh.
+The nodes of a file are near enough if its coordinates are written to 1e-7 of that height.
 """
 BESIDE = 0.5
-"""Of that height: up to which a node is taken for a node of the side, and the side is named."""
+"""A node beside a side by less than this part of that least height is taken for a node of the side.
+
+The error message then names the side.
+"""
 SAME_POINT = 1e-12
 """Nodes nearer than this part of the diameter are one node listed twice."""
 FLAT = 1e-12
@@ -54,7 +57,7 @@ def check_arrays(points: Array, triangles: Index, where: str) -> None:
 
 
 def anticlockwise(points: Array, triangles: Index) -> Index:
-    """(m, 3) the triangles, those turned whose nodes run clockwise."""
+    """(m, 3) the triangles with their nodes anticlockwise: those that run clockwise are reversed."""
     clockwise = signed_areas(points, triangles) < 0
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
@@ -106,7 +109,7 @@ def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
 
 
 def reach(polygon: Polygon, points: Array, triangles: Index, edges: Index) -> Array:
-    """(n,) how far the nodes of the boundary edges (nb, 2) may lie beside their side, round-off of others."""
+    """(n,) how far nodes of the boundary edges (nb, 2) may lie beside their side; round-off for others."""
     found = np.full(len(points), np.inf)
     found[np.delete(np.arange(len(points)), edges)] = 0.0
     there = triangles[np.isinf(found)[triangles].any(axis=1)]
@@ -143,10 +146,10 @@ def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, where: st
 
 
 def snapped(polygon: Polygon, points: Array, nodes: Index, side: Index, reach: Array, where: str) -> Array:
-    """(n, 2) the points, the boundary nodes (nb,), which begin edges on the sides (nb,), moved onto these.
+    """(n, 2) the points, with the boundary nodes (nb,) moved onto the sides (nb,) of the edges they begin.
 
-    They go to the nearest points, the first of each side to the vertex. What is there up to round-off stays.
-    Raises InputError for nodes farther away than their `reach` (n,).
+    A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
+    there up to round-off stay. Raises InputError for nodes farther away than their `reach` (n,).
     """
     from_vertex, normals = points[nodes] - polygon.vertices[side], polygon.normals[side]
     by = -np.sum(from_vertex * normals, axis=1)[:, None] * normals

@@ -24,8 +24,8 @@ class Singular:
 class Kink:
     """A curve {level = 0} across which u is only finitely smooth.
 
-    |grad level| = 1. `radius` > 0: the circle about `centre`; 0: the line through `centre` along `tangent`.
-    A step there is 1 where `sign` times the level is positive.
+    |grad level| = 1. It is the circle about `centre` if `radius` > 0, and the line through `centre` along
+    `tangent` if `radius` is 0. A step there is 1 where `sign` times the level is positive.
     """
 
     centre: tuple[float, float]

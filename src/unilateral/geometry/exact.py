@@ -16,7 +16,7 @@ from unilateral.geometry.polygon import Polygon
 
 EPS = float(np.finfo(float).eps)
 MOST = 1e-3
-"""Of `distortion` and `stretch`: up to which Proposition S5 of the supplement holds."""
+"""Proposition S5 of the supplement holds if `distortion` and `stretch` are at most this."""
 GROWTH = 6.0
 """gamma of Proposition S5 is 1 + GROWTH (distortion + stretch)."""
 
@@ -33,7 +33,7 @@ def shifts(polygon: Polygon, places: Array, side: Index, s: Array) -> Array:
 
 
 def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> Array:
-    """(m,) bounds of |D Phi - I|, Phi the affine map from a triangle in memory to the exact one.
+    """(m,) bounds on |D Phi - I|, Phi the affine map from a triangle in memory to the exact one.
 
     That is at most the sum over the nodes of their `shift` (n,) times the gradient of the hat, which is an
     edge over twice the area. The second term is the rounding of areas and edges, computed from coordinates.

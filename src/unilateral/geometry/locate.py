@@ -1,4 +1,4 @@
-"""In which triangles of a mesh points lie, by boxes about 1, 2, 4, .. triangles that are neighbours."""
+"""Finds the triangles of a mesh in which points lie, by boxes about 1, 2, 4, .. neighbouring triangles."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
 
 BLOCK = 1 << 16
-"""Points at once."""
+"""At most this many points are located at once."""
 BITS = 26
-"""Of a coordinate: triangles that are nearer are in any order."""
+"""Triangles are ordered by this many bits of a coordinate; nearer ones are in any order."""
 ROUNDING = 2.0**-48
-"""Of the largest coordinate: how far rounding may move a point out of its triangle."""
+"""Rounding may move a point out of its triangle by this part of the largest coordinate."""
 
 
 def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
@@ -38,7 +38,7 @@ def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
 
 
 def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
-    """The pairs of a point and a first box that contains it, as do all boxes about that one."""
+    """The pairs of a point and a box of boxes[0] that contains it, as do all boxes about that one."""
     at, box = np.arange(len(points)), np.zeros(len(points), dtype=np.intp)
     for low, high in boxes[::-1]:
         at, box = at[box < len(low)], box[box < len(low)]
@@ -50,7 +50,10 @@ def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, I
 
 
 def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
-    """(p, 3) of points (p, 2) in triangles with corners (p, 3, 2), and the triangles' heights (p, 3)."""
+    """(p, 3) barycentric coordinates of points (p, 2) in triangles with corners (p, 3, 2).
+
+    The second result is the heights (p, 3) of the triangles.
+    """
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     twice = cross(edges[:, 0], edges[:, 1])[:, None]
     away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))
@@ -58,7 +61,7 @@ def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
 
 
 def _along_plane(points: Array) -> Index:
-    """(m,) the points in the order of Z curves: by the bits of both coordinates in turn."""
+    """(m,) the order of points along a Z curve, by the bits of both coordinates in turn."""
     low, size = points.min(axis=0), np.ptp(points, axis=0).max() or 1.0
     cells = ((points - low) / size * (2**BITS - 1)).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)

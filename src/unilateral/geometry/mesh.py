@@ -1,4 +1,4 @@
-"""V_h's triangulations: from arrays, by gmsh, and uniformly refined."""
+"""The triangulations of V_h: made from arrays, made by gmsh, and refined, uniformly or not."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
 
 ROUNDED = 1e-6
-"""How much of the longest boundary edge the rounding of coordinates may be; larger, it shows in A_3."""
+"""The rounding of coordinates may be this part of the longest boundary edge.
+
+If it is larger, it shows in A_3, the Schur complement on the boundary.
+"""
 
 SHORTEST = exact.MOST
-"""How much of an edge that may be, for no finer mesh is near enough to the exact one."""
+"""The rounding of coordinates may be this part of any edge: no finer mesh is near enough to the exact one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,7 @@ class Mesh:
 
     @cached_property
     def triangulation(self) -> Triangulation:
-        """With its edges, whose midpoints are the new nodes of a finer mesh."""
+        """The triangulation with its edges, whose midpoints are the new nodes of a finer mesh."""
         return self.known or refinement.triangulation(self.points, self.triangles, self.boundary)
 
     @cached_property
@@ -99,7 +102,7 @@ class Mesh:
         return of.sides[of.boundary, 0].astype(np.intp)
 
     def part(self, triangles: Index) -> Mesh:
-        """Some of the triangles (k,), whose numbers of nodes stay; no mesh of the polygon."""
+        """Some of the triangles (k,), with the same node numbers; it is no mesh of the polygon."""
         return replace(self, triangles=self.triangles[triangles], coarse=None, steps=(), known=None)
 
     @cached_property
@@ -126,7 +129,7 @@ class Mesh:
 
     @property
     def growth(self) -> float:
-        """What norms, constants and lengths may be on the `exact` mesh, over what they are on this one."""
+        """The factor by which norms, constants and lengths may be larger on the `exact` mesh than here."""
         return 1 + exact.GROWTH * float(self.distortion.max() + self.polygon.stretch.max())
 
 
@@ -196,7 +199,7 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
 
 
 def _arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
-    """(nb + 1,) from those (nb,) of the starts of edges on the sides: exact where they are known."""
+    """(nb + 1,) arc lengths from those (nb,) of the starts of edges: exact where the exact ones are known."""
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= checks.round_off(polygon)
     return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
@@ -223,12 +226,12 @@ def _check_shortest(polygon: Polygon, edge: float) -> None:
 
 
 def unstructured(polygon: Polygon, h: float) -> Mesh:
-    """A mesh by gmsh, its boundary edges those of the sides divided into ceil(length / h) equal ones."""
+    """A mesh by gmsh, whose boundary edges divide each side into ceil(length / h) equal ones."""
     return with_boundary(polygon, polygon.divided(polygon.counts(h))[:-1])
 
 
 def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -> Mesh:
-    """A mesh by gmsh whose boundary nodes have the arc lengths s (nb,): from 0, the vertices among them.
+    """A mesh by gmsh whose boundary nodes have the arc lengths s (nb,), from 0 on and with all vertices.
 
     For the `growth` of its triangles see `triangulate`. Raises InputError if the edges are no `Partition`.
     """
@@ -243,7 +246,10 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 def following(
     cells: Partition, edges: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
-    """A mesh by gmsh with so many equal boundary edges in every cell, and the cells; both then halved."""
+    """A mesh by gmsh with `edges` equal boundary edges in every cell, and the cells.
+
+    Then both are halved `halvings` times.
+    """
     mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1], growth)
     return refine(mesh, halvings), partitions.refine(cells, 2**halvings)
 
@@ -256,10 +262,10 @@ def refine(mesh: Mesh, times: int = 1) -> Mesh:
 
 
 def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
-    """With the chosen triangles cut in four, by default all, and others as that needs; nodes keep numbers.
+    """The mesh with the chosen triangles, by default all, cut in four, and others as that needs.
 
-    The new mesh knows the one that it came from, over all refinements. Raises InputError where edges become
-    as short as rounding.
+    Nodes keep their numbers. The new mesh knows the one from which all refinements began. Raises InputError
+    where edges become as short as rounding.
     """
     of, step = refinement.refined(mesh.triangulation, chosen)
     start, end = (mesh.points[nodes] for nodes in step.ends.T)

@@ -19,7 +19,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.system.files import replacing
 
 STRAIGHT = 1e-9
-"""The sine of the angle up to which a boundary runs on."""
+"""A boundary runs straight on if the sine of the angle by which it turns is at most this."""
 MALFORMED = "it has no nodes or no triangles, its end is missing, or it is not what its ending says"
 
 
@@ -79,7 +79,7 @@ def _names(mesh: Mesh) -> dict[str, np.ndarray]:
 def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     """The mesh of the triangles in a file of any of meshio's formats, checked as by `from_arrays`.
 
-    Without a polygon it is the one that the triangles' boundary is.
+    If no polygon is given, it is the one that the triangles' boundary forms.
     """
     import meshio
 
@@ -107,7 +107,7 @@ def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
 
 
 def outline(points: Array, triangles: Index, where: str) -> Polygon:
-    """The polygon that the triangles' boundary is, anticlockwise, from the first of its corners on.
+    """The polygon that the triangles' boundary forms, anticlockwise, from the first of its corners on.
 
     Raises InputError for a boundary that is not one closed line.
     """

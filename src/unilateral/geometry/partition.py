@@ -1,4 +1,4 @@
-"""T_H: partitions of the boundary into the cells of the multiplier, free of the mesh (section 2)."""
+"""T_H: partitions of the boundary into the cells of the multiplier, independent of the mesh (section 2)."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Partition:
         return first, last
 
     def means(self, values: Array, points: Array) -> Array:
-        """(k,) means between arc lengths `points` (k + 1,) of what has the values (m,) on the cells."""
+        """(k,) means, between arc lengths `points` (k + 1,), of what has the values (m,) on the cells."""
         integral = np.append(0.0, np.cumsum(self.lengths * values))
         return np.diff(np.interp(points, self.points, integral)) / np.diff(points)
 
@@ -85,7 +85,7 @@ class Partition:
 
     @property
     def H(self) -> float:
-        """The longest cell."""
+        """The length of the longest cell."""
         return float(self.lengths.max())
 
     @property
@@ -101,7 +101,7 @@ class Partition:
 
 
 def overlay(one: Array, other: Array) -> tuple[Array, Index, Index]:
-    """The arc lengths (k + 1,) of two divisions of the boundary, and in which part (k,) of each it lies."""
+    """The arc lengths (k + 1,) of two divisions together, and the part (k,) of each for every interval."""
     points = np.union1d(one, other)
     of_one, of_other = (np.searchsorted(s, points[:-1], side="right") - 1 for s in (one, other))
     return points, of_one, of_other
@@ -113,7 +113,7 @@ def uniform(polygon: Polygon, H: float) -> Partition:
 
 
 def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
-    """The partition with the given arc lengths (m + 1,); those that are a vertex's up to round-off become it.
+    """The partition with the given arc lengths (m + 1,); those of a vertex up to round-off are made exact.
 
     Raises InputError if the points miss a vertex, do not increase strictly, or leave [0, perimeter].
     """
@@ -140,7 +140,7 @@ def shifted(polygon: Polygon, H: float, fraction: float) -> Partition:
 
 
 def common_refinement(partitions: Sequence[Partition]) -> Partition:
-    """The coarsest partition of which all are coarser ones, points up to round-off apart taken for one."""
+    """The coarsest partition that refines all given ones; points that differ by round-off count as one."""
     polygon = partitions[0].polygon
     points = np.unique(np.concatenate([polygon.starts, *(each.points for each in partitions)]))
     new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
@@ -155,13 +155,13 @@ def similar(partition: Partition, polygon: Polygon) -> Partition:
 
 
 def refine(partition: Partition, parts: int = 2) -> Partition:
-    """Every cell cut into that many equal ones."""
+    """The partition with every cell cut into that many equal ones."""
     at = np.arange(parts * partition.n_cells + 1) / parts
     return Partition(partition.polygon, np.interp(at, np.arange(partition.n_cells + 1), partition.points))
 
 
 def balanced(partition: Partition) -> Partition:
-    """Cells halved until none is more than twice as long as a neighbour, but for round-off."""
+    """The partition with cells halved until none is over twice as long as a neighbour, but for round-off."""
     while True:
         s, lengths = partition.points, partition.lengths
         beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))

@@ -12,7 +12,7 @@ from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import Polygon
 
 SAME = 1e-9
-"""Of the perimeter: arc lengths so near are the same."""
+"""Arc lengths that differ by at most this part of the perimeter are the same."""
 
 
 def read(path: str | os.PathLike[str], polygon: Polygon) -> Partition:

@@ -39,7 +39,7 @@ def longest_edges(points: Array, triangles: Index) -> Array:
 
 
 def circles(vertices: Array) -> tuple[Array, Array]:
-    """The centroids (k, 2) of triangles with the vertices (k, 3, 2), and the largest distance (k,) of one."""
+    """The centroids (k, 2) of triangles with `vertices` (k, 3, 2), and how far (k,) a vertex is at most."""
     centre = vertices.mean(axis=1)
     away = vertices - centre[:, None]
     return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)

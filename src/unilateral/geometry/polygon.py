@@ -14,13 +14,13 @@ from unilateral.geometry.plane import cross, first_crossing
 from unilateral.system.declarations import own
 
 MAX_VERTICES = 1000
-"""Polygons with more sides are taken for a mistake: such as curves that are drawn by points."""
+"""Polygons with more vertices are taken for a mistake, such as curves that are drawn by points."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
 SMALLEST, LARGEST = 1e-75, 1e75
-"""Of lengths and coordinates, so that squares of areas are normal numbers."""
+"""The limits of lengths and coordinates, so that squares of areas are normal numbers."""
 MOST = 10_000_000
-"""Pieces of the boundary: their numbers alone take 80 MB."""
+"""The boundary may be divided into this many pieces; their numbers alone take 80 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,9 @@ class Polygon:
     """A simple polygon, not necessarily convex: the paper's Omega.
 
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
-    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`. It is what was given, or an image
-    of that; then points of both, coordinates being rounded, are at most `doubt` apart.
+    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`. The polygon is the one that
+    was given, or an image of it. Then its points are at most `doubt` from those of the exact image, for
+    coordinates are rounded.
 
     Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,
     too far apart or too near, if a side is lost beside the perimeter by rounding, or if two sides touch
@@ -118,7 +119,7 @@ class Polygon:
         return self.at(np.array([side]), np.array([t * self.lengths[side]]))[0]
 
     def arc_length(self, side: int, t: float) -> float:
-        """Of the point that lies t side lengths along a side; exact at its ends."""
+        """The arc length of the point that lies t side lengths along a side; exact at the side's ends."""
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
     def at(self, side: Index, t: Array) -> Array:
@@ -156,12 +157,12 @@ class Polygon:
 
 
 def names() -> list[str]:
-    """Of the polygons that have one."""
+    """The names of the polygons that have one."""
     return list(_named())
 
 
 def named(name: str) -> Polygon:
-    """The polygon of that name in polygons.yaml; InputError lists the names there are."""
+    """The polygon of that name in polygons.yaml. Raises InputError, with the known names, for others."""
     if name not in _named():
         known = ", ".join(names())
         raise InputError(f"polygon '{name}' is unknown; the named ones are {known}{meant(name, names())}")

@@ -1,7 +1,7 @@
 """Triangulations that know their edges, and their refinement without sorting anything.
 
-A triangle (a, b, c) has the reference edge bc, opposite to its first node, a longest one in the beginning. If
-any of its edges is halved, bc is. With m_i the midpoint opposite to node i it is then cut into
+A triangle (a, b, c) has the reference edge bc, opposite to its first node, a longest edge in the beginning.
+If any of its edges is halved, bc is. With m_i the midpoint opposite to node i it is then cut into
 
     bc             (m_0, a, b), (m_0, c, a)
     bc, ab         (m_2, m_0, a), (m_2, b, m_0), (m_0, c, a);    bc, ca likewise
@@ -28,22 +28,22 @@ from unilateral.arrays import Array, Index, Int16, Int32, Mask
 Kind = TypeVar("Kind", Array, Int16, Int32, Mask)
 
 CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-"""A node of a triangle and the two after it."""
+"""Each node of a triangle and the two after it."""
 CONGRUENT = 1e-13
-"""Of the longest edge: how far apart rounding leaves the edges of congruent triangles."""
+"""Rounding may leave edges of congruent triangles apart by this part of the longest edge."""
 LONGEST = 1e-12
-"""Of the longest edge: how much shorter, by rounding, the reference edge may be."""
+"""Because of rounding the reference edge may be shorter than the longest edge by this part of it."""
 FEW = 1000
-"""Triangles that are looked at first: where they are not alike, all are not."""
+"""This many triangles are looked at first: if these are not alike, all are not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Triangulation:
-    """Of n nodes: the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
+    """n nodes, the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
 
     `sides` (E, 2) are the triangles at each edge, first the one in which it runs from its first end to its
-    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary, which run with it. If
-    all triangles are `alike`, see `turned`.
+    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary, which run with it.
+    `alike` says whether all triangles are so, see `turned`.
     """
 
     n: int
@@ -60,9 +60,9 @@ class Step:
     """A refinement: `ends` (k, 2) are those of the halved edges, whose midpoints are the nodes n, n + 1, ...
 
     `at` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new triangles have
-    the `nodes` (c, 3). There were `before` triangles. After a uniform step the triangulation is known, and
-    the new triangles are all, in order; else they are `made`: their numbers (c,), those of the triangles that
-    they come from (c,), and how often the areas of these were halved (c,).
+    the `nodes` (c, 3). There were `before` triangles. After a uniform step the triangulation `after` it is
+    known, and the new triangles are all of its triangles, in order. Otherwise `made` has their numbers (c,),
+    those of the triangles that they come from (c,), and how often the areas of these were halved (c,).
     """
 
     n: int
@@ -75,21 +75,21 @@ class Step:
 
     @property
     def triangles(self) -> Int32:
-        """(c,) the new ones."""
+        """(c,) the numbers of the new triangles."""
         return self.made[0] if self.made else np.arange(len(self.nodes), dtype=np.int32)
 
     @property
     def parent(self) -> Int32:
-        """(c,) the triangles that they come from."""
+        """(c,) the triangles that the new ones come from."""
         return self.made[1] if self.made else np.tile(np.arange(self.before, dtype=np.int32), RED)
 
     @property
     def halved(self) -> Int16:
-        """(c,) how often their areas were."""
+        """(c,) how often the areas of the triangles that the new ones come from were halved."""
         return self.made[2] if self.made else np.full(len(self.nodes), 2, dtype=np.int16)
 
     def put(self, old: Kind, new: Kind) -> Kind:
-        """(T, ...) the values (before, ...) of triangles, those of the new ones (c, ...) put in."""
+        """(T, ...) the `old` values (before, ...) of triangles with the `new` triangles' (c, ...) put in."""
         if self.made is None:
             return new
         more = int(self.made[0].max()) + 1 - self.before
@@ -98,12 +98,12 @@ class Step:
         return found
 
     def inherited(self, values: Kind) -> Kind:
-        """The same, new triangles having the values of their parents."""
+        """(T, ...) the values of all triangles, where the new ones have the values of their parents."""
         return self.put(values, values[self.parent])
 
 
 def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulation, Step]:
-    """With the chosen triangles cut in four, and others as that needs; by default all."""
+    """The triangulation with the chosen triangles, by default all, cut in four, and others as that needs."""
     E = len(of.ends)
     cut = np.arange(E, dtype=np.int32) if chosen is None else _closure(of, chosen)
     n, k, uniform = of.n, len(cut), len(cut) == E
@@ -145,35 +145,41 @@ def _closure(of: Triangulation, chosen: Index) -> Int32:
 
 
 def _along(of: Triangulation, middle: Int32, second: Int32) -> Int32:
-    """The edges along the boundary, the first half of one before the second."""
+    """The edges along the refined boundary; the first half of an edge comes before the second."""
     halved = np.flatnonzero(middle[of.boundary] >= 0)
     return np.insert(of.boundary, halved + 1, second[of.boundary[halved]])
 
 
 WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
-"""Of green, blue with ab, blue with ca, and red: edges inside by their ends, of a, b, c, m_0, m_1, m_2."""
+"""The edges inside a green triangle, a blue one with ab, a blue one with ca, and a red one.
+
+An edge is given by its ends, whose numbers 0 to 5 stand for a, b, c, m_0, m_1, m_2.
+"""
 CHILDREN = (
     (((3, 0, 1), (2, 3, 9)), ((3, 2, 0), (1, 9, 4))),
     (((5, 3, 0), (9, 7, 10)), ((5, 1, 3), (3, 10, 8)), ((3, 2, 0), (1, 9, 4))),
     (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
     (((0, 5, 4), (9, 6, 7)), ((5, 1, 3), (3, 10, 8)), ((4, 3, 2), (4, 5, 11)), ((3, 4, 5), (9, 10, 11))),
 )
-"""The children's nodes, and their opposite edges: 0, 1, 2 are whole, 3 to 8 the halves of edge 0 at b and c,
-of edge 1 at c and a, of edge 2 at a and b, and the others lie inside."""
+"""The children of the same four triangles: their nodes, numbered as in WITHIN, and their opposite edges.
+
+Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the halves of edge 0 at b and c, of edge 1 at c
+and a, and of edge 2 at a and b. The others lie inside.
+"""
 HALVED = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
-"""How often the parent's area was."""
+"""How often the parent's area was halved for each child, in the same four triangles."""
 GREEN, BLUE, RED = 2, 3, 4
-"""Children of a triangle."""
+"""How many children a green, a blue and a red triangle have."""
 
 
 class _Children:
-    """All new triangles (c,) with their nodes and edges (c, 3) and parents (c,), and the edges within.
+    """All new triangles (c,) with their nodes and edges (c, 3) and their parents (c,).
 
-    And how often the parents' areas were `halved` (c,).
+    The edges `within` lie inside the parents. `halved` (c,) is how often the parents' areas were halved.
     """
 
     def __init__(self, of: Triangulation, middle: Int32, second: Int32, edges: int) -> None:
-        """`middle` (E,) and `second` (E,) are the node in, and the second half of, each edge; -1 for none."""
+        """Each edge has the new node `middle` (E,) and the second half `second` (E,), or -1 for none."""
         hit = np.zeros(len(of.nodes), dtype=bool)
         at = of.sides[middle >= 0]
         hit[at[at >= 0]] = True
@@ -214,7 +220,10 @@ def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tupl
 
 
 def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
-    """Of triangles (T, 3) `in_order`, and the nodes (nb,) along the boundary; here the edges are sorted."""
+    """The triangulation of triangles (T, 3) `in_order`, with the nodes (nb,) along the boundary.
+
+    Here the edges are sorted.
+    """
     nodes, alike = turned(points, triangles)
     start, end = (nodes[:, turn].ravel().astype(np.int64) for turn in ([1, 2, 0], [2, 0, 1]))
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
@@ -232,7 +241,7 @@ def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangula
 
 
 def in_order(points: Array, triangles: Index) -> Index:
-    """(T, 3) the same triangles, a longest edge opposite to the first corner; all alike if they can be."""
+    """(T, 3) the same triangles with a longest edge opposite to the first corner, all alike if possible."""
     found, alike = turned(points, triangles)
     return found if alike else longest_first(points, triangles)
 
@@ -246,7 +255,9 @@ def longest_first(points: Array, triangles: Index) -> Index:
 
 
 def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
-    """Triangles (T, 3) with a longest edge opposite to the first corner, all alike; or they as they are.
+    """Triangles (T, 3), all alike, with a longest edge opposite to the first corner, and True.
+
+    If that cannot be, the triangles as they are, and False.
 
     Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
     """

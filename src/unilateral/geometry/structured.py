@@ -10,15 +10,18 @@ from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.polygon import Polygon, square
 
 FEWEST = 4
-"""Squares in a unit of length that are not halved: coarser meshes save nothing."""
+"""With at most this many squares in a unit of length no coarser mesh is sought, for it saves nothing."""
 MANY = 16
-"""Units of length: in larger polygons squares of side 1 may be too many, and nobody gets them unasked."""
+"""Polygons that are wider or higher than this get no structured mesh unless somebody asks for it.
+
+Even squares of side 1 may be too many in them.
+"""
 MOST_SQUARES = 1000
-"""Whole numbers up to which a polygon is taken to consist of unit squares."""
+"""A polygon is taken to consist of unit squares if its coordinates are whole numbers up to this."""
 
 
 def structured(polygon: Polygon, h: float) -> Mesh:
-    """Squares of side 1 / ceil(1 / h), made by halving those of as coarse a mesh as that leads to.
+    """A mesh of squares of side 1 / ceil(1 / h), made by halving those of as coarse a mesh as leads to it.
 
     Raises InputError unless the polygon consists of unit squares between whole numbers.
     """
@@ -34,7 +37,7 @@ def structured(polygon: Polygon, h: float) -> Mesh:
 
 
 def _squares(polygon: Polygon, n: int) -> Mesh:
-    """n squares in a unit of length."""
+    """The mesh with n squares in a unit of length."""
     (left, right), (low, high) = ((int(x.min()), int(x.max())) for x in polygon.vertices.T)
     middles = np.stack(np.meshgrid(np.arange(left, right) + 0.5, np.arange(low, high) + 0.5), axis=-1)
     kept = polygon.contains(middles).repeat(n, axis=0).repeat(n, axis=1)
@@ -55,7 +58,7 @@ def _consists_of_squares(polygon: Polygon) -> bool:
 
 
 def tensor(ticks: Array) -> Mesh:
-    """The rectangles of `square` between the ticks (n + 1,), 0 to 1, in x and y."""
+    """The mesh of the unit `square` with rectangles between the ticks (n + 1,), from 0 to 1, in x and y."""
     n = len(ticks) - 1
     return conforming(square(), *_grid(ticks, ticks, np.ones((n, n), dtype=bool)))
 

@@ -17,7 +17,7 @@ OPTIONS = {
 
 
 def triangulate(edges: Partition, growth: float | None = None) -> tuple[Array, Index]:
-    """Points (n, 2) and anticlockwise triangles (m, 3), the boundary edges exactly those.
+    """Points (n, 2) and anticlockwise triangles (m, 3), whose boundary edges are exactly the given ones.
 
     The triangles' size follows the boundary edges' or, with `growth`, is the smallest over the boundary of
     the edges' length plus `growth` times the distance.
@@ -56,7 +56,7 @@ def _boundary(points: Array) -> list[int]:
 
 
 def _set_sizes(nodes: list[int], edges: Array, growth: float) -> None:
-    """The mesh size from the boundary edges, each after its node: one distance per power of two of them."""
+    """Sets the mesh size by the boundary edges, each after its node, with one distance per power of two."""
     for option in ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints"):
         gmsh.option.setNumber(option, 0)
     field = gmsh.model.mesh.field

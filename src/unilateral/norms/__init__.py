@@ -1,1 +1,1 @@
-"""The norms of errors: H1 and L2 of a known solution, bounds of H^{-1/2}, and beta of (3.4)."""
+"""The norms of errors: H1 and L2 norms for a known solution, bounds on H^{-1/2} norms, and beta of (3.4)."""

@@ -5,11 +5,11 @@ For every v in H^1 and every flux q with q.n = mu on the boundary,
     <mu, v> / ||v||_1 <= ||mu||_{-1/2} <= (||q||^2 + ||div q||^2)^{1/2},
 
 with equality for q = grad v and v as in (3.5). The spaces are those of `reference`. A flux of BDM1 carries
-Pi_1 mu, the part of mu that is linear on the edges of the reference mesh; a bound of what is left,
-`oscillation`, is added; where lambda is not in L2 that is infinite and the upper bound NaN. All of it is
+Pi_1 mu, the part of mu that is linear on the edges of the reference mesh; a bound on what is left,
+`oscillation`, is added; where lambda is not in L2 that and the upper bound are NaN. All of it is
 guaranteed up to rounding: 1e-9 of the norm for polygons of a diameter of about 1, like 1/L^2 for smaller
 ones of diameter L; where it reaches 1e-8 the polygon is refused. Where lambda has a fractional power the
-upper bound of lambda - Pi_H lambda is a difference of large numbers: up to 2e-6 of it is rounding where
+upper bound on lambda - Pi_H lambda is a difference of large numbers: up to 2e-6 of it is rounding where
 lambda is like s^(-1/4).
 """
 
@@ -50,7 +50,7 @@ class Bracket(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Matrices (m + c, m + c) of the forms that bound ||.||_{-1/2}^2, and what oscillates of each case (c,).
+    """Matrices (m + c, m + c) of forms that bound ||.||_{-1/2}^2, and the `oscillation` (c,) of each case.
 
     The first m columns belong to the cells between `points` (m + 1,), the others to lambda - Pi_H lambda of
     c cases, whose cell means are `means` (c, m).
@@ -64,7 +64,7 @@ class Gram:
 
     @classmethod
     def of_table(cls, table: xr.Dataset) -> Gram:
-        """From the table that `table` makes."""
+        """The `Gram` from the table that `table` makes."""
         return cls(*(table[name].values for name in TABLE))
 
     def table(self, cases: Sequence[Case]) -> xr.Dataset:
@@ -106,7 +106,7 @@ class Gram:
         return Bracket(self.lower[:m, :m], self.upper[:m, :m])
 
     def error(self, c: int, difference: Array) -> Bracket:
-        """Bounds (k,) of ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
+        """Bounds (k,) on ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
         x = np.zeros((len(difference), len(self.lower)))
         x[:, : self.n_cells] = difference
         x[:, self.n_cells + c] = 1.0
@@ -115,7 +115,7 @@ class Gram:
 
     @cached_property
     def best_approximations(self) -> Array:
-        """(c,) lower bounds of the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
+        """(c,) lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
         m = self.n_cells
         mixed, own = self.lower[:m, m:], np.diag(self.lower)[m:]
         return _root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
@@ -129,16 +129,16 @@ class DualNorm:
     spaces: ReferenceSpaces
 
     def of_p0(self, mu_H: Array, partition: Partition | None = None) -> Bracket:
-        """Bounds (k,) of ||mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells of T_H.
+        """Bounds (k,) on ||mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells of T_H.
 
         Another partition may be given; its points need not be nodes of the reference mesh.
         """
         return self._bounds(of_p0(self.spaces, partition or self.partition, mu_H))
 
     def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bracket:
-        """Bounds (k,) of ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells.
+        """Bounds (k,) on ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells.
 
-        Or linear there, with the values (k, m, 2) at their ends.
+        mu_H may also be linear on the cells, with the values (k, m, 2) at their ends.
         """
         return self._bounds(of_differences(self.spaces, partition or self.partition, case, mu_H))
 
@@ -179,7 +179,7 @@ def dual_norm(
 
 
 class Errors(NamedTuple):
-    """||u - u_h||_1, bounds of ||lambda - lambda_H||_{-1/2}, ||lambda - lambda_H||_0; NaN where not judged.
+    """||u - u_h||_1, bounds on ||lambda - lambda_H||_{-1/2}, ||lambda - lambda_H||_0; NaN where not judged.
 
     lambda is not judged where beta is 0; its L2 error is NaN where lambda is not in L2.
     """
@@ -193,9 +193,9 @@ class Errors(NamedTuple):
 def errors(
     case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool, dual: bool
 ) -> Errors:
-    """The errors of u_h (n,) and lambda_H (m,), constant on the cells, that in H^{-1/2} if `dual`.
+    """The errors of u_h (n,) and lambda_H (m,), which is constant on the cells.
 
-    Those of lambda are not judged unless lambda_H is `unique`.
+    That in H^{-1/2} is judged only if `dual`, and those of lambda only if lambda_H is `unique`.
     """
     h1 = h1_distance(case, mesh, u_h)
     if not unique:

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 class CellMeans:
     """A case seen from T_H: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
 
-    These are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares it;
-    `size` is the largest |u| + |u - g| on the boundary.
+    The norms are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares
+    it; `size` is the largest |u| + |u - g| on the boundary.
     """
 
     partition: Partition
@@ -68,19 +68,19 @@ class CellMeans:
 
     @cached_property
     def lambda_is_zero(self) -> bool:
-        """Up to round-off of the data, whatever their size."""
+        """Whether lambda is 0 up to round-off of the data, whatever their size."""
         return self.lambda_norm <= 1e-12 * self.size
 
 
 def cell_means(case: Case, partition: Partition) -> CellMeans:
-    """Those of one case, see `cell_means_of_gaps`."""
+    """The cell means of one case, see `cell_means_of_gaps`."""
     return cell_means_of_gaps([case], partition)[0]
 
 
 def cell_means_of_gaps(cases: Sequence[Case], partition: Partition) -> list[CellMeans]:
     """Means and norms of cases with the same u, which is evaluated once, and different gaps.
 
-    By quadrature split at the singular points of all of them, to round-off.
+    They are exact to round-off, by quadrature that is split at the singular points of all cases.
     """
     singular = [point for case in cases for point in case.singular()]
     rule, m = boundary_rule(partition.polygon, partition.points, singular), partition.n_cells
@@ -121,7 +121,7 @@ class Exact:
     def tolerance(self, spaces: MixedSpaces) -> float:
         """The smallest part of the discretisation error in ||.||_1 that is known before iterating, and not 0.
 
-        These are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
+        The parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
         """
         if spaces.operator.singular or self.means.lambda_is_zero:
             return self.ritz.ritz_error
@@ -139,7 +139,7 @@ class Exact:
         return math.sqrt(lengths @ (u_means - spaces.B @ self.ritz.values / lengths) ** 2)
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
-        """Those of (u(mu), mu) for mu (m,); where beta is 0 those of lambda are not judged."""
+        """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""
         difference = self.boundary_load(spaces, mu)
         h1, share, dual = self.ritz.h1_error(difference)
         if spaces.operator.singular:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Functionals(NamedTuple):
-    """Of k functions mu on the boundary.
+    """What the reference spaces see of k functions mu on the boundary.
 
     `loads` (n_p2, k) are <mu, psi_i>; `fluxes` (2 nb, k) are Pi_1 mu at the ends of the boundary edges;
     `oscillation` (k,) bounds ||mu - Pi_1 mu||_{-1/2}.
@@ -31,13 +31,13 @@ class Functionals(NamedTuple):
 
 
 def of_p0(spaces: ReferenceSpaces, partition: Partition, mu_H: Array) -> Functionals:
-    """Of functions mu_H (k, m) constant on the cells."""
+    """The `Functionals` of functions mu_H (k, m) constant on the cells."""
     rule, cell = _rule(spaces, partition, None)
     return _of_values(spaces, rule, mu_H.T[cell])
 
 
 def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu_H: Array) -> Functionals:
-    """Of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here.
+    """The `Functionals` of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here: NaN.
 
     mu_H (k, m) is constant on the cells, or linear between its values (k, m, 2) at their ends.
     """
@@ -48,7 +48,7 @@ def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu
 
 
 def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:
-    """(Q, k) the values of such functions at the points of a rule, which lie in the cells (Q,)."""
+    """(Q, k) the values of mu, as mu_H above, at the points of a rule, which lie in the cells `cell` (Q,)."""
     if mu.ndim == 2:
         return mu.T[cell]
     starts = partition.points[cell] - partition.polygon.starts[rule.side]
@@ -57,7 +57,7 @@ def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) 
 
 
 def of_indicators(spaces: ReferenceSpaces, partition: Partition) -> Functionals:
-    """Of the cells of T_H, each the union of edges of the reference mesh."""
+    """The `Functionals` of the indicators of T_H's cells, each a union of edges of the reference mesh."""
     s, m = spaces.mesh.s, partition.n_cells
     cell = np.searchsorted(partition.points, 0.5 * (s[1:] + s[:-1])) - 1
     shares = (np.diff(s)[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
@@ -76,7 +76,7 @@ def _rule(spaces: ReferenceSpaces, partition: Partition, case: Case | None) -> t
 
 
 def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Functionals:
-    """Of functions with the values (Q, k) at the points of the rule."""
+    """The `Functionals` of functions with the values (Q, k) at the points of the rule."""
     mesh, edge = spaces.mesh, rule.interval
     lengths = np.diff(mesh.s)
     x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]

@@ -15,12 +15,15 @@ from unilateral.norms.oscillation import distance_to_other_sides
 EDGES_PER_CELL = 8
 HALVINGS = 8
 SHORTEST = 5e-8
-"""Edge, in diameters: gmsh tells points apart that are 1e-8 apart."""
+"""The shortest edge, in diameters of the polygon: gmsh tells points apart that are 1e-8 apart."""
 SNAP = 1e-6
-"""Distance, in diameters, at which a singular point counts as a cell's end when the mesh is graded."""
+"""A singular point at most this far from a cell's end, in diameters, counts as that end in the grading."""
 LONGEST = 0.25
 MOST_EDGES = 8_000
-"""On the boundary of a polygon so large that edges have to be longer than LONGEST; the bounds stay valid."""
+"""On a large polygon edges may be longer than LONGEST, up to the perimeter divided by this number.
+
+The bounds stay valid.
+"""
 
 
 def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
@@ -29,9 +32,8 @@ def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_ce
     A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
     jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
     those beside a shorter cell, those longer than LONGEST, and those that are long against shorter edges on
-    a side near by. No edge is shorter than SHORTEST; the grading of a singular point that near to a cell's
-    end is to that end.
-    Raises InputError if a cell is shorter.
+    a side near by. No edge is shorter than SHORTEST. The grading of a singular point that is as
+    near to a cell's end as SNAP is to that end. Raises InputError if a cell is shorter than SHORTEST.
     """
     polygon = partition.polygon
     shortest = SHORTEST * polygon.diameter
@@ -69,7 +71,7 @@ def _check_cells(partition: Partition, shortest: float) -> None:
 
 
 def _singular_points(partition: Partition, singular: Iterable[float]) -> Array:
-    """Arc lengths, increasing; at the end of a cell if as near to it as SNAP."""
+    """The singular points' arc lengths, increasing; those as near to a cell's end as SNAP are moved to it."""
     perimeter = partition.polygon.perimeter
     given = np.array(sorted({s % perimeter for s in singular}))
     ends = partition.points[np.abs(given[:, None] - partition.points).argmin(axis=1)]
@@ -79,7 +81,7 @@ def _singular_points(partition: Partition, singular: Iterable[float]) -> Array:
 
 
 def _halved(polygon: Polygon, s: Array) -> Array:
-    """With more nodes (nb,) inside edges that are too long for functions that decay with the distance 1."""
+    """The nodes s and more (nb,), inside edges too long for functions that decay with the distance 1."""
     limit = max(LONGEST, polygon.perimeter / MOST_EDGES)
     ends = np.append(s, polygon.perimeter)
     while np.any(long := np.diff(ends) > limit):
@@ -88,7 +90,7 @@ def _halved(polygon: Polygon, s: Array) -> Array:
 
 
 def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
-    """With more nodes (nb,): an edge is at most twice as long as any on another side, plus the distance."""
+    """The nodes s and more (nb,): no edge is longer than twice one on another side plus the distance."""
     while True:
         ends = np.append(s, polygon.perimeter)
         lengths, middle = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])

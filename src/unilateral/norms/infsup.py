@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 ZERO = 1e-12
 TIE = 1e-3
-"""Relative difference of beta^2 below which symmetry classes count as equally bad."""
+"""Symmetry classes count as equally bad if the relative difference of their beta^2 is at most this."""
 
 
 class InfSup(NamedTuple):
-    """Bounds of beta, and the constant beta_0 of the second inequality of (3.4)."""
+    """Bounds on beta, and the constant beta_0 of the second inequality of (3.4)."""
 
     beta_lower: float
     beta_upper: float

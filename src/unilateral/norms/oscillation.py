@@ -32,13 +32,13 @@ from unilateral.geometry.polygon import Polygon
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
 MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
 REACH = math.sqrt(5) / 2
-"""Of a square from the midpoint of its edge, in edges."""
+"""A square reaches this far from the midpoint of its edge, in lengths of the edge."""
 
 
 def oscillation_bound(
     mesh: Mesh, triangle: Index, squared_norms: Array, on_square: Array | float = ON_SQUARE
 ) -> Array:
-    """Bounds (k,) of ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge.
+    """Bounds (k,) on ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge.
 
     `on_square` is C, for all edges or for each (nb,).
     """
@@ -51,7 +51,7 @@ def oscillation_bound(
 def has_square(mesh: Mesh) -> Mask:
     """(nb,) whether the square on an edge lies inside Omega, and apart from any square on another side.
 
-    Those on the exact edges, too: `geometry.exact`.
+    The squares on the exact edges (`geometry.exact`) do so, too.
     """
     lengths = np.diff(mesh.s)
     start = mesh.points[mesh.boundary]
@@ -76,7 +76,7 @@ def trace_constants(mesh: Mesh, triangle: Index) -> Array:
 
 
 def value_constants(mesh: Mesh, triangle: Index) -> Array:
-    """(nb,) C of ||v||_e^2 <= C ||v||_{1,T}^2, doubled likewise.
+    """(nb,) C of ||v||_e^2 <= C ||v||_{1,T}^2, doubled where two edges share a triangle.
 
     C is |e|/|T| (1 + (1 + a^2)^(1/2))/2: the divergence theorem with the same field gives
     ||v||_e^2 <= |e|/|T| (||v||_T^2 + a ||v||_T |v|_{1,T}).

@@ -54,7 +54,7 @@ def least_pairing_constant(delta: Array) -> Array:
 
 
 def certified_cellwise(mesh: Mesh, partition: Partition) -> float:
-    """A guaranteed lower bound of `infsup.cellwise`, without a solution; 0 where a cell has no node inside.
+    """A guaranteed lower bound on `infsup.cellwise`, without a solution; 0 where a cell has no node inside.
 
     For mu let y = M^{-1} z, z_i = H_i mu_i, and v = W y in V_h. Then <mu, v> = |z|^2, |y| <= |z| / sigma with
     the pairing constant sigma, and ||v||_1^2 = y . W^T A W y <= E |y|^2 with E the largest row sum of

@@ -116,8 +116,8 @@ def reference_spaces(
 def ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
     """(n,) in which order the unknowns of P2, with the matrix A (n, n), are eliminated.
 
-    From a dissection of the nodes alone: an edge goes with the earlier of its ends, so that what separates
-    nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
+    The order comes from a dissection of the nodes alone. An edge goes with the earlier of its ends, so that
+    what separates nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
     """
     nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
     order = elimination_order(A[nodes][:, nodes])

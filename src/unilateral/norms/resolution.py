@@ -20,18 +20,21 @@ ROUND_OFF = 1e-9
 
 
 class Rule(NamedTuple):
-    """The least H_i over the longest edge that meets cell i, and angle in degrees, of `Resolution`."""
+    """The least values of a `Resolution` that a rule allows.
+
+    These are H_i over the longest edge that meets cell i, and the smallest angle in degrees.
+    """
 
     cell_over_edge: float
     smallest_angle: float
 
 
 RULE = Rule(cell_over_edge=2, smallest_angle=20)
-"""That the numbers support: the study judges it as the claim S.local."""
+"""The rule that the numbers support; the study judges it as the claim S.local."""
 
 
 class Resolution(NamedTuple):
-    """How finely a mesh resolves a partition; the smallest over the cells T_i of each.
+    """How finely a mesh resolves a partition; of each measure, the smallest value over the cells T_i.
 
     `edges_per_cell` counts boundary edges, parts as fractions; `cell_over_edge` is H_i over the longest edge
     that meets the inside of T_i; `nodes_per_cell` counts the mesh nodes inside T_i; `smallest_angle` is that
@@ -57,7 +60,7 @@ class OfCells(NamedTuple):
 
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
-    """The measures of h/H that a cell of T_H sees."""
+    """The measures of h/H that the cells of T_H see, the smallest of each."""
     edges, over_longest, nodes, delta = (float(each.min()) for each in of_cells(mesh, partition))
     angle = float(boundary_angles(mesh)[1].min())
     return Resolution(edges, over_longest, int(nodes), angle, delta, partition.alpha_1)
@@ -78,7 +81,7 @@ def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
 def inner_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
     """(m,) the mesh node farthest from the ends of each cell, and (m,) that distance over H_i.
 
-    `s` (nb + 1,) are the nodes' arc lengths, the perimeter last. Of a cell without a node inside, up to
+    `s` (nb + 1,) are the nodes' arc lengths, the perimeter last. For a cell without a node inside, up to
     round-off, they are its start and 0.
     """
     nodes, ends = s[:-1], partition.points

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
 SMALLEST, LARGEST = 1e-152, 1e152
-"""Of u, so that squares of errors down to 1e-3 of it are normal numbers, and none overflows."""
+"""The largest |u| has to lie between these.
+
+Squares of errors down to 1e-3 of it are then normal numbers, and none overflows.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ class RitzProjection:
     def h1_error(self, boundary_load: Array) -> tuple[float, float, float]:
         """||u - u_h||_1, quadrature's share of its square, and ||lambda - lambda_H||_{-1/2,h}.
 
-        From the values <lambda - lambda_H, phi_j> (nb,).
+        They are computed from the values <lambda - lambda_H, phi_j> (nb,).
         """
         dual = self.discrete_dual(boundary_load)
         share = 2 * float(self.ritz_defect @ boundary_load)
@@ -136,7 +139,7 @@ def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -
 
 
 def _where_not_0(case: Case, mesh: Mesh, v_h: Array) -> Mesh:
-    """Without the triangles on which u and v_h are 0."""
+    """The mesh without the triangles on which u and v_h are 0."""
     zero = case.vanishes(*mesh.circles) & ~v_h[mesh.triangles].any(axis=1)
     return mesh.part(np.flatnonzero(~zero)) if zero.any() else mesh
 

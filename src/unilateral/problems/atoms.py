@@ -24,7 +24,7 @@ from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 
 ON_SIDE = 1e-12
-"""Of a side: a distance from it up to which a point counts as on it."""
+"""A point counts as on a side up to this distance from it, in side lengths."""
 T, D, X, Y = (sympy.Symbol(name, real=True) for name in ("t", "d", "x", "y"))
 
 
@@ -41,7 +41,10 @@ class Along(NamedTuple):
 
 
 class Regularity(NamedTuple):
-    """Of an atom: u in H2, Lipschitz on the sides; lambda in L2, bounded; finitely many ends of contact."""
+    """What holds for an atom: u is in H2, and Lipschitz on the sides; lambda is in L2, and bounded.
+
+    `finite`: contact has finitely many ends.
+    """
 
     in_H2: bool = True
     lipschitz: bool = True
@@ -80,7 +83,7 @@ class Smooth:
         return value, np.column_stack([dx, dy])
 
     def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        """The same, and (k,) values of -Delta u + u."""
+        """What `value_and_gradient` returns, and (k,) values of -Delta u + u."""
         value, dx, dy, f = self._values[1](*(points + offset).T)
         return value, np.column_stack([dx, dy]), f
 
@@ -127,13 +130,16 @@ class Local:
         return x * along[0] + y * along[1], x * into[0] + y * into[1]
 
     def local_models(self, x: Model, y: Model) -> tuple[Model, Model]:
-        """The same coordinates on the boxes of x and y."""
+        """The coordinates of `local` on the boxes of x and y."""
         x, y = x + number(x, -self.centre[0]), y + number(y, -self.centre[1])
         along, into = (x.scaled(a / self.length) + y.scaled(b / self.length) for a, b in self.frame)
         return along, into
 
     def local_inside(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
-        """The same, a rounding error outside the side as one inside: arctan2(-0.0, -1) is -pi."""
+        """As `local`, but points that rounding puts outside the side count as inside.
+
+        The reason is that arctan2(-0.0, -1) is -pi.
+        """
         along, into = self.local(points, offset)
         return along, np.where(np.abs(into) < ON_SIDE, np.abs(into), into)
 

@@ -1,8 +1,9 @@
-"""Infinitely many transitions, truncated: contact on the intervals that a Cantor set leaves out, in turn.
+"""Infinitely many transitions, truncated: contact on what every other generation of a Cantor set removes.
 
-Of every interval a generation keeps a share at either end and removes the middle. What odd generations
-remove carries lambda = s^alpha (1 - (s/l)^2)_+^4, s the distance from its start and l its length, by harmonic
-atoms whose cutoff ends contact; what even ones remove carries a gap, like s^gamma at both ends.
+A generation keeps a share of every interval at either end and removes the middle. The intervals that odd
+generations remove carry lambda = s^alpha (1 - (s/l)^2)_+^4, s the distance from the start and l the length,
+by harmonic atoms whose cutoff ends contact. Those that even ones remove carry a gap, like s^gamma at both
+ends.
 
 There are l^{-d} intervals of about the length l, d the dimension of the set, and what is like s^k on each of
 them has a norm in H^tau with the square sum l^{2k + 1 - 2 tau - d}: it lies in H^tau for tau < k + (1 - d)/2.
@@ -30,12 +31,15 @@ from unilateral.problems.polar import THETA, Polar, R
 
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)
-"""What is left is no part of the set, which has measure 0; its gap must not outweigh that of the removed."""
+"""The gap on the intervals that are left is multiplied by this.
+
+They are no part of the set, which has measure 0, and their gap must not outweigh that of the removed ones.
+"""
 Parts = tuple[Index, Array, Array, list[Array]]
 
 
 class Family(NamedTuple):
-    """The set: the share that is kept at either end, how often, and between t = inset and 1 - inset."""
+    """The set between t = inset and t = 1 - inset: the share kept at either end, and how many generations."""
 
     keep: sympy.Expr
     generations: int
@@ -43,11 +47,11 @@ class Family(NamedTuple):
 
     @property
     def dimension(self) -> float:
-        """Of the set that is not truncated."""
+        """The dimension of the set that is not truncated."""
         return float(sympy.log(2) / sympy.log(1 / self.keep))
 
     def order(self, power: sympy.Expr) -> float:
-        """The tau up to which, excluded, what is like s^power on the removed intervals is in H^tau."""
+        """A function that is like s^power on the removed intervals is in H^tau for every tau below this."""
         return float(power) + (1 - self.dimension) / 2
 
     def divided(self) -> tuple[list[Interval], list[Interval], list[Interval]]:
@@ -64,7 +68,7 @@ class Family(NamedTuple):
 def gap(family: Family, gamma: sympy.Expr) -> sympy.Expr:
     """u - g as a formula in t: ((t - c)(d - t)/(d - c))^gamma on what even generations remove.
 
-    On what is left it is DUST of that. From the set's ends it grows like s^gamma to the vertices.
+    On what is left it is DUST times that. From the set's ends it grows like s^gamma to the vertices.
     """
     _, removed, left = family.divided()
     tents = [pos((T - c) * (d - T), gamma) / (d - c) ** gamma for c, d in removed]
@@ -106,7 +110,7 @@ class Cantor(Local):
         return compile_numpy(list(one.symbolic), (R, THETA))
 
     def _parts(self, along: Array, into: Array) -> Parts:
-        """The points (m,) of all supports in turn, and there l and theta (m,) and the unit atom at r/l."""
+        """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
         starts, lengths = self._contact[:, 0], np.diff(self._contact)[:, 0]
         near = np.flatnonzero(into < lengths.max())
         near = near[np.argsort(along[near], kind="stable")]
@@ -141,7 +145,7 @@ class Cantor(Local):
         return self._sum(Polar.source_model, x, y)
 
     def _sum(self, of: Callable[[Polar, Model, Model], Model], x: Model, y: Model) -> Model:
-        """Over the atoms, each on the boxes that may meet its support."""
+        """The sum over the atoms, each on the boxes that may meet its support."""
         (first, last), (low, _) = (z.range for z in self.local_models(x, y))
         c, rad, lower, upper = np.zeros_like(x.c), *np.zeros((3, len(x.rad)))
         for (start, end), atom in zip(self._contact, self._atoms, strict=True):
@@ -155,7 +159,7 @@ class Cantor(Local):
 
     @cached_property
     def _atoms(self) -> list[Polar]:
-        """The same as harmonic atoms."""
+        """The harmonic atoms of the contact intervals."""
         intervals = sorted(self.family.divided()[0])
         return [harmonic(self.polygon, self.side, a, self.alpha, b - a) for a, b in intervals]
 

@@ -44,8 +44,8 @@ class Case(KnownSolution):
     """A manufactured problem on a polygon; lengths along a side are measured from its start.
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
-    `side`. On `free_sides` lambda is 0, and they are solved on without multipliers;
-    `certificate.with_free_sides` checks that.
+    `side`. On `free_sides` lambda is 0, and the method has no multipliers there;
+    `certificate.with_free_sides` checks that lambda is 0.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Case(KnownSolution):
         return value, gradient
 
     def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        """The same, and f = -Delta u + u (k,), (1.1)."""
+        """What `value_and_gradient` returns, and f = -Delta u + u (k,), (1.1)."""
         value, gradient, f = _summed(atom.whole(points, offset) for atom in self.atoms)
         return value, gradient, f
 
@@ -80,7 +80,7 @@ class Case(KnownSolution):
 
     @property
     def jumps(self) -> dict[Part, Kink]:
-        """f has none."""
+        """The steps in f: none."""
         return {}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
@@ -100,7 +100,7 @@ class Case(KnownSolution):
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        """None is given."""
+        """The flux q on free sides: none is given."""
         return none(self.polygon)
 
     def boundary(
@@ -108,7 +108,7 @@ class Case(KnownSolution):
     ) -> tuple[Array, Array, Array]:
         """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides.
 
-        `near`: for every place a point t of its side, in side lengths, and the arc length from there.
+        `near` has, for every place, a point t of its side, in side lengths, and the arc length from there.
         """
         lengths = self.polygon.lengths[side]
         anchor, offset = near or (s / lengths, np.zeros(len(s)))
@@ -145,14 +145,14 @@ class Case(KnownSolution):
 
     @cached_property
     def gap_kinks(self) -> list[list[tuple[float, Fraction]]]:
-        """Per side, where the gap has a power of a positive part, t with the exponent."""
+        """Per side, the places t at which the gap has a power of a positive part, each with the exponent."""
         return [kinks(gap, T) for gap in self.gaps]
 
     @cached_property
     def gap_order(self) -> float:
-        """The tau up to which, excluded, u - g is in H^tau on every side: k + 1/2 for powers s_+^k.
+        """u - g is in H^tau on every side for every tau below this: k + 1/2 for powers s_+^k.
 
-        Less half of the dimension of the set of transitions, see `cantor`.
+        From that half of the dimension of the set of transitions is subtracted, see `cantor`.
         """
         powers = [float(k) for side in self.gap_kinks for _, k in side]
         dimensions = [atom.family.dimension for atom in self.atoms if isinstance(atom, Cantor)]
@@ -202,7 +202,7 @@ class Case(KnownSolution):
 
 
 def _summed(found: Iterable[tuple[Array, ...]]) -> list[Array]:
-    """What the atoms' values add up to."""
+    """The sums of the atoms' values."""
     return [sum(others, start=first) for first, *others in zip(*found, strict=True)]
 
 

@@ -41,7 +41,7 @@ def constants_of(declaration: Mapping[str, Any], polygon: Polygon, where: str) -
 
 
 def _check_name(name: str, where: str) -> None:
-    """A formula can use a constant if its name is one for Python, and nothing else has it."""
+    """Raises InputError unless Python allows the constant's name and nothing else has it."""
     if name in RESERVED or keyword.iskeyword(name) or not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
         fault = "cannot be a constant's name; take one such as c1 that formulas do not have"
         raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
@@ -112,7 +112,7 @@ class Builder:
         return Family(keep, entry["generations"], inset)
 
     def _fraction(self, entry: Mapping[str, Any], name: str, where: str) -> sympy.Expr:
-        """An exponent."""
+        """The exponent in the field `name`, a simple fraction."""
         exponent = _number(entry[name], f"{where}, {name}")
         if not (exponent.is_Rational and exponent.q <= MAX_DENOMINATOR):
             limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"

@@ -7,10 +7,10 @@ from importlib.resources.abc import Traversable
 
 
 def folder() -> Traversable:
-    """Where their YAML files are."""
+    """The folder of their YAML files."""
     return resources.files("unilateral.manufactured")
 
 
 def names() -> list[str]:
-    """In alphabetical order."""
+    """The names in alphabetical order."""
     return sorted(entry.name[:-5] for entry in folder().iterdir() if entry.name.endswith(".yaml"))

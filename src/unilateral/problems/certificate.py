@@ -21,14 +21,17 @@ from unilateral.problems.case import Case
 SAMPLES = 2001
 ROUND_OFF = 1e-12
 VANISHES = 1e-14
-"""Less than the slowest function here, a cutoff's (8 s)^4, has at a sample's distance from its zero."""
+"""A relative value up to this counts as 0.
+
+The slowest function here, a cutoff's (8 s)^4, is larger at a sample's distance from its zero.
+"""
 
 
 class Certificate(NamedTuple):
     """What was found: the hypotheses by name, and the contact set as (side, start, end) in side lengths.
 
-    `g_regular` is that of our Theorem 1 in place of (jj) and (jjj): u - g, with (j) so g, is in H^{3/2} on
-    every side.
+    `g_regular` is the hypothesis of our Theorem 1 in place of (jj) and (jjj): u - g is in H^{3/2} on every
+    side, and so, with (j), is g.
     """
 
     hypotheses: dict[str, bool]
@@ -98,7 +101,7 @@ def _size(case: Case, samples: list[_Sample]) -> float:
 
 
 def _check(case: Case, sample: _Sample, size: float) -> None:
-    """InputError with the first point that fails."""
+    """Raises InputError with the first point that fails."""
     side, t, _, flux, gap = sample
     least = size / case.polygon.diameter
     scale_flux, scale_gap = max(least, np.max(np.abs(flux))), max(size, np.max(np.abs(gap)))
@@ -158,7 +161,7 @@ def _as_declared(case: Case, hypotheses: dict[str, bool]) -> None:
 def with_free_sides(case: Case, free: Sequence[int]) -> Case:
     """The case with those sides free, which changes nothing of its solution: lambda is 0 there.
 
-    Raises InputError for sides that there are not, that have contact, or that are all.
+    Raises InputError for sides that do not exist or have contact, and if all sides would be free.
     """
     contact, n = {side for side, _, _ in certify(case).contact}, case.polygon.n_sides
     for side in free:

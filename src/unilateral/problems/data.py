@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class KnownSolution:
-    """What cases are; their module takes longer to import than a small problem."""
+    """The base class of cases, to know them by: importing their module takes longer than a small problem."""
 
 
 def is_case(problem: object) -> TypeGuard[Case]:
@@ -45,7 +45,7 @@ class Data(Protocol):
         """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """f on the boxes of x and y, on which the steps have those values, NaN for both."""
+        """f on the boxes of x and y, on which the steps have the values `steps`, NaN for both 0 and 1."""
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """g on intervals of the sides (k,), t the arc length in side lengths."""

@@ -1,6 +1,6 @@
 """The flux q that is given on free sides, enclosed: a piecewise polynomial, and how far q is from it.
 
-q may jump. Near the place of a jump, a short piece and what rounding may do to places, it is known less well.
+q may jump. Near a jump it is known less well, as far as a short piece and the rounding of places reach.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from unilateral.problems.piecewise import (
 )
 
 CUT = (3 - 5**0.5) / 2
-"""Of a side, where it is cut first: then no jump that is written as a fraction is in the middle of a piece.
+"""A side is first cut at this part of its length.
 
-There it would be taken for rounding, which no shorter piece takes away.
+Then no jump that is written as a fraction is in the middle of a piece. There it would be taken for rounding,
+which no shorter piece takes away.
 """
 WIDE = 4 * PLACES
-"""Units in the last place of the perimeter: no piece is cut in parts shorter than half of that."""
+"""No piece is cut in parts shorter than half of this many units in the last place of the perimeter."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flux(Piecewise):
-    """q, `given` (k,) or 0 on the pieces.
+    """q on the pieces where it is `given` (k,), and 0 on the others.
 
     Within `reach` of points[i] q differs from the polynomials on both sides by at most `jumps` (k + 1,)[i].
     """
@@ -45,12 +46,12 @@ class Flux(Piecewise):
 
     @property
     def least(self) -> float:
-        """A lower bound of q, on sides where it is not 0 for being not given; infinite if there are none."""
+        """A lower bound on q on the sides on which it is given; infinite if there are none."""
         return float(self.lower[self.given].min(initial=np.inf))
 
 
 def enclosed(polygon: Polygon, model: SideModel, on: Sequence[int]) -> Flux:
-    """q on those sides."""
+    """q, given on the sides `on`, and 0 elsewhere."""
     without = np.setdiff1d(np.arange(polygon.n_sides), on).tolist()
     unit = float(np.spacing(polygon.perimeter))
     shortest = np.maximum(SHORTEST, WIDE * unit / polygon.lengths)
@@ -68,7 +69,7 @@ def none(polygon: Polygon) -> Flux:
 
 
 def _jumps(pieces: IntervalPieces, doubt: Array) -> Array:
-    """(k + 1,) what lies between neighbours on one side at most; 0 at vertices, whose place is exact."""
+    """(k + 1,) bounds on the jumps between neighbours on one side; 0 at vertices, whose place is exact."""
     ends = np.abs((SIGNS @ pieces.c)[1:] - pieces.c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
     inner = np.where(pieces.side[1:] == pieces.side[:-1], ends, 0.0)
     return np.concatenate([[0.0], inner, [0.0]])

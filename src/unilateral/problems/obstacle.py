@@ -30,7 +30,7 @@ class Obstacle(Piecewise):
         return np.asarray(np.bincount(cell, half * (value @ w), len(points) - 1) / np.diff(points))
 
     def at_vertex(self, vertex: int) -> tuple[float, float, float]:
-        """p at a vertex, by the side before and the one that begins there, and the doubt of both together."""
+        """The polynomials at a vertex, on the side before and the one after, and the sum of their doubts."""
         before = (vertex - 1) % self.polygon.n_sides
         last, first = np.flatnonzero(self.side == before)[-1], np.flatnonzero(self.side == vertex)[0]
         return (
@@ -55,7 +55,7 @@ def enclosed(
 
 
 def _joined(polygon: Polygon, pieces: IntervalPieces) -> Obstacle:
-    """Each piece but the last of a side changed linearly to end where the next one begins."""
+    """The obstacle: each piece but a side's last is changed linearly to end where the next one begins."""
     side, _, _, c, rad, lower, upper = pieces
     gap = np.append((SIGNS @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
     gap[np.append(side[1:] != side[:-1], True)] = 0.0
@@ -67,7 +67,7 @@ def _joined(polygon: Polygon, pieces: IntervalPieces) -> Obstacle:
 
 
 def _of_neighbours(values: Array, side: Index) -> Array:
-    """(k,) the largest of each piece and those beside it on its side, where a place, rounded, may lie."""
+    """(k,) the largest value on a piece and those beside it on its side, where a rounded place may lie."""
     found, same = values.copy(), side[1:] == side[:-1]
     for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
         found[one] = np.where(same, np.maximum(found[one], values[other]), found[one])

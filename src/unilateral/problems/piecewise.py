@@ -1,4 +1,4 @@
-"""Functions on the sides of a polygon, enclosed: polynomials on pieces of sides, and how far off these are.
+"""Functions on the sides of a polygon, enclosed: a polynomial on each piece of a side, and how far off it is.
 
 Every side is halved until a function is a polynomial on each piece up to a tolerance near round-off
 (`taylor`), so that no peak of it can hide; at a kink or a jump pieces become short.
@@ -21,24 +21,27 @@ SideModel = Callable[[Index, Model], Model]
 """A function on intervals of the sides (k,), from the arc length in side lengths."""
 ORDER = 7
 SHARP = 1e-12
-"""Of what a function varies by above the least value that counts: how far it may be from the polynomial."""
+"""A function may differ from the polynomial by this part of its spread above the least value that counts."""
 FLOOR = 1e-13
-"""Of its size on a piece: its rounding, which no shorter piece takes away."""
+"""The rounding of a function is this part of its size on a piece; no shorter piece takes that away."""
 IN_VAIN = 4.0
-"""Times the rounding at a point: a piece on which a function is known that well is not cut."""
+"""A piece is not cut if the function is known there up to this many times the rounding at a point."""
 MOST_PIECES = 60_000
 FEW = 1 << 11
-"""Pieces at once, so that the models of a long formula fit into the processor's cache."""
+"""This many pieces are treated at once, so that models of a long formula fit into the processor's cache."""
 SHORTEST = 2.0**-44
-"""Of a side."""
+"""Pieces are not cut if they are as short as this part of a side."""
 PLACES = 8.0
-"""Units in the last place of the perimeter: by how much rounding moves places."""
+"""Rounding moves places by up to this many units in the last place of the perimeter."""
 SIGNS = np.where(np.arange(ORDER + 1) % 2, -1.0, 1.0)
-"""Of the powers at -1."""
+"""The values of the powers of sigma at sigma = -1."""
 
 
 class IntervalPieces(NamedTuple):
-    """Intervals [start, end] (k,) of sides (k,) in side lengths, with c (m, k), rad and range (k,) there."""
+    """Intervals [start, end] (k,) of the sides (k,) in side lengths, with a Taylor model on each.
+
+    Its coefficients are c (m, k), its remainder is rad (k,), and its range is from lower to upper (k,).
+    """
 
     side: Index
     start: Array
@@ -56,7 +59,7 @@ class IntervalPieces(NamedTuple):
 
     @property
     def ordered(self) -> IntervalPieces:
-        """Along the boundary."""
+        """The pieces in their order along the boundary."""
         return self.of(np.lexsort([self.start, self.side]))
 
     def points(self, polygon: Polygon) -> Array:
@@ -66,14 +69,14 @@ class IntervalPieces(NamedTuple):
         )
 
     def rounding(self, points: Array) -> Array:
-        """(k,) that of the polynomials at places that are rounded."""
+        """(k,) the rounding error of the polynomials at places that are rounded."""
         sizes, moved = np.abs(self.c), PLACES * np.spacing(points[-1]) / np.diff(points)
         return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(ORDER + 1) @ sizes * moved)
 
 
 @dataclass(frozen=True, eq=False)
 class Piecewise:
-    """Between arc lengths `points`[i] and `points`[i + 1] a function is near the polynomial c[:, i].
+    """A function that is near the polynomial c[:, i] between arc lengths `points`[i] and `points`[i + 1].
 
     It is within `doubt`[i] of it; the variable is -1 and 1 at the ends. `lower` and `upper` (k,) bound the
     function there. Sides without a function have one piece each, with -inf for both.
@@ -102,7 +105,7 @@ class Piecewise:
         return np.clip(np.searchsorted(self.points, s, side="right") - 1, 0, len(self.side) - 1)
 
     def range(self, side: int) -> tuple[float, float]:
-        """Bounds of the function on a side."""
+        """Bounds on the function on a side."""
         here = self.side == side
         return float(self.lower[here].min()), float(self.upper[here].max())
 
@@ -117,8 +120,8 @@ def in_pieces(
 ) -> IntervalPieces:
     """The function on all sides but those `without`, in order; below `least` it is known less well.
 
-    It takes fewer pieces if these begin and end at the points where it is known not to be smooth. No piece
-    that is as short as the `shortest`, of each side (n,) or of all, is cut.
+    Fewer pieces are needed if they begin and end at the points where it is known not to be smooth: `cuts`.
+    No piece that is as short as `shortest`, one number or one per side (n,), is cut.
     """
     side, start, end = _first_intervals(polygon, without, cuts)
     done, left = [_empty(np.array(without, dtype=np.intp))], MOST_PIECES
@@ -142,7 +145,7 @@ def in_pieces(
 def _first_intervals(
     polygon: Polygon, without: Sequence[int], cuts: Iterable[Singular]
 ) -> tuple[Index, Array, Array]:
-    """The other sides, cut at those points: the sides (k,), starts and ends (k,)."""
+    """All sides but those `without`, cut at the points `cuts`: the sides (k,), starts and ends (k,)."""
     inner = {(point.side, point.t) for point in cuts if 0 < point.t < 1}
     held = np.setdiff1d(np.arange(polygon.n_sides), without).tolist()
     ends = sorted(
@@ -154,7 +157,7 @@ def _first_intervals(
 
 
 def _only_rounded(model: SideModel, pieces: IntervalPieces) -> Mask:
-    """Where it is hardly better known in the middle of a piece than on all of it: shorter are in vain."""
+    """Where a function is hardly better known in a piece's middle than on all of it: cuts are in vain."""
     middle = 0.5 * (pieces.start + pieces.end)
     at_points = _on_intervals(model, pieces.side, middle, middle)
     return np.asarray(pieces.rad <= IN_VAIN * at_points.rad)
@@ -176,7 +179,7 @@ def _together(pieces: Sequence[IntervalPieces]) -> IntervalPieces:
 
 
 def _too_wide(pieces: IntervalPieces, least: float) -> Mask:
-    """Where it is not known up to SHARP times its spread above `least`, or its depth below."""
+    """Where a function is not known up to SHARP times its spread above `least`, or its depth below that."""
     held = np.isfinite(pieces.lower)
     at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
     floor = max(least, float(at_centre[held].min(initial=np.inf)))

@@ -151,7 +151,7 @@ class Polar(Local):
         return [Kink((self.centre[0], self.centre[1]), float(self.cutoff) * self.length)]
 
     def singular(self) -> list[Singular]:
-        """The centre, and the cutoff's ends on the own side, where only smoothness is lost."""
+        """The centre, and the cutoff's ends on the atom's side, where only smoothness is lost."""
         points = [Singular(self.side, self.t, int(sympy.Rational(self.beta).q))]
         if self.at_vertex:
             points.append(Singular(self._before, 1.0, points[0].grading))

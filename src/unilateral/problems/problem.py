@@ -23,18 +23,18 @@ from unilateral.problems.ranges import range_in
 from unilateral.problems.units import Units
 
 FAR = 1e-100
-"""Coefficients that differ by that factor make a line that is nowhere near, or a circle that is too large."""
+"""Coefficients that differ by this factor make a line that is nowhere near, or a circle that is too large."""
 
 WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
-"""Of the argument of a positive part in f."""
+"""What the argument of a positive part in f must be, as messages say it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
-    `f` is a formula in x, y; so is `g`, one per side, not used on free sides, and `q`, one per side, 0 on
-    those that are not free; without any q it is 0.
+    `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
+    which is 0 on those that are not free; if `q` is empty, the flux is 0.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Problem:
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """f on the boxes of x and y, on which the steps have those values, NaN for both."""
+        """f on the boxes of x and y, on which the steps have the values `steps`, NaN for both 0 and 1."""
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
@@ -64,8 +64,8 @@ class Problem:
     def enclosed_obstacle(self) -> Obstacle:
         """g on the sides that are not free, enclosed.
 
-        Below a = inf f / c less precisely: as u >= a, see `idle_sides`, u is also the solution for any other
-        obstacle that is at most a where g is.
+        It is less precise below a = inf f / c: as u >= a, see `idle_sides`, u is also the solution for any
+        other obstacle that is at most a where g is.
         """
         return enclosed(self.polygon, self.obstacle_model, self.free_sides, self.least)
 
@@ -76,22 +76,22 @@ class Problem:
 
     @property
     def flux_sides(self) -> tuple[int, ...]:
-        """Those on which q is not 0."""
+        """The sides on which q is not 0."""
         return tuple(side for side, formula in enumerate(self.q) if formula.rational != 0)
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        """q on these, enclosed."""
+        """q on the `flux_sides`, enclosed."""
         return flux.enclosed(self.polygon, self.flux_model, self.flux_sides)
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
-        """Guaranteed bounds of f in Omega, infinite where none are found."""
+        """Guaranteed bounds on f in Omega, infinite where none are found."""
         return range_in(self.polygon, self.f)
 
     @cached_property
     def least(self) -> float:
-        """A guaranteed lower bound of u: inf f / c, see `idle_sides`; none where q may be below 0."""
+        """A guaranteed lower bound on u: inf f / c, see `idle_sides`; -inf where q may be below 0."""
         if self.enclosed_flux.least < 0:
             return -math.inf
         if self.units.c.rational == 1:
@@ -149,6 +149,6 @@ def _line(slope: list[Expression], c: Expression) -> list[Kink]:
 
 
 def _scaled(of: dict[tuple[int, ...], Expression]) -> dict[tuple[int, ...], Expression]:
-    """Times a power of 2, so that the coefficients, and what is made of them, are finite numbers."""
+    """The coefficients times a power of 2, so that they, and what is made of them, are finite numbers."""
     largest = max(map(magnitude, of.values()), default=0)
     return {at: c.scaled(Fraction(2) ** -largest) for at, c in of.items()}

@@ -1,4 +1,4 @@
-"""Problems as YAML files: read, and refused with the file and the field if they cannot be solved so."""
+"""Reads problems from YAML files, and refuses those that cannot be solved, with the file and the field."""
 
 from __future__ import annotations
 
@@ -25,16 +25,21 @@ from unilateral.system import declarations
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140
-"""Of |f| and |g|, so that squares of data are normal numbers; of those of errors see `misfit.underflow`."""
+"""The limits of |f| and |g|, so that squares of data are normal numbers.
+
+For the squares of errors see `misfit.underflow`.
+"""
 POWER = 2
-"""Of the root of the polygon's area, in units of (k/c)^{1/2}: what data on larger ones are multiplied by."""
+"""Where the root of the polygon's area is above 1, in units of (k/c)^{1/2}, data are multiplied by this
+power of it.
+"""
 ALMOST_ZERO = 1e-320
-"""What interval arithmetic makes of 0, at most, in the user's units."""
+"""Interval arithmetic makes at most this of 0, in the user's units."""
 ROUND_OFF = 1e-12
 NOTHING = ("none", "null", "nil")
-"""As people write that there is no formula, in small or large letters."""
+"""What people write for no formula, in small or large letters."""
 MOST_COEFFICIENT = 1e30
-"""Of k and c, and the least is 1 over it."""
+"""The largest k and c; the smallest is 1 over this."""
 
 
 def is_declared_in(name: str) -> bool:
@@ -77,7 +82,7 @@ def polygon_of(name: str) -> Polygon:
 
 
 def made(declaration: Any, name: str) -> Problem:
-    """The problem of such fields, wherever they come from; errors begin with `name`."""
+    """The problem with the fields of a declaration, wherever they come from; errors begin with `name`."""
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
     declaration = declarations.validate(declaration, schema, name)
     if len(declaration["polygon"]) > MAX_VERTICES:
@@ -215,9 +220,10 @@ def _formula(text: object, where: str) -> Expression:
 
 
 def _check(problem: Problem, name: str) -> None:
-    """f, g and q finite, and g the same on both sides of a vertex: else no u in H^1 has that trace.
+    """Raises InputError unless f, g and q are finite and g is the same on both sides of each vertex.
 
-    Their sizes are looked at in the units that are computed in.
+    A g that jumps at a vertex is the trace of no u in H^1. The sizes of f, g and q are looked at in the units
+    in which the problem is solved.
     """
     units = problem.units
     of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area) / units.length
@@ -242,7 +248,10 @@ def _check(problem: Problem, name: str) -> None:
 
 
 def _check_size(given: float, one: float, unit: float, where: str, place: str, least: bool = True) -> None:
-    """|f|, |g| or |q|, `one` of which is 1 in (1.1)-(1.2), where `unit` is the root of the polygon's area."""
+    """Raises InputError if |f|, |g| or |q|, `given`, is too large or too small.
+
+    `one` is what is 1 in (1.1)-(1.2), where `unit` is the root of the polygon's area.
+    """
     size = given / one
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")

@@ -15,15 +15,15 @@ from unilateral.geometry.polygon import Polygon
 
 ORDER = 3
 SHARP = 1e-3
-"""Of the spread of the values met: a bound that misses them by less is sharp enough."""
+"""A bound that misses the values met by less than this part of their spread is sharp enough."""
 SAME = 1e-9
-"""So is one that misses them by less than this share of the value."""
+"""So is a bound that misses them by less than this part of the largest |value| met."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
 FEW = 1 << 11
-"""Boxes at once, so that the models of a long formula fit into the processor's cache."""
+"""This many boxes are treated at once, so that models of a long formula fit into the processor's cache."""
 MOST_DISTANCES = 1 << 20
-"""At once, of boxes from sides."""
+"""This many distances of boxes from sides are computed at once."""
 
 
 def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
@@ -55,7 +55,7 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
 
 
 def _bounds(formula: Expression, boxes: Array) -> Interval:
-    """(k,), (k,) of the formula on the boxes (k, 2, 2)."""
+    """(k,), (k,) lower and upper bounds on the formula on the boxes (k, 2, 2)."""
     found = [(np.zeros(0), np.zeros(0))]
     for block in (boxes[of] for of in blocks(len(boxes), FEW)):
         found.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate("xy")}).range)

@@ -1,4 +1,4 @@
-"""Problems whose f, g and q are functions of one's own, known in points only: nothing is guaranteed."""
+"""Problems whose f, g and q are the user's functions, known in points only: nothing is guaranteed."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from unilateral.problems.units import Units
 
 Function = Callable[[Array, Array], Array]
 JUMP = 2.0**-26
-"""Of the largest |g| at a vertex: what may come from rounding, in functions that keep half of the digits."""
+"""A jump up to this part of the largest |g| at a vertex may come from rounding.
+
+This allows for functions that keep half of the digits.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
-    `f` takes arrays x, y of one shape and returns that shape; so do `g` and `q`, one per side; without any q
-    it is 0.
+    `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
+    side. If `q` is empty, the flux is 0.
     """
 
     name: str
@@ -43,7 +46,7 @@ class Sampled:
         return self._on_sides({i: self.g[i] for i in held}, "g", side, s)
 
     def flux(self, side: Index, s: Array) -> Array:
-        """q (k,) there, 0 on sides that are not free."""
+        """q (k,) at arc lengths s (k,) of the sides (k,), 0 on those that are not free."""
         return self._on_sides({i: self.q[i] for i in self.free_sides if self.q}, "q", side, s)
 
     def _on_sides(self, functions: Mapping[int, Function], name: str, side: Index, s: Array) -> Array:
@@ -69,7 +72,7 @@ def check_vertices(of: Sampled) -> None:
 
 
 def values(function: Function, points: Array, where: str) -> Array:
-    """(...) at points (..., 2); raises InputError where the function fails or has no finite number."""
+    """Values (...) at points (..., 2); raises InputError where the function fails or is no finite number."""
     x, y = np.moveaxis(points, -1, 0)
     try:
         with np.errstate(all="ignore"):

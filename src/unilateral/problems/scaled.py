@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """The problem for v: `Data`, from those of the problem `of` u. Vertices are rounded once more."""
+    """The problem for v as `Data`, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem
 
@@ -45,7 +45,7 @@ class Scaled:
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
-        """Those of f, where they are now."""
+        """The steps in f, and the line or circle of each in the scaled domain."""
         length = self.of.units.length
         return {
             step: replace(
@@ -84,10 +84,10 @@ class Scaled:
 
 
 def scaled_polygon(of: Problem | Sampled) -> Polygon:
-    """Raises InputError for one that is too large or too small.
+    """The scaled polygon. Raises InputError if it is too large or too small.
 
     Its vertices, and the coordinates of meshes on either polygon, are rounded three times: by less than 2 EPS
-    of theirs, and 3 EPS of the perimeter along the boundary.
+    of their size, and 3 EPS of the perimeter along the boundary.
     """
     vertices = of.polygon.vertices / of.units.length
     perimeter = of.polygon.perimeter / of.units.length
@@ -108,7 +108,7 @@ def scaled(problem: Case | Problem | Sampled) -> Data | Sampled:
 
 
 def _scaled_functions(of: Sampled) -> Sampled:
-    """The same with functions; what they refuse is told at the user's points."""
+    """The problem for v with functions; messages on what they refuse name the user's points."""
     f = _moved(of, of.f, f"{of.name}, field f", of.units.load)
     g, q = (
         tuple(_moved(of, each, f"{of.name}, field {name}[{i}]", unit) for i, each in enumerate(functions))

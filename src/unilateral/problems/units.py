@@ -23,7 +23,7 @@ HALF = Fraction(1, 2)
 
 @dataclass(frozen=True)
 class Units:
-    """What 1 of the paper's equation is in the user's, for exact k > 0 and c > 0; each rounded once."""
+    """What 1 in the paper's equation is in the user's units, for exact k > 0 and c > 0, each rounded once."""
 
     k: Expression = ONE
     c: Expression = ONE
@@ -38,20 +38,20 @@ class Units:
 
     @cached_property
     def value(self) -> float:
-        """Of u and g."""
+        """The unit of u and g."""
         return rounded(self.k**-HALF)
 
     @cached_property
     def load(self) -> float:
-        """Of f."""
+        """The unit of f."""
         return rounded(self.c * self.k**-HALF)
 
     @cached_property
     def flux(self) -> float:
-        """Of lambda."""
+        """The unit of lambda."""
         return rounded(self.c**HALF)
 
     @cached_property
     def force(self) -> float:
-        """Of the integral of lambda."""
+        """The unit of the integral of lambda."""
         return rounded(self.k**HALF)

@@ -21,16 +21,16 @@ NORMS = {
     "hm12": "||mu||_-1/2 = sup <mu, v> / ||v||_1",
     "l2": "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)",
 }
-"""In which errors, bounds and accuracies are measured, by the names that fields have."""
+"""The norms of errors, bounds and accuracies, by the names that fields have."""
 SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
-"""What an accuracy in such a norm is relative to."""
+"""What an accuracy in each norm is relative to."""
 
 
 class Bounds(NamedTuple):
-    """Guaranteed: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
+    """Guaranteed bounds: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
-    With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, the other norm its dual.
-    `unknown` is the part of both that comes from how well f, g and q could be enclosed.
+    With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, and the other norm is its
+    dual. `unknown` is the part of both that comes from how well f, g and q could be enclosed.
     """
 
     u: float
@@ -102,12 +102,15 @@ def relative(bound: float, size: float) -> float:
 
 
 def unique(solved: DiscreteSolution, search: Search | None) -> bool:
-    """Whether lambda_H is known to be the only one: a search takes two edges or more in every cell."""
+    """Whether lambda_H is known to be the only one.
+
+    After a search it is, because a search takes two edges or more in every cell.
+    """
     return bool(search) or solved.discrete.unique
 
 
 def steps(solved: DiscreteSolution, search: Search | None) -> float:
-    """Of the algorithm, on all levels; NaN if it counts none."""
+    """The steps of the algorithm on all levels; NaN if it counts none."""
     levels = [level.solved for level in search.done] if search else [solved]
     return sum(level.result.iterations for level in levels)
 

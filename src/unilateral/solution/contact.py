@@ -13,7 +13,10 @@ from unilateral.geometry.partition import Partition
 
 
 class Interval(NamedTuple):
-    """Of a side, between two arc lengths from the side's own start, at the places `first` and `last`."""
+    """An interval of contact on a side, between two arc lengths from the side's own start.
+
+    Its ends are at the places `first` and `last`.
+    """
 
     side: int
     start: float
@@ -45,7 +48,7 @@ class Contact:
 
     @cached_property
     def lengths(self) -> Array:
-        """(n,) of the contact on each side."""
+        """(n,) the length of the contact on each side."""
         cells = self.partition
         held = np.where(self.lambda_H > 0, cells.lengths, 0.0)
         return np.bincount(cells.side, held, cells.polygon.n_sides).astype(np.float64)

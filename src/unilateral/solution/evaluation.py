@@ -11,7 +11,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 
 OUTSIDE = 1e-10
-"""Of the polygon's diameter: how far outside a point may lie and count as one of the boundary."""
+"""A point outside counts as one of the boundary up to this fraction of the polygon's diameter away."""
 
 
 def at_points(mesh: Mesh, u_h: Array, points: Array) -> Array:

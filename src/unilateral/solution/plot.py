@@ -18,19 +18,19 @@ from unilateral.solution.contact import Contact
 
 CONTACT, GAP = "tab:red", "tab:blue"
 DOTS = 150
-"""Per inch, of what has as many parts as the mesh."""
+"""Dots per inch of what has as many parts as the mesh."""
 LINE = 20.0
-"""Points; over the root of the number of triangles it is the width of the mesh's lines."""
+"""The width of the mesh's lines is this many points over the root of the number of triangles, or less."""
 WIDTH, ALONG = 5.5, 2.2
-"""Inches: the width of a panel with the domain, the height of both panels along the boundary."""
+"""WIDTH is that of a panel with the domain, ALONG the height of both panels along the boundary, in inches."""
 FLATTEST, TALLEST = 0.25, 1.2
-"""Height over width of the space for the domain."""
+"""The least and the largest height over width of the space for the domain."""
 MARGIN = 0.03
-"""Around the domain, of its size."""
+"""The margin around the domain, as a fraction of its size."""
 LEVELS = 12
-"""Of u_h, at most, that have a line."""
+"""At most this many levels of u_h have a line."""
 NUMBERED = 0.07
-"""Of the perimeter: sides from that length on have their number along the boundary."""
+"""Sides longer than this fraction of the perimeter have their number along the boundary."""
 
 
 def figure(mesh: Mesh, u_h: Array, contact: Contact, gap: Array, with_mesh: bool, title: str) -> Figure:
@@ -77,7 +77,7 @@ def _mesh(axes: Axes, triangles: Triangulation) -> None:
 
 
 def _fitted(axes: Axes) -> None:
-    """To the domain with room around it for the lines of contact; contour lines would leave none."""
+    """Fits axes to the domain, with room around it for lines of contact; contour lines would leave none."""
     axes.use_sticky_edges = False
     axes.set_aspect("equal")
     axes.margins(MARGIN)
@@ -106,10 +106,10 @@ def _along(above: Axes, below: Axes, contact: Contact, gap: Array) -> None:
 
 
 def settled(gap: Array, lambda_H: Array) -> Array:
-    """u_h - g (m,) with 0 where it is no larger than what a converged iteration has left of 0; NaN stays.
+    """u_h - g (m,), but 0 where it is no larger than what a converged iteration has left of 0; NaN stays.
 
-    Where lambda_H > 0 it is 0 in exact arithmetic, and nowhere below 0. What is seen of it there tells the
-    size of that remainder.
+    In exact arithmetic it is 0 where lambda_H > 0, and nowhere below 0. Values that differ from this tell the
+    size of what is left.
     """
     held = np.isfinite(gap)
     rest = np.where(lambda_H[held] > 0, np.abs(gap[held]), np.maximum(-gap[held], 0.0))
@@ -117,14 +117,14 @@ def settled(gap: Array, lambda_H: Array) -> Array:
 
 
 def draw(page: Figure, path: Path) -> None:
-    """Into a file, the same bytes for the same figure."""
+    """Writes the figure into a file, with the same bytes for the same figure."""
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context({"svg.hashsalt": "unilateral", "svg.fonttype": "path"}):
         page.savefig(path, metadata=undated.get(path.suffix))
 
 
 def svg(page: Figure) -> str:
-    """As an element of a page of HTML, the same for the same figure."""
+    """The figure as an element of a page of HTML, the same for the same figure."""
     found = StringIO()
     with mpl.rc_context({"svg.hashsalt": "unilateral", "svg.fonttype": "path"}):
         page.savefig(found, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))

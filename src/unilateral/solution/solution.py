@@ -41,30 +41,33 @@ if TYPE_CHECKING:
 
 
 ROUNDING = 4 * float(np.finfo(float).eps)
-"""More than what rounds a number twice does, relative to it."""
+"""Rounding a number twice changes it by less than this, relative to the number."""
 
 
 def in_units(force: Force, unit: float) -> Force:
-    """The bounds as bounds: the unit is rounded once, and each product with it once more."""
+    """A force in that unit, with bounds that stay bounds.
+
+    The unit is rounded once, and each product with it once more.
+    """
     value, lower, upper = (unit * number for number in force)
     return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
 
 
 class Forces(NamedTuple):
-    """Over the whole boundary, and over each of its sides."""
+    """The forces over the whole boundary, and over each of its sides."""
 
     whole: Force
     sides: list[Force]
 
 
 ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
-"""Of the files that `Solution.save` writes."""
+"""The endings of the files that `Solution.save` writes."""
 ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
-"""As a picture shows them."""
+"""The errors as a picture shows them."""
 
 
 def not_unique(mesh: Mesh, own: bool) -> str:
-    """What to say of lambda_H where it is not, and how to mend that; a mesh of the user's `own` has no h."""
+    """Says that lambda_H may not be unique, and how to mend that; a mesh of the user's `own` has no h."""
     shortest = float(mesh.polygon.lengths.min())
     advice = "take h < H, such as H = 2h"
     if own:
@@ -75,7 +78,7 @@ def not_unique(mesh: Mesh, own: bool) -> str:
 
 
 def not_converged(bound: float) -> str:
-    """What to say of an iteration whose algebraic error has that bound."""
+    """Says that an iteration did not converge, with the bound on its algebraic error."""
     return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
 
 
@@ -153,7 +156,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether the algorithm reached its stop."""
+        """Whether the algebraic bound is at most the tolerance of the algorithm."""
         return bool(self.solved.result.converged)
 
     @property
@@ -172,7 +175,10 @@ class Solution:
         return self.true_errors()
 
     def true_errors(self, dual: bool = True) -> Errors | None:
-        """The same; without `dual` that in H^{-1/2} is NaN, which on large meshes costs more than a solve."""
+        """The true errors of a case's solution.
+
+        Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
+        """
         case, lambda_H = self.solved.discrete.data, self.multiplier
         if not is_case(case):
             return None
@@ -180,15 +186,16 @@ class Solution:
 
     @cached_property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds of the errors, where f, g and q are formulas.
+        """The guaranteed bounds on the errors, where f, g and q are formulas.
 
-        None, too, where those of all levels contradict each other, which would be a fault of this program.
+        None, too, where the bounds of all levels contradict each other, which would be a fault of this
+        program.
         """
         return self._bounds(sharp=False)
 
     @cached_property
     def sharp_bounds(self) -> Bounds | None:
-        """The same, mostly nearer to the errors, above all to that of lambda; slow on large meshes."""
+        """Guaranteed bounds that are mostly tighter, above all the one on lambda; slow on large meshes."""
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:
@@ -196,9 +203,9 @@ class Solution:
         return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
 
     def forces(self, sharp: bool = False) -> Forces:
-        """The integrals of lambda_H over the boundary and over each side, and guaranteed bounds of lambda's.
+        """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
 
-        They rest on `bounds` or the `sharp_bounds`; without these no upper bound is finite.
+        These rest on `bounds` or the `sharp_bounds`; without them no upper bound is finite.
         """
         bounds, sides = self._bounds(sharp), range(self.mesh.polygon.n_sides)
         error = bounds.multiplier if bounds else math.inf
@@ -216,14 +223,14 @@ class Solution:
     def certificate(self) -> dict[str, Any]:
         """What is known of the solution: the fields of docs/command-line.md.
 
-        The bounds are the sharp ones if an accuracy was asked for by them. Of a case the true errors are
-        there, too, but for that in H^{-1/2}.
+        The bounds are the sharp ones if an accuracy was asked for by them. For a case the true errors are
+        included, except the one in H^{-1/2}.
         """
         sharp = self.search is not None and self.search.best.goal.sharp
         return self.record(self._bounds(sharp), self.true_errors(dual=False), sharp)
 
     def record(self, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
-        """The same with these bounds, the `sharp` ones or the cheap ones, and errors."""
+        """The fields of `certificate` with these errors and bounds, the `sharp` ones or the cheap ones."""
         return record(self.solved, self.search, bounds, errors, sharp, self.contact, self.units)
 
     def dataset(self) -> xr.Dataset:

@@ -1,1 +1,1 @@
-"""Solvers of the condensed problem: Uzawa's algorithm (5.1)-(5.3), its faster steps, and an active set."""
+"""Solvers: Uzawa's algorithm (5.1)-(5.3), its faster steps, an active set, and multigrid."""

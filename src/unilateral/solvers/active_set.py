@@ -25,10 +25,10 @@ from unilateral.solvers.uzawa import (
 
 
 def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:
-    """lambda_H (m,) for the offset F(0) (m,), one of them where it is not unique, with its bound.
+    """lambda_H (m,) for the offset F(0) (m,), with its bound; one of several where it is not unique.
 
-    The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, or the
-    solver gives up (lambda_H is then 0), the result warns and has converged False.
+    The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, the
+    result warns and has converged False. If the solver gives up, lambda_H is 0, with the bound of that.
     """
     check_offset(offset, tolerance)
     try:
@@ -51,7 +51,8 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
 def _least_distance(operator: DualOperator, offset: Array) -> Array:
     """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0.
 
-    On domains much larger than 1 it may still be 0 by rounding, and lambda_H not finite, or negative.
+    On domains much larger than 1 that residual may still round to 0; lambda_H may then be negative or not
+    finite.
     """
     from scipy.optimize import nnls
 

@@ -1,4 +1,4 @@
-"""The algebraic bound of u_h and lambda_H as they were computed, with their rounding.
+"""A bound on the algebraic errors of u_h and lambda_H as they were computed, rounding included.
 
 Let u in V_h and mu >= 0 be any, e = u - u_h with the exact u_h and lambda of the discrete problem, and
 
@@ -13,8 +13,9 @@ rho (F - F_h, mu - R - lambda) <= (R, mu - R - lambda), as for the projection in
 
     ||e||_1^2 <= <mu - lambda, e> + delta ||e||_1 <= (a + delta) ||e||_1 + b (||e||_1 + delta),
 
-which is not so for ||e||_1 > a + b + 2 delta. Where S is singular take c >= 0 such that no mean of v - g is
-below 0 for v = u + c. Then <mu - lambda, v - u_h> <= <mu, v - g>, and as <mu - lambda, c> = (e, c)_1 + r(c)
+which fails for ||e||_1 > a + b + 2 delta, so ||e||_1 is at most that. Where S is singular take c >= 0 such
+that no mean of v - g is below 0 for v = u + c. Then <mu - lambda, v - u_h> <= <mu, v - g>, and as
+<mu - lambda, c> = (e, c)_1 + r(c)
 
     ||e||_1^2 <= <mu, v - g> + (c |Omega|^{1/2} + delta) ||e||_1 + c |Omega|^{1/2} delta,
     ||e||_1^2 <= 2 <mu, v - g> + (c |Omega|^{1/2} + 2 delta)^2.
@@ -36,10 +37,10 @@ from unilateral.solvers.uzawa import energy_norm
 
 
 def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho: float) -> float:
-    """Of ||u - u_h||_1 and ||mu - lambda||_{-1/2,h}, for any u and mu (m,) >= 0.
+    """A bound on ||u - u_h||_1 and on ||mu - lambda||_{-1/2,h}, for any u and mu (m,) >= 0.
 
-    `gap` (m,) are the cell means of u - g, and `delta` bounds the dual norm of load + B^T mu - A u. It counts
-    twice for u and once more for mu. A rho that is NaN is 1 / lambda_max(S).
+    `gap` (m,) are the cell means of u - g. `delta` bounds the dual norm of load + B^T mu - A u; it counts
+    twice for u and once more for mu. Where rho is NaN, 1 / lambda_max(S) takes its place.
     """
     if not len(mu):
         return delta
@@ -55,7 +56,10 @@ def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho
 
 
 def _by_energy(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
-    """In units of the largest number, for the square of a tiny one would be 0."""
+    """The bound of `certified` where S is singular.
+
+    It is computed in units of the largest number, because the square of a tiny one would be 0.
+    """
     weighted = operator.H_i * mu
     unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.doubt, weighted, [delta]))
     if not 0 < unit < math.inf:

@@ -11,16 +11,16 @@ from unilateral.arrays import Array
 from unilateral.fem.sparse import dissected
 
 DIRECT = 10_000
-"""Unknowns up to which a matrix is factorised."""
+"""A matrix with at most this many unknowns is factorised."""
 SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
-"""Of prolongations: the default one begins with random numbers."""
+"""How PyAMG smooths prolongations; its default begins with random numbers."""
 MOST_STEPS = 200
 
 
 class Descent:
-    """x (n,) on its way to A^{-1} b for a positive definite A (n, n), and its residual r (n,).
+    """An iterate x (n,) for A x = b, with a positive definite A (n, n), and its residual r (n,).
 
-    `precondition` takes r to z, symmetric and positive definite; `rz` is r . z.
+    `precondition` takes r to z; it is symmetric and positive definite. `rz` is r . z.
     """
 
     def __init__(self, A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array]) -> None:
@@ -30,7 +30,7 @@ class Descent:
         self.rz = float(self.r @ self.p)
 
     def step(self) -> float:
-        """What a step takes off x . A x - 2 b . x, which is least for A x = b."""
+        """Makes a step. Returns the decrease of x . A x - 2 b . x, which has its minimum where A x = b."""
         if not self.rz > 0:
             return 0.0
         A_p, old = self.A @ self.p, self.rz
@@ -57,7 +57,10 @@ def rough_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
 
 
 def solved(A: sp.csr_array, b: Array, x: Array, mass: Array, least: float) -> tuple[Array, int]:
-    """x with A x = b, from x (n,), and the steps until sum r_i^2 / mass_i is at most `least`."""
+    """x (n,) with A x = b, and the number of steps.
+
+    They begin at the given x (n,) and end when sum r_i^2 / mass_i is at most `least`.
+    """
     if len(b) <= DIRECT:
         return dissected(A).solve(b), 1
     run, steps = Descent(A, b, x, rough_inverse(A)), 0

@@ -1,7 +1,8 @@
 """A function v = u - w of V_h that obeys the discrete constraints, for an algebraic bound.
 
 For u and lambda >= 0, w is the sum of hats at nodes inside the cells with which B v >= d and
-lambda . (B v - d) = 0. u and w are rounded numbers, so v is not known exactly: what it may differ by counts.
+lambda . (B v - d) = 0. u and w are rounded numbers, so v is not known exactly. The bound
+includes by how much it may differ.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ def feasible(
     u: Array,
     lambda_H: Array,
 ) -> tuple[Rounded, float]:
-    """load + B^T lambda_H - A v (n,), and ||w||_1 with what v, w and that residual have been rounded by.
+    """The residual load + B^T lambda_H - A v (n,), and ||w||_1, with the rounding of v, w and the residual.
 
-    A (n, n) with the sums `mass` (n,) of its rows, B (m, n), d (m,), and a node `inside` (m,) each cell are
-    those of the problem, u (n,) and lambda_H (m,) >= 0 any.
+    The problem gives A (n, n) with the sums `mass` (n,) of its rows, B (m, n), d (m,), and a node `inside`
+    (m,) each cell. u (n,) and lambda_H (m,) >= 0 are arbitrary.
     """
     gap, weights = constrained(B, u, d), B[:, inside].diagonal()
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights

@@ -1,16 +1,16 @@
 """Conjugate gradients for one set of active cells, in the kernel of their constraints.
 
-For the active cells a, the solution u_a of A u = load + B_a^T lambda, B_a u = d_a. The first u fulfils
-the constraints; all steps are in the kernel of B_a. There the residual r = load + B_a^T lambda - A u
-counts up to B_a^T only, and what it has of that moves into lambda. The preconditioner is the symmetric
-product of corrections in that kernel, each of them orthogonal in the energy:
+For the active cells a they find the solution u_a of A u = load + B_a^T lambda, B_a u = d_a. The first u
+fulfils the constraints; all steps are in the kernel of B_a. There the residual r = load + B_a^T lambda - A u
+matters only up to the range of B_a^T, and its part in that range moves into lambda. The preconditioner is the
+symmetric product of corrections in that kernel, each of them orthogonal in the energy:
 
     the ring, the nodes on the boundary: exactly, by the saddle-point matrix of A and B_a on them;
     nodes inside whose hats changed, one after another, forward first and backward last (Gauss and Seidel);
     the coarser levels, truncated at the nodes of active cells.
 
 So its eigenvalues lie in (0, 1], and (r . z)^{1/2} <= ||u - u_a||_1 for the preconditioned residual z.
-On level 0 the ring are all nodes, and the first u is u_a.
+On level 0 the ring consists of all nodes, and the first u is u_a.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from unilateral.fem.nested_cells import Cells
 from unilateral.solvers.truncated import Truncated
 
 ROUNDING = 1e-13
-"""Of the largest |u|: a mean of g - u of that size is no violation."""
+"""A mean of g - u over a cell is no violation up to this fraction of the largest |u|."""
 MOST_ITERATIONS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The problem on the last level of a hierarchy: load (n,), and d (m,), integrals of g over its cells."""
+    """The problem on the last level of a hierarchy: load (n,), and integrals d (m,) of g over its cells."""
 
     of: Hierarchy
     cells: Cells
@@ -45,21 +45,25 @@ class Grid:
 
     @property
     def exact(self) -> bool:
-        """Whether the ring are all nodes."""
+        """Whether the ring consists of all nodes."""
         return not self.of.levels
 
     @cached_property
     def ring(self) -> Index:
-        """(k,) nodes, increasing."""
+        """(k,) the nodes of the ring, increasing."""
         return np.arange(self.of.n) if self.exact else np.sort(self.of.boundary)
 
     @cached_property
     def of_ring(self) -> sp.csr_array:
-        """(k, n) rows of A."""
+        """(k, n) the rows of A at the nodes of the ring."""
         return self.of.A[self.ring]
 
     def next_set(self, u: Array, active: Mask, lambda_H: Array) -> Mask:
-        """(m,) the active cells that are pressed, and the others on which u lies below g."""
+        """(m,) the cells that are active next.
+
+        Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
+        g's.
+        """
         below = self.cells.B @ u - self.d < -ROUNDING * np.max(np.abs(u)) * self.cells.lengths
         return np.where(active, lambda_H > 0, below)
 
@@ -103,16 +107,16 @@ class Run:
         return float(dnrm2(self.r / np.sqrt(self.grid.of.mass)))
 
     def descend(self, rz: float) -> None:
-        """Steps until r . z is at most that."""
+        """Makes steps until r . z is at most `rz`."""
         while self.rz > rz and not self.exhausted:
             self._advance()
 
     def next_set(self) -> Mask:
-        """(m,) see `Grid`."""
+        """(m,) the next active cells, see `Grid.next_set`."""
         return self.grid.next_set(self.u, self.active, self.lambda_H)
 
     def ritz(self) -> Array:
-        """Lanczos' approximations, from the steps, of eigenvalues of the preconditioned matrix."""
+        """Approximate eigenvalues of the preconditioned matrix, by Lanczos' method from the steps."""
         alpha, beta = np.array(self.steps).reshape(-1, 2).T
         diagonal = 1 / alpha + np.append(0, beta / alpha)[:-1]
         beside = np.sqrt(beta[:-1]) / alpha[:-1]
@@ -130,7 +134,7 @@ class Run:
         self.steps.append((alpha, self.rz / old))
 
     def _equilibrate(self, gap: Array) -> Array:
-        """x (k,) on the ring, B_a x = gap, whose residual is B_a^T t there; t moves into lambda."""
+        """x (k,) on the ring with B_a x = gap. Its residual there is B_a^T t, and t moves into lambda."""
         ring = self.grid.ring
         x = self.saddle.solve(np.concatenate([self.r[ring], gap]))
         self.multiplier -= x[len(ring) :]
@@ -138,7 +142,7 @@ class Run:
         return np.asarray(x[: len(ring)])
 
     def _preconditioned(self) -> Array:
-        """z (n,)."""
+        """The preconditioned residual z (n,)."""
         grid, z = self.grid, np.zeros_like(self.r)
         ring, zero = grid.ring, np.zeros_like(self.multiplier)
         z[ring] = self._equilibrate(zero)
@@ -157,5 +161,5 @@ class Run:
 
 
 def _saddle(A: sp.csr_array, B_T: sp.csr_array) -> sp.csc_array:
-    """A with the constraints B x = 0, if there are any."""
+    """The saddle-point matrix of A with the constraints B x = 0, or A if there are none."""
     return sp.block_array([[A, B_T], [B_T.T, None]], format="csc") if B_T.shape[1] else A.tocsc()

@@ -1,6 +1,6 @@
-"""The least of l . v + |v|_S, v above a bound in some unknowns, by primal-dual active sets.
+"""The least l . v + |v|_S over v that lie above a bound in some unknowns, by primal-dual active sets.
 
-With v = c in the active unknowns it is least for v = q + t p, where
+If v = c in the active unknowns, it is least for v = q + t p, where
 
     q = c in the active unknowns,    (S q)_i = 0 in the others,
     p = 0 in the active unknowns,    (S p)_i = -l_i in the others.
@@ -9,8 +9,8 @@ q . S p = 0, so t = |v|_S means t^2 = |q|_S^2 / (1 - |p|_S^2). For |p|_S >= 1 th
 t grows every v_i with p_i < 0 reaches its bound. Active unknowns stay so while l_i + (S v)_i / t >= 0, and
 others become so if v_i < c_i (M. Hintermueller, K. Ito and K. Kunisch, SIAM J. Optim. 13, 2002).
 
-Many such problems with one S and l are solved at once. S is inverted once, on the unknowns that most of them
-leave free. Then each has to solve a system only for those unknowns in which it is not like most.
+Many such problems with the same S and l are solved at once. S is inverted once, on the unknowns that most of
+them leave free. Then each problem solves a system only for the unknowns in which it differs from most.
 """
 
 from __future__ import annotations
@@ -21,14 +21,17 @@ from unilateral.arrays import Array, Mask
 
 MOST_STEPS = 10
 NEAR, FAR = 1e-300, 1e8
-"""t where q is 0, and, where nothing bounds it, over 1 or |q|_S."""
+"""NEAR is the least t, taken where q is 0.
+
+Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is larger.
+"""
 
 
 def least(S: Array, l: Array, c: Array, active: Mask) -> Array:  # noqa: E741
-    """(n, k) v >= c for each column of c (n, k), which is -inf where there is no bound.
+    """The best v (n, k) with v >= c, one for each column of c (n, k), which is -inf where there is no bound.
 
-    S (n, n) is positive definite, l is (n,), and the `active` sets (n, k), where c is finite, are those to
-    begin with. Where they do not settle, v is the best one that was met. A constant is never better.
+    S (n, n) is positive definite, and l is (n,). The iteration begins with the `active` sets (n, k), where c
+    is finite. Where they do not settle, v is the best one that was met. A constant is never better.
     """
     active, usual = active.copy(), 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
     T, found, left = _pivoted(S, usual), np.ones_like(c) * c.max(axis=0), np.arange(c.shape[1])
@@ -48,7 +51,7 @@ def least(S: Array, l: Array, c: Array, active: Mask) -> Array:  # noqa: E741
 
 
 def _stationary(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> tuple[Array, Array]:  # noqa: E741
-    """v (n, k) for the `active` sets (n, k), and l + S v / |v|_S."""
+    """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
     (q, S_q), (p, S_p) = _parts(T, usual, active, c, l)
     of_q, left = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0)), 1 + l @ p
     bounded = left > 0
@@ -63,7 +66,11 @@ def _values(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
 
 
 def _pivoted(S: Array, usual: Mask) -> Array:
-    """T (n, n): for r = S v it takes r in the `usual` unknowns, v in the others, to v there, r here."""
+    """T (n, n), which is S after a pivot in the `usual` unknowns.
+
+    For r = S v it takes r in the `usual` unknowns and v in the others to v in the `usual` and r in the
+    others.
+    """
     F, A = np.flatnonzero(usual), np.flatnonzero(~usual)
     inverse = np.linalg.inv(S[np.ix_(F, F)])
     across = inverse @ S[np.ix_(F, A)]

@@ -1,14 +1,15 @@
-"""The discrete problem on a refined mesh, in a time that is proportional to its size.
+"""Solves the discrete problem on a refined mesh, in a time that is proportional to its size.
 
 Find u in V_h and lambda_H >= 0, one number per cell, with A u = load + B^T lambda, B u >= d and
 lambda . (B u - d) = 0; A is the matrix of (., .)_1, B u and d are integrals of u and g over the cells.
 
 A step of the primal-dual active-set method is a run of conjugate gradients for the active cells
-(`kernel_cg`). The set is looked at after each decade of the error; a changed one ends the run. That the sets
-settle is not proved, and always seen. The first step begins with the u and the active cells that are given,
-or with those of the level before, if refinement was uniform, found by some steps there: nested iteration.
+(`kernel_cg`). The set is checked after each decade of the error; a changed one ends the run. It is not proved
+that the sets settle, but it was always observed. The first step begins with the u and the active cells that
+are given. If refinement was uniform it may also begin with those of the level before, found by some steps
+there: nested iteration.
 
-The last run ends by a guaranteed bound, for any u and lambda >= 0, whatever the set. Let w be the sum
+The last run ends by a bound that is guaranteed for any u and lambda >= 0, whatever the set. Let w be the sum
 of hats at nodes inside the cells with which v = u - w fulfils B v >= d and lambda . (B v - d) = 0. Two
 pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R = A v - load - B^T lambda,
 ||.|| its dual norm on V_h, and A (v - u_h) - R = B^T (lambda - lambda_H),
@@ -19,9 +20,9 @@ pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R 
 so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
 `fem.residual`, for w `feasible`; the rounding of both is in the bound.
 
-The cheap bound of the total error sees R as a part of u_h - f - div q, of the size of (sum R_i^2 / m_i)^{1/2}
-with the sums m_i of A's rows, which may be larger than ||R|| by 1/h, h the shortest edge. So that has to be
-small, too.
+In the cheap bound on the total error R is a part of u_h - f - div q. There its size is that of
+(sum R_i^2 / m_i)^{1/2} with the sums m_i of A's rows, which may be larger than ||R|| by 1/h, h the shortest
+edge. So that has to be small, too.
 """
 
 from __future__ import annotations
@@ -42,32 +43,42 @@ from unilateral.solvers.feasible import feasible
 from unilateral.solvers.kernel_cg import Grid, Run
 
 DECADE = 1e-2
-"""Of r . z, after which the active set is looked at; enough on coarser levels."""
+"""The active set is checked each time r . z has fallen by this factor, a decade of the error.
+
+On coarser levels one such fall is enough.
+"""
 AT_FIRST = 1e-6
-"""Of r . z, on the first level, which starts from 0."""
+"""On the first level, which starts from 0, r . z has to fall by this factor."""
 IN_L2 = 0.1
-"""Of what is estimated or predicted of the total error: what R may be in the sum over nodes."""
+"""(sum R_i^2 / m_i)^{1/2} may be at most this fraction of the total error that is estimated or predicted.
+
+R is the residual, and m_i are the sums of A's rows.
+"""
 INDEX = 6
-"""The bound over (r . z)^{1/2}, about: before it can be small enough it is not computed."""
+"""The bound is about this many times (r . z)^{1/2}. It is not computed before it can be small enough."""
 AIM = 0.7
-"""Of the tolerance, after a bound missed it."""
+"""After a bound has missed the tolerance, the run goes on to this fraction of it."""
 STAGNANT = 0.9
-"""Of the bound before: if the next one is larger, nothing but rounding is left."""
+"""If a bound is larger than this fraction of the one before, nothing but rounding is left."""
 LEAST = 1e-26
-"""Of r . z in the beginning: below it, too, nothing but rounding is left."""
+"""If r . z is below this fraction of its first value, nothing but rounding is left."""
 FLOOR = 1e-10
-"""Of ||u||_1: no less is wanted where no tolerance is given, for the steps are rounded."""
+"""A tolerance that is not given is at least this fraction of ||u||_1, because the steps are rounded."""
 MOST_STEPS = 40
 CYCLES, ENOUGH = 6, 0.01
-"""For the norm of lambda_H from below, at most; and what one adds to its square when it is the last."""
+"""A lower bound on the norm of lambda_H takes at most CYCLES V-cycles.
+
+They end before one that would add no more than the fraction ENOUGH to the square of the norm. The same
+fraction decides on which level they end, see `Multigrid.dual_norm_below`.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """u (n,), lambda_H (m,) and which cells are `active` (m,).
 
-    `bound` is guaranteed, for ||u - u_h||_1 and for ||lambda_H - exact||_{-1/2,h}. `counts` has the level
-    of every step, and its iterations of conjugate gradients. `ritz` are the last run's Ritz values.
+    `bound` is a guaranteed bound on ||u - u_h||_1 and on ||lambda_H - exact||_{-1/2,h}. `counts` has the
+    level of every step, and its iterations of conjugate gradients. `ritz` are the last run's Ritz values.
     """
 
     u: Array
@@ -86,7 +97,10 @@ class Found:
 
     @property
     def estimate(self) -> float:
-        """Of ||u - u_h||_1, not guaranteed: the least eigenvalue may lie below the least Ritz value."""
+        """An estimate of ||u - u_h||_1.
+
+        It is not guaranteed: the least eigenvalue may lie below the least Ritz value.
+        """
         return math.sqrt(self.rz / self.ritz[0]) if len(self.ritz) else math.nan
 
 
@@ -107,10 +121,11 @@ class Multigrid:
         fraction: float = 0.01,
         in_L2: float = math.inf,
     ) -> Found:
-        """(u_h, lambda_H) with a bound of at most the tolerance, from 0, or from u (n,) and a set (m,).
+        """(u_h, lambda_H) with a bound of at most `tolerance` and a residual of at most `in_L2`.
 
-        And a residual of at most `in_L2`. Without them they are fractions of an estimate of the
-        discretisation error. Rounding, MOST_STEPS or MOST_ITERATIONS may end it before.
+        The iteration begins at a `start`, u (n,) and the active cells (m,), or with 0 on the coarsest level.
+        If the tolerance or `in_L2` is not given, it is a fraction of an estimate of the discretisation error.
+        Rounding, MOST_STEPS or MOST_ITERATIONS may end the iteration before.
         """
         counts: list[tuple[int, int]] = []
         u, active = (start[0].copy(), start[1]) if start else self._nested_iteration(counts)
@@ -121,9 +136,10 @@ class Multigrid:
         return Found(u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0)
 
     def dual_norm_below(self, lambda_H: Array) -> float:
-        """A lower bound of ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
+        """A lower bound on ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
 
-        On the first level that added so little to the square that, if all others add as much, it is little.
+        The levels are tried from coarse to fine. The last one is the first that adds so little to the square
+        that, if all others added as much, it would still be little.
         """
         functionals = [self.finest.cells.B.T @ lambda_H]
         for grid in self.grids[:0:-1]:
@@ -138,7 +154,7 @@ class Multigrid:
         return found
 
     def bound(self, u: Array, lambda_H: Array) -> float:
-        """Guaranteed, of both errors, for any u (n,) and lambda_H (m,) >= 0."""
+        """A guaranteed bound on both errors, for any u (n,) and lambda_H (m,) >= 0."""
         grid, of, cells = self.finest, self.finest.of, self.finest.cells
         R, norm = feasible(of.A, of.mass, grid.load, cells.B, grid.d, cells.inside, u, lambda_H)
         return dual_norm(of, *R) + norm
@@ -155,7 +171,7 @@ class Multigrid:
 
 
 def _dual_norm_below(of: Hierarchy, R: Array) -> float:
-    """A lower bound of ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
+    """A lower bound on ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
     unit = float(np.abs(R).max(initial=0.0))
     v = nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
     A_v = rounded.product(of.A, of.mass, v)
@@ -164,7 +180,10 @@ def _dual_norm_below(of: Hierarchy, R: Array) -> float:
 
 
 def nearly_solved(of: Hierarchy, R: Array) -> Array:
-    """v (n,) with A v nearly R (n,): a few V-cycles, each for what is left, and conjugate to those before."""
+    """v (n,) with A v nearly R (n,), by a few V-cycles.
+
+    Each is for the residual that is left, and its result is made conjugate to those before.
+    """
     left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
     for _ in range(CYCLES):
         p = downwards(of, left)
@@ -210,7 +229,7 @@ def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: l
 
 
 def _after(run: Run, ends: Reduced | Bounded) -> Mask:
-    """The set (m,) after the run has ended, or has met another one."""
+    """The active set (m,) after the run has ended, or as soon as it has changed."""
     look: float | None = ends.first_look(run)
     while look is not None:
         run.descend(look)
@@ -221,7 +240,7 @@ def _after(run: Run, ends: Reduced | Bounded) -> Mask:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Ends a run when r . z is a share of what it was."""
+    """Ends a run when r . z is at most the `share` of its first value."""
 
     share: float
 
@@ -239,10 +258,10 @@ class Reduced:
 class Bounded:
     """Ends a run when its `bound` is at most the tolerance and R at most `in_L2`, or nothing falls any more.
 
-    Without them the first run sets them, to fractions of an estimate of ||u - u_h||_1. That run begins
-    at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1. Where
-    errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1. Where
-    u_2h is u_h but for rounding, FLOOR is enough.
+    If these two are not given, the first run sets them to fractions of an estimate of ||u - u_h||_1. That run
+    begins at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1.
+    Where errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1.
+    Where u_2h is u_h up to rounding, the tolerance is FLOOR times ||u||_1.
     """
 
     problem: Multigrid

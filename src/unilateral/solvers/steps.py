@@ -1,7 +1,7 @@
 """Steps of `uzawa`'s loop from y, with its scaled gap F = S y + b and its residual R = min(y, rho F).
 
-All minimise y.Sy/2 + b.y over y >= 0, whose gradient is F, and cost one application of S, the loop's own:
-F being affine, it is known on the line between two points where it is known.
+All minimise y.Sy/2 + b.y over y >= 0, whose gradient is F. Each costs one application of S, the loop's own:
+F is affine, so it is known on the line through two points where it is known.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from unilateral.arrays import Array
 
 
 class Uzawa:
-    """(5.2), (5.3) themselves: y - rho F, clipped."""
+    """The steps (5.2), (5.3) themselves: y - rho F, with negative values set to 0."""
 
     share = 1.9
-    """Of 1 / lambda_max(S): rho where none is given."""
+    """If no rho is given, it is this many times 1 / lambda_max(S)."""
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
         pass
@@ -61,10 +61,11 @@ def _ahead(now: Array, before: Array, momentum: float) -> Array:
 class BarzilaiBorwein:
     """Projected gradients with steps s.s/s.Ss: Y.-H. Dai, R. Fletcher, Numer. Math. 100 (2005) 21-47.
 
-    Their safeguard, without which such steps may cycle: where the objective exceeds a reference, the largest
-    of a run of `patience` values that brought no new best one, the step is cut to the minimum along it.
-    Values are relative to the best one, so that rounding leaves their differences, and in units of the data
-    (a power of 2, which rounds nothing), for the square of a huge number would be infinite.
+    Their safeguard is included, without which such steps may cycle: where the objective exceeds a reference,
+    the step is cut to the minimum along it. The reference is the largest of a run of `patience` values that
+    brought no new best one. Values are relative to the best one, so that their differences survive rounding.
+    They are in units of the data (a power of 2, which rounds nothing), because the square of a huge number
+    would be infinite.
     """
 
     share = 1.0
@@ -101,10 +102,10 @@ class BarzilaiBorwein:
 
 
 class Newton:
-    """The primal-dual active set: S y = -b on the cells where y > rho F, 0 elsewhere, and the clip.
+    """The primal-dual active set: S y = -b on the cells where y > rho F, 0 elsewhere, then y < 0 set to 0.
 
     A semismooth Newton method: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888. It
-    ends when the set repeats; that it does is not proved for this S, and seen. S has to be regular.
+    ends when the set repeats; that it does is not proved for this S, but observed. S has to be regular.
     """
 
     share = 1.0

@@ -24,7 +24,7 @@ from unilateral.fem.hierarchy import FinerSpace, Hierarchy
 from unilateral.fem.smoothing import downward, upward
 
 CUT_AWAY = 1e-10
-"""Of a hat's energy: where less is left, all is rounding, and the hat is 0."""
+"""If less than this fraction of a hat's energy is left, all of it is rounding, and the hat counts as 0."""
 
 
 class SparsePart(NamedTuple):
@@ -35,7 +35,7 @@ class SparsePart(NamedTuple):
 
 
 class Truncated:
-    """The levels of a hierarchy below its last one, of at least two, with T zero at its nodes `fixed`."""
+    """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `fixed`."""
 
     def __init__(self, of: Hierarchy, fixed: Index) -> None:
         self.last, self.below, self.fixed = of.levels[-1], of.levels[:-1], fixed
@@ -48,7 +48,7 @@ class Truncated:
         self.coarsest = _factors(_less(of.A_0, D.nodes, D), of.A_0)
 
     def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
-        """z (n,) += T P C P^T T (r - A z), C one V-cycle, A that of the last level."""
+        """Adds T P C P^T T (r - A z) to z (n,), where C is one V-cycle and A the matrix of the last level."""
         d = A @ z
         np.subtract(r, d, out=d)
         d[self.fixed] = 0
@@ -60,7 +60,10 @@ class Truncated:
         z[self.last.before :] += new
 
     def _cycle(self, r: Array) -> Array:
-        """e (n,) of r (n,), which is lost: one sweep a level forward downwards, one backward upwards."""
+        """e (n,) from r (n,), which is overwritten.
+
+        Each level has one forward sweep on the way down, and one backward sweep on the way up.
+        """
         swept = []
         for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
             swept.append(downward(level, S, r))
@@ -74,9 +77,10 @@ class Truncated:
 
 
 def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
-    """Of S + CUT_AWAY diag(A_0) if S is singular: cut hats may depend on each other, for few nodes are left.
+    """Factors of S or, if S is singular, of S + CUT_AWAY diag(A_0).
 
-    That makes the correction of such functions, which are 0, small in place of arbitrary.
+    Hats that are cut may depend on each other, because few nodes are left. The added term makes the
+    correction of such functions, which are 0, small in place of arbitrary.
     """
     try:
         return splu(S.tocsc())
@@ -112,7 +116,7 @@ def _coarser(level: FinerSpace, D: SparsePart) -> SparsePart:
 
 
 def _minus(level: FinerSpace, D: SparsePart) -> sp.csr_array:
-    """The level's rows less D, in their pattern, which contains D's."""
+    """The level's rows minus D, in the pattern of these rows, which contains that of D."""
     assert level.rows is not None
     if level.smoothed is None:
         return _less(level.rows, D.nodes, D)
@@ -122,9 +126,10 @@ def _minus(level: FinerSpace, D: SparsePart) -> sp.csr_array:
 
 
 def _less(A: sp.csr_array, rows: Index, D: SparsePart, columns: Int32 | None = None) -> sp.csr_array:
-    """A - D, D's nodes being those `rows` of A, -1 if none; hats that are cut away keep their diagonal entry.
+    """A - D, where `rows` are the rows of A that belong to D's nodes, -1 for nodes without one.
 
-    `columns` are the nodes of A's columns, by default all. The diagonal entry is in the column of the row.
+    Hats that are cut away keep their diagonal entry. `columns` are the nodes of A's columns, by default all.
+    The diagonal entry is in the column of the row.
     """
     some = np.flatnonzero(rows >= 0)
     if not len(some):

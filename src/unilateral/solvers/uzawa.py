@@ -23,17 +23,18 @@ from unilateral.solvers.steps import STEPS, Step
 Apply = Callable[[Array, Array], object]
 Observe = Callable[[Array, Array, Array], None]
 DIVERGED = 1e300
-"""A residual above it ends the run, which would soon overflow; a first one is refused."""
+"""A residual above this ends the run, which would soon overflow. A first residual above it is refused."""
 LEAST = float(np.finfo(float).tiny)
-"""Data without a larger number have lost digits."""
+"""Data whose largest number is below this have lost digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class DualResult:
     """lambda_H (m,) with `bound` on ||lambda_H - exact||_{-1/2,h} = ||u(lambda_H) - u_h||_1.
 
-    `iterations` and `rho` are NaN for an algorithm that has or tells none. `rounding` is what
-    the bound of the u_h that was computed has more than the iteration's own; 0 where that is such a bound.
+    `iterations` and `rho` are NaN for an algorithm that has or tells none. `rounding` is by how much the
+    bound for the computed u_h exceeds the iteration's own bound; it is 0 where the latter is already for the
+    computed u_h.
     """
 
     lambda_H: Array
@@ -49,8 +50,8 @@ class DualResult:
 def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float) -> float:
     """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
 
-    Guaranteed for the problem with the operator and the offset as they were computed; for the problem itself
-    see `certified`.
+    It is guaranteed for the problem with the operator and the offset as they were computed. For the problem
+    itself see `certified`.
     """
     if operator.singular:
         return math.inf
@@ -62,7 +63,7 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
 def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
     """(c^2 |Omega| + 2 <mu, v - g>)^{1/2} with v = u(mu) + c, c >= 0 smallest so that no mean(v - g) < 0.
 
-    Bounds the same error as `residual_bound`, also where S is singular; rounding leaves about 5e-7.
+    It bounds the same error as `residual_bound`, also where S is singular; rounding leaves about 5e-7.
     """
     return _energy(operator.gap(mu, offset), operator.H_i * mu, operator.area)
 
@@ -88,14 +89,15 @@ def uzawa(
     apply: Apply | None = None,
     observe: Observe | None = None,
 ) -> DualResult:
-    """lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
+    """Iterates lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
-    `offset` (m,) is F(0); `rho` defaults to 1.9 / lambda_max(S); `start` (m,) >= 0 to 0. Another `method` of
-    `steps.STEPS` takes its steps instead, `rho` then 1 / lambda_max(S). `apply(y, out)` is another way
-    to S y than `Columns`; what is guaranteed is so for what it finds. `observe(y, F, R)` sees every step.
-    A run that ends by `max_steps` or leaves the range of floating point warns and has converged False.
-    Raises InputError for an offset, a rho or a tolerance that cannot be meant, for "newton" where S is
-    singular, and for data or a start from which the first residual is not below DIVERGED.
+    `offset` (m,) is F(0); `rho` is by default 1.9 / lambda_max(S), `start` (m,) >= 0 by default 0. Another
+    `method` of `steps.STEPS` makes its own steps instead, with rho by default 1 / lambda_max(S).
+    `apply(y, out)` computes S y in another way than `Columns`; what is guaranteed is then so for the S y that
+    it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
+    floating point warns and has converged False. Raises InputError for an offset, a rho or a tolerance that
+    cannot be meant, for "newton" where S is singular, and for data or a start from which the first residual
+    is not below DIVERGED.
     """
     check_offset(offset, tolerance)
     if method == "newton" and operator.singular:
@@ -116,7 +118,7 @@ def uzawa(
 
 
 def warn_unless_converged(result: DualResult, tolerance: float) -> None:
-    """An IterationWarning in one sentence if the result's bound misses the tolerance."""
+    """Gives an IterationWarning of one sentence if the result's bound misses the tolerance."""
     if not result.converged:
         message = (
             f"{result.algorithm} stopped after {result.iterations} steps with the algebraic bound "
@@ -126,7 +128,7 @@ def warn_unless_converged(result: DualResult, tolerance: float) -> None:
 
 
 class Columns:
-    """y -> S y from the columns of the cells in contact, copied when these change; often they are few."""
+    """Computes S y from the columns of the cells in contact, often few; they are copied when these change."""
 
     def __init__(self, S: Array) -> None:
         self.S = S
@@ -153,7 +155,7 @@ class _Iteration:
         self.applications = 0
 
     def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
-        """Iterate in place on y; the number of steps and the bound that belongs to the final y."""
+        """Iterates on y in place. Returns the number of steps, and the bound that belongs to the final y."""
         F, R = np.empty_like(y), np.empty_like(y)
         for step in range(max_steps + 1):
             self.apply(y, F)
@@ -188,7 +190,10 @@ class _Iteration:
 
 
 def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
-    """In units of the largest number, for the square of a tiny one would be 0."""
+    """The value of `energy_bound`.
+
+    It is computed in units of the largest number, because the square of a tiny one would be 0.
+    """
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
     if not 0 < unit < math.inf:
         return unit
@@ -202,7 +207,7 @@ def energy_norm(matrix: Array, R: Array, unit: float) -> float:
 
 
 def check_offset(offset: Array, tolerance: float) -> None:
-    """InputError unless the offset (m,) is finite and not too small, and the tolerance is not negative."""
+    """Raises InputError for an offset (m,) that is not finite, or too small, and for a negative tolerance."""
     if not np.all(np.isfinite(offset)):
         raise InputError(f"the offset must hold {len(offset)} finite numbers, one for each cell of T_H")
     largest = float(np.max(np.abs(offset), initial=0))

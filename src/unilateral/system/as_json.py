@@ -16,7 +16,7 @@ def text(record: dict[str, Any]) -> str:
 
 
 def write(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Writes that object to a file."""
+    """Writes a record as one JSON object to a file."""
     with replacing(path) as temporary:
         temporary.write_text(text(record) + "\n", encoding="utf-8")
 

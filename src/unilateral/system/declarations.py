@@ -1,4 +1,4 @@
-"""YAML files that declare something, read and held against a JSON schema.
+"""Reads YAML files that declare something, and checks them against a JSON schema.
 
 Plain scalars mean what they look like: null, true, false and decimal whole numbers are these; anything else
 is text, so that 0.1 stays exact and 010, 0x10, 1:30, yes or a date are not read as another number or value.
@@ -22,11 +22,11 @@ from unilateral.errors import InputError, shown
 
 MAX_BYTES = 200_000
 MAX_NODES = 10_000
-"""Of values, lists and fields."""
+"""A file has at most this many values, lists and fields."""
 MAX_DEPTH = 10
-"""Of lists and fields in each other; no schema needs half of it."""
+"""Lists and fields are at most this deep in each other; no schema needs half of it."""
 MAX_DIGITS = 18
-"""Of whole numbers: any of these fits into 64 bits."""
+"""Whole numbers have at most this many digits: any of these fits into 64 bits."""
 WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
 
 
@@ -54,8 +54,8 @@ def file_of(name: str) -> Path | None:
 def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
     """What a YAML file holds; decimal fractions as text, or as `floats`.
 
-    Raises InputError if it is none or beyond the limits, if a field is given twice, of which YAML would keep
-    the last one, and for anchors, aliases and tags.
+    Raises InputError if it is no YAML file or beyond the limits, if a field is given twice, of which YAML
+    would keep the last one, and for anchors, aliases and tags.
     """
     try:
         with file.open("rb") as stream:
@@ -126,7 +126,7 @@ def _line(place: yaml.Event | yaml.Node) -> str:
 
 
 class _RefusedError(Exception):
-    """YAML, but more than is read here."""
+    """The file is YAML, but has more than is read here."""
 
 
 class _Loader(Composer, CParser, SafeConstructor, Resolver):
@@ -176,7 +176,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
 
 
 class _WithFloats(_Loader):
-    """Decimal fractions, with or without an exponent, are numbers."""
+    """A loader for which decimal fractions, with or without an exponent, are numbers."""
 
 
 _WithFloats.yaml_implicit_resolvers = {}

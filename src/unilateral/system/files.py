@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 HIDDEN = ".tmp"
 """The end of the names of folders in which files are written; git ignores them."""
 OVERHEAD = 2**20
-"""More bytes than netCDF takes beside the values."""
+"""netCDF takes fewer bytes than this beside the values."""
 
 
 def check_target(path: str | os.PathLike[str], endings: Collection[str]) -> None:
@@ -40,7 +40,7 @@ def check_folder(path: Path) -> None:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path of the same name in a folder of its own, whose files take their places if the block succeeds.
+    """A path of the same name in a folder of its own; files there take their places if the block succeeds.
 
     Raises InputError for a folder that is not there, and StorageError for what the disk refuses.
     """
@@ -81,9 +81,10 @@ def _remove(folder: Path) -> None:
 
 
 def write_netcdf(table: Dataset, path: Path, **options: Any) -> None:
-    """A file of netCDF-4. Raises OSError with the system's reason.
+    """Writes a netCDF-4 file. Raises OSError with the system's reason.
 
-    On a full disk netCDF says "Permission denied" or "HDF error". A plain file as large tells what it is.
+    On a full disk netCDF says "Permission denied" or "HDF error". Writing a plain file as large then raises
+    an error that tells the reason.
     """
     try:
         table.to_netcdf(path, engine="netcdf4", **options)

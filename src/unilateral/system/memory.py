@@ -13,23 +13,23 @@ from pathlib import Path
 
 BYTES_PER_MB = 2**20
 UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
-"""Of ru_maxrss, see getrusage(2)."""
+"""How many units of ru_maxrss a MB has, see getrusage(2)."""
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
-"""Of mallopt(3)."""
+"""The numbers of these parameters for mallopt(3)."""
 CGROUP = Path("/sys/fs/cgroup")
-"""Of this process, as a container sees it."""
+"""The folder of this process's cgroup, as a container sees it."""
 
 
 def forget_peak() -> None:
-    """Start anew from what is held now, where the system can (Linux, see proc(5)); else do nothing."""
+    """The peak starts anew from what is held now if the system can do that (Linux, see proc(5)), else not."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def keep_freed() -> None:
-    """From now on, where the C library is glibc: large arrays that are freed stay with this process.
+    """Large arrays that are freed from now on stay with this process, if the C library is glibc.
 
-    The next ones need no new pages then. To get these may take longer than to compute what is put there.
+    The next arrays then need no new pages, which may take longer to get than to compute what is put there.
     """
     with contextlib.suppress(OSError, AttributeError):
         mallopt = ctypes.CDLL(None).mallopt
@@ -48,7 +48,10 @@ def available_mb() -> float:
 
 
 def _container_mb() -> float:
-    """Infinite without a limit of cgroup v2 (see its memory.max); files that are cached count as free."""
+    """What cgroup v2 lets this process take (see its memory.max), infinite without a limit.
+
+    Cached files count as free.
+    """
     try:
         limit, used = (int((CGROUP / f"memory.{name}").read_text("ascii")) for name in ("max", "current"))
         cached = re.search(
@@ -60,7 +63,7 @@ def _container_mb() -> float:
 
 
 def _machine_mb() -> float:
-    """As Linux tells (proc(5)); elsewhere what the machine has."""
+    """The free memory as Linux tells it (proc(5)); elsewhere all the memory of the machine."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
             if line.startswith("MemAvailable:"):

@@ -13,13 +13,16 @@ TERMINATED = 128 + signal.SIGTERM
 
 
 def leave(*_: object) -> NoReturn:
-    """At once, after an interrupt."""
+    """Ends the program at once, after an interrupt."""
     _tell("interrupted")
     os._exit(INTERRUPTED)
 
 
 def leave_when_interrupted() -> None:
-    """From now on, unless interrupts are ignored, as those of a command in the background are."""
+    """Makes interrupts end the program at once, from now on.
+
+    If interrupts are ignored, as those of a command in the background are, they stay so.
+    """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, leave)
 
