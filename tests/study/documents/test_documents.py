@@ -15,8 +15,7 @@ from unilateral.study import config, drawings
 from unilateral.study.documents import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [
-    f"workflow/config/{name}.yaml"
-    for name in ("study", "rates", "worst_infsup", "extremes", "figures")
+    f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
 ]
 DOCUMENTS = [
     "README.md",
