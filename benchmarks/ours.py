@@ -18,15 +18,15 @@ from benchmarks.peers.driver import Clock, order, report
 from benchmarks.plan import OTHER
 from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
-from unilateral.bounds.local import local_bound
+from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
+from unilateral.fem.macro_elements import Recursive
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.recursive import Recursive
+from unilateral.fem.nested_dissection import dissected
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.fem.sparse import dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import problem_file
 from unilateral.solvers.multigrid import Found, multigrid

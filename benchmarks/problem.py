@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.peers.driver import matched
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
-from unilateral.bounds.local import local_bound
+from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import obstacle_means
 from unilateral.errors import InputError
@@ -39,7 +39,7 @@ from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import flux_load, h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file

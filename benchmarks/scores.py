@@ -23,7 +23,7 @@ from unilateral import api
 from unilateral.errors import InputError
 from unilateral.exchange import score as scores
 from unilateral.exchange.export import export
-from unilateral.exchange.read import exported, foreign
+from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.formulas.formula import real
 from unilateral.system.files import replacing
 

@@ -21,7 +21,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.geometry.polygon import names as polygon_names
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file

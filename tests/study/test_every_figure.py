@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from pages import FIGURES, page, recorded
 
 from unilateral.errors import InputError
-from unilateral.study import config, drawings, registry
+from unilateral.study import config, figure_entries, registry
 
 ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
 
@@ -24,7 +24,7 @@ def committed():
     """The figures in git."""
     study, sources = config.read([str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))])
     config.check(study, sources, str(ROOT / "workflow/schemas/study.schema.yaml"))
-    return drawings.drawings(study)
+    return figure_entries.drawings(study)
 
 
 def test_every_committed_figure_is_drawn_and_nothing_else_is_there():

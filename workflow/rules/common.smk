@@ -3,7 +3,7 @@ from functools import cache
 from pathlib import Path
 
 from unilateral.study import registry
-from unilateral.study.drawings import drawings, shown
+from unilateral.study.figure_entries import drawings, shown
 from unilateral.study.ledger.entries import entries, files
 from unilateral.study.sizes import normed
 

@@ -11,10 +11,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from unilateral.accuracy.budget import SPARE, division
 from unilateral.accuracy.cost import Prospect, may_adapt
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import ENOUGH, SHARE, Level, least_unknowns, target
+from unilateral.accuracy.next_level import SPARE, division
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from unilateral.accuracy.budget import (
+from unilateral.accuracy.cost import Prospect
+from unilateral.accuracy.halvings import evenness
+from unilateral.accuracy.level import Level
+from unilateral.accuracy.next_level import (
     LARGEST_STEP,
     MARGIN,
     OF_LAMBDA,
@@ -14,9 +17,6 @@ from unilateral.accuracy.budget import (
     sizes_and_bounds,
     wanted,
 )
-from unilateral.accuracy.cost import Prospect
-from unilateral.accuracy.division import evenness
-from unilateral.accuracy.level import Level
 
 PROBE, KNOWN = 1.5, 400
 """The first levels are enough for a plan from KNOWN unknowns on.

@@ -126,8 +126,8 @@ def _at_ends(on_edges: Array, unknowns: Index, n: int, on: Mask) -> tuple[Array,
     """p (n,) at the unknowns, what p is raised by at the edges' ends (nb, 2), and where it jumps (nb,).
 
     p has the values `on_edges` (nb, 3). At a vertex the larger of two values counts. If the other one lacks
-    something by rounding, that is added to p linearly along its edge, or else w (`feasible`) would not vanish
-    at the vertex. If it lacks more, p jumps.
+    something by rounding, that is added to p linearly along its edge, or else w (`feasible_p2`) would not
+    vanish at the vertex. If it lacks more, p jumps.
     """
     on_edges = np.where(on[:, None], on_edges, -np.inf)
     at_unknowns = np.full(n, -np.inf)

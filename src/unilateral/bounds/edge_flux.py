@@ -10,7 +10,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.constraint import Constraint
 from unilateral.errors import InputError
-from unilateral.geometry import exact
+from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
@@ -74,7 +74,7 @@ def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Colle
     """
     if not np.array_equal(mesh.polygon.vertices, cells.polygon.vertices):
         raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
-    exact.check(mesh.polygon, mesh.points, mesh.triangles, mesh.distortion)
+    exact_mesh.check(mesh.polygon, mesh.points, mesh.triangles, mesh.distortion)
     for name, values, n in (("u_h", u_h, mesh.n_nodes), ("lambda_H", lambda_H, cells.n_cells)):
         if np.shape(values) != (n,) or not np.all(np.isfinite(values)):
             raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")

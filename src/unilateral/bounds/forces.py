@@ -11,10 +11,10 @@ given there is no part of lambda, in E neither.
 
 w is continuous, and linear on the triangles of a `small_mesh` of its own. There the best one is known:
 ||w||_1 is not below |v|_S, for v its values at the boundary nodes and S the Schur complement on these, and
-it is |v|_S if w is extended as S has it; `least` finds v. What is guaranteed does not rest on that. v is
+it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest on that. v is
 not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest only at
 vertices, which are nodes. And ||w||_1 is computed from all values of w. On the exact mesh, see
-`geometry.exact`, it is at most `growth` times as large.
+`geometry.exact_mesh`, it is at most `growth` times as large.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.small_mesh import condensed, extended
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling, h1_norm
-from unilateral.geometry.exact import EPS
+from unilateral.geometry.exact_mesh import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.solvers.least import least
+from unilateral.solvers.least_norm import least
 
 LEAST, TINY = 1e-100, 1e-300
 """When w is chosen, E counts as at least LEAST times the force of lambda_H, and as at least TINY."""

@@ -12,7 +12,7 @@ from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import coupling
-from unilateral.geometry import exact
+from unilateral.geometry import exact_mesh
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, balanced, uniform
@@ -48,7 +48,7 @@ def condensed(mesh: Mesh, cells: Partition, load: Array) -> tuple[Mesh, Condense
     """
     try:
         found = small_mesh(mesh, cells, load)
-        exact.check(found.polygon, found.points, found.triangles, found.distortion)
+        exact_mesh.check(found.polygon, found.points, found.triangles, found.distortion)
         return found, condense(_not_too_small(found))
     except InputError:
         return mesh, None

@@ -2,9 +2,9 @@
 
 On a piece f is near a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces
 are the triangles of the first mesh; where rad is not small they are replaced by those that came from them
-(`whole`).
+(`source_polynomials`).
 Triangles of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded
-(`jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between
+(`source_jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between
 points. With f_h the L2 projection of p to linear functions on each triangle T, and E_T >= ||f - p||_T,
 
     (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.ancestors import AncestorSearch, Seen, Sums, even_h, sums_of
-from unilateral.bounds.pieces import (
+from unilateral.bounds.polynomial_means import averages, hat_means
+from unilateral.bounds.source_pieces import (
     TrianglePieces,
     areas,
     known_at_points,
@@ -32,9 +32,9 @@ from unilateral.bounds.pieces import (
     rounded_size,
     with_gaps,
 )
-from unilateral.bounds.projection import averages, hat_means
-from unilateral.bounds.quadratic import linear_squares
-from unilateral.bounds.whole import FEW, values
+from unilateral.bounds.source_polynomials import FEW, values
+from unilateral.bounds.source_search import AncestorSearch, Seen, Sums, even_h, sums_of
+from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data

@@ -15,7 +15,7 @@ from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
-from unilateral.exchange.read import exported, foreign
+from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import Rate, Scored
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import natural_kind

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from unilateral.cli.cases import MOST_INTERVALS, certified, domains, polygon_record
-from unilateral.exchange.formulas import DEFINITIONS, NO_FORMULAS, formulas, module
+from unilateral.exchange.case_formulas import DEFINITIONS, NO_FORMULAS, formulas, module
 from unilateral.exchange.score import PROVED
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case

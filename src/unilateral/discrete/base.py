@@ -11,14 +11,14 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.given import Given, given
-from unilateral.bounds.local import LocalBound, local_bound
-from unilateral.bounds.sharp import SharpBound, sharp_bound
+from unilateral.bounds.given_flux import Given, given
+from unilateral.bounds.local_bounds import LocalBound, local_bound
+from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import ExactErrors
+from unilateral.norms.exact_errors import ExactErrors
 from unilateral.problems.data import Data
 from unilateral.problems.obstacle import Obstacle
 from unilateral.solvers.stop import Stop

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.bounds.given import given
+from unilateral.bounds.given_flux import given
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense
@@ -22,10 +22,10 @@ from unilateral.fem.rounded import Rounded, dual_norm, loaded, means, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import Exact, ExactErrors, cell_means, exact
+from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.certified import certified
+from unilateral.solvers.algebraic_bound import certified
 from unilateral.solvers.iterate import iterate, joined
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged

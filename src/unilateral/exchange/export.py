@@ -21,8 +21,8 @@ import yaml
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, StorageError
-from unilateral.exchange.formulas import DEFINITIONS, formulas
-from unilateral.exchange.held import held_cells, held_edges, obstacle
+from unilateral.exchange.case_formulas import DEFINITIONS, formulas
+from unilateral.exchange.held_sides import held_cells, held_edges, obstacle
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
@@ -30,7 +30,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
 from unilateral.system.files import hidden_beside, write_netcdf
 

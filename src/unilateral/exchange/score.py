@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import discretise, solve
-from unilateral.exchange.extremes import Extremes, extremes
-from unilateral.exchange.faults import Judged, judged
-from unilateral.exchange.read import SAME, Foreign
-from unilateral.exchange.trace import Trace, constant
+from unilateral.exchange.boundary_function import Trace, constant
+from unilateral.exchange.diagnosis import Judged, judged
+from unilateral.exchange.exported_folder import SAME, Foreign
+from unilateral.exchange.worst_places import Extremes, extremes
 from unilateral.formulas.decimals import down, up
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm

@@ -29,7 +29,7 @@ from unilateral.formulas.expression import (
     total,
 )
 from unilateral.formulas.expression import number as exact
-from unilateral.formulas.positive import positive_power
+from unilateral.formulas.positive_part import positive_power
 from unilateral.formulas.reading import Reading
 
 Compiled = Callable[..., list[Array]]

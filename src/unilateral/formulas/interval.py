@@ -12,7 +12,7 @@ from functools import reduce
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.positive import positive_power
+from unilateral.formulas.positive_part import positive_power
 
 Interval = tuple[Array, Array]
 ULPS = 8

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from unilateral.arrays import Array, Index, Int32
 from unilateral.errors import InputError
-from unilateral.geometry import checks, exact, refinement
+from unilateral.geometry import exact_mesh, refinement, triangulation_checks
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import circles, longest_edges, signed_areas
@@ -23,7 +23,7 @@ ROUNDED = 1e-6
 If it is larger, it shows in A_3, the Schur complement on the boundary.
 """
 
-SHORTEST = exact.MOST
+SHORTEST = exact_mesh.MOST
 """The rounding of coordinates may be this part of any edge: no finer mesh is near enough to the exact one."""
 
 
@@ -119,18 +119,20 @@ class Mesh:
     def shift(self) -> Array:
         """(n,) how far the nodes may be from those of the `exact` mesh."""
         found = np.full(self.n_nodes, self.polygon.doubt)
-        found[self.boundary] = exact.shifts(self.polygon, self.points[self.boundary], self.side, self.s[:-1])
+        found[self.boundary] = exact_mesh.shifts(
+            self.polygon, self.points[self.boundary], self.side, self.s[:-1]
+        )
         return found
 
     @cached_property
     def distortion(self) -> Array:
         """(m,) by how much the triangles may differ from those of the `exact` mesh."""
-        return exact.distortion(self.shift, self.triangles, self.longest_edges, self.areas)
+        return exact_mesh.distortion(self.shift, self.triangles, self.longest_edges, self.areas)
 
     @property
     def growth(self) -> float:
         """The factor by which norms, constants and lengths may be larger on the `exact` mesh than here."""
-        return 1 + exact.GROWTH * float(self.distortion.max() + self.polygon.stretch.max())
+        return 1 + exact_mesh.GROWTH * float(self.distortion.max() + self.polygon.stretch.max())
 
 
 def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where: str = "mesh") -> Mesh:
@@ -141,12 +143,12 @@ def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where
     triangles, repeated or unused nodes, its boundary the polygon's.
     """
     nodes, cells = np.array(points, dtype=float), np.array(triangles, dtype=np.intp)
-    checks.check_arrays(nodes, cells, where)
-    cells = checks.anticlockwise(nodes, cells)
-    checks.check_areas(nodes, cells, where)
-    checks.check_distinct(polygon, nodes, where)
+    triangulation_checks.check_arrays(nodes, cells, where)
+    cells = triangulation_checks.anticlockwise(nodes, cells)
+    triangulation_checks.check_areas(nodes, cells, where)
+    triangulation_checks.check_distinct(polygon, nodes, where)
     mesh = conforming(polygon, nodes, cells, where)
-    checks.check_areas(mesh.points, cells, where)
+    triangulation_checks.check_areas(mesh.points, cells, where)
     return mesh
 
 
@@ -169,8 +171,8 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
     If it is, they triangulate the polygon: their boundary goes round each point of it once, and the sum of
     their indices about a point, all of them positive, is 1.
     """
-    edges = checks.boundary_edges(points, triangles, where)
-    reach = checks.reach(polygon, points, triangles, edges)
+    edges = triangulation_checks.boundary_edges(points, triangles, where)
+    reach = triangulation_checks.reach(polygon, points, triangles, edges)
     starts = points[edges[:, 0]]
     nearest = np.array([np.argmin(np.hypot(*(starts - vertex).T)) for vertex in polygon.vertices])
     distance = np.hypot(*(starts[nearest] - polygon.vertices).T)
@@ -180,7 +182,7 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
             f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
             f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
         )
-    side = checks.sides(polygon, points, edges, reach, where)
+    side = triangulation_checks.sides(polygon, points, edges, reach, where)
     s = polygon.starts[side] + np.sum(
         (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
     )
@@ -190,9 +192,10 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
     if gap.size:
         raise InputError(
             f"{where}: the boundary edges do not cover polygon '{polygon.name}' once; another one has to "
-            f"begin where the one that begins at node {checks.node(points, edges[gap[0], 0])} ends"
+            "begin where the one that begins at node "
+            f"{triangulation_checks.node(points, edges[gap[0], 0])} ends"
         )
-    points = checks.snapped(polygon, points, edges[:, 0], side, reach, where)
+    points = triangulation_checks.snapped(polygon, points, edges[:, 0], side, reach, where)
     s = _arc_lengths(polygon, side, s)
     _check_rounding(polygon, float(np.diff(s).max()), where)
     return Mesh(polygon, points, refinement.in_order(points, triangles), edges[:, 0].copy(), s)
@@ -201,7 +204,7 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
 def _arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
     """(nb + 1,) arc lengths from those (nb,) of the starts of edges: exact where the exact ones are known."""
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
-    near = np.abs(s - uniform[:-1]) <= checks.round_off(polygon)
+    near = np.abs(s - uniform[:-1]) <= triangulation_checks.round_off(polygon)
     return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
 
 

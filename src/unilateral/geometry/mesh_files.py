@@ -12,10 +12,10 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.geometry.checks import anticlockwise, boundary_edges, check_arrays
 from unilateral.geometry.mesh import Mesh, from_arrays
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.triangulation_checks import anticlockwise, boundary_edges, check_arrays
 from unilateral.system.files import replacing
 
 STRAIGHT = 1e-9

@@ -27,7 +27,7 @@ import scipy.sparse as sp
 from unilateral.arrays import Array
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.grading import EDGES_PER_CELL
 from unilateral.norms.ritz import h1_distance

@@ -24,10 +24,10 @@ import math
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.geometry.checks import round_off
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.triangulation_checks import round_off
 
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
 MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
@@ -51,7 +51,7 @@ def oscillation_bound(
 def has_square(mesh: Mesh) -> Mask:
     """(nb,) whether the square on an edge lies inside Omega, and apart from any square on another side.
 
-    The squares on the exact edges (`geometry.exact`) do so, too.
+    The squares on the exact edges (`geometry.exact_mesh`) do so, too.
     """
     lengths = np.diff(mesh.s)
     start = mesh.points[mesh.boundary]

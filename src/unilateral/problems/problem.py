@@ -18,8 +18,8 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems import flux
 from unilateral.problems.data import on_sides, places
 from unilateral.problems.flux import Flux
+from unilateral.problems.formula_range import range_in
 from unilateral.problems.obstacle import Obstacle, enclosed
-from unilateral.problems.ranges import range_in
 from unilateral.problems.units import Units
 
 FAR = 1e-100

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.geometry.checks import round_off
 from unilateral.geometry.locate import containing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.triangulation_checks import round_off
 
 OUTSIDE = 1e-10
 """A point outside counts as one of the boundary up to this fraction of the polygon's diameter away."""

@@ -18,7 +18,7 @@ pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R 
         = ||R||^2 + 2 (B v - B u_h) . (lambda - lambda_H) <= ||R||^2,
 
 so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
-`fem.residual`, for w `feasible`; the rounding of both is in the bound.
+`fem.residual`, for w `feasible_discrete`; the rounding of both is in the bound.
 
 In the cheap bound on the total error R is a part of u_h - f - div q. There its size is that of
 (sum R_i^2 / m_i)^{1/2} with the sums m_i of A's rows, which may be larger than ||R|| by 1/h, h the shortest
@@ -39,7 +39,7 @@ from unilateral.fem import rounded
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.fem.nested_cells import Cells
 from unilateral.fem.residual import downwards, dual_norm
-from unilateral.solvers.feasible import feasible
+from unilateral.solvers.feasible_discrete import feasible
 from unilateral.solvers.kernel_cg import Grid, Run
 
 DECADE = 1e-2

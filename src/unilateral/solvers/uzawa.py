@@ -18,7 +18,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array
 from unilateral.errors import InputError, IterationWarning
 from unilateral.fem.spaces import DualOperator
-from unilateral.solvers.steps import STEPS, Step
+from unilateral.solvers.uzawa_steps import STEPS, Step
 
 Apply = Callable[[Array, Array], object]
 Observe = Callable[[Array, Array, Array], None]

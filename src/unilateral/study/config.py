@@ -16,7 +16,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case
-from unilateral.study import drawings, schema
+from unilateral.study import figure_entries, schema
 from unilateral.system import declarations
 
 Fields = dict[str, Any]
@@ -45,7 +45,7 @@ def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
     Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
     that cannot be put on its polygon or that has no expected rates.
     """
-    checks = (_unknown, _disordered, drawings.faults, _beside_their_polygon, _unjudged)
+    checks = (_unknown, _disordered, figure_entries.faults, _beside_their_polygon, _unjudged)
     for place, said in itertools.chain(schema.faults(study, rules), *(faults(study) for faults in checks)):
         raise InputError(f"{_where(place, sources)}: {said}")
 

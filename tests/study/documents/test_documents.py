@@ -11,7 +11,7 @@ from conftest import ROOT
 
 from unilateral.errors import InputError
 from unilateral.norms.resolution import RULE
-from unilateral.study import config, drawings
+from unilateral.study import config, figure_entries
 from unilateral.study.documents import blocks, marks, numbers, sources, verdicts
 
 CONFIG = [
@@ -52,7 +52,7 @@ def told():
         "whole": ROOT / "benchmarks/whole.json",
     }
     given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
-    given |= {"judged": scenes, "bounded": bounded, "figures": drawings.shown(study)}
+    given |= {"judged": scenes, "bounded": bounded, "figures": figure_entries.shown(study)}
     try:
         found = sources.read(paths, {**study, **given})
     except InputError as missing:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from conftest import DATA, load
-from test_sharp import Manufactured, h1_error
+from test_sharp_bounds import Manufactured, h1_error
 
-from unilateral.accuracy.division import MOST_HALVINGS, divided, evenness, uniform
 from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.halvings import MOST_HALVINGS, divided, evenness, uniform
 from unilateral.accuracy.level import SHARE, refinement_pays
 from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search

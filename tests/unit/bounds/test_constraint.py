@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import unilateral as ul
-from unilateral.bounds import feasible
+from unilateral.bounds import feasible_p2
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.geometry.structured import structured
 from unilateral.problems import piecewise
@@ -52,7 +52,7 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
     nb = len(g.mesh.boundary)
     every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
-    missing = feasible.missing(g, v, every, g.mesh.boundary_triangles, np.ones((nb, 2)))
+    missing = feasible_p2.missing(g, v, every, g.mesh.boundary_triangles, np.ones((nb, 2)))
     assert missing.added[g.mesh.boundary] == pytest.approx(1e-3)
     assert missing.product == pytest.approx(8e-3)
 
@@ -63,9 +63,9 @@ def short_of(g, rng):
     v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
     contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
     triangle = g.mesh.boundary_triangles
-    v, touching = feasible.raised(g, v, contact, triangle, flux, rng.random(nb))
+    v, touching = feasible_p2.raised(g, v, contact, triangle, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible.missing(g, v, touching, triangle, flux), g.near(v, touching)]
+    return [v, touching, *feasible_p2.missing(g, v, touching, triangle, flux), g.near(v, touching)]
 
 
 @pytest.mark.parametrize("seed", range(4))

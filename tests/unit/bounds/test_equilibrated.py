@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from unilateral.bounds import equilibrated as module
-from unilateral.bounds.equilibrated import equilibrated, flows
-from unilateral.bounds.quadratic import linear_squares
+from unilateral.bounds import equilibrated_flux as module
+from unilateral.bounds.equilibrated_flux import equilibrated, flows
 from unilateral.fem.p1 import gradients, load, stiffness_and_mass
+from unilateral.fem.p2 import linear_squares
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named
 from unilateral.geometry.structured import structured

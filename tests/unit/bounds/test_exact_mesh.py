@@ -13,26 +13,26 @@ import scipy.sparse.linalg as sla
 import sympy
 from mpmath import mp, mpf
 
-from unilateral.bounds import edge_flux, sharp
-from unilateral.bounds.equilibrated import flows
+from unilateral.bounds import edge_flux, sharp_bounds
+from unilateral.bounds.equilibrated_flux import flows
+from unilateral.bounds.flux_residuals import defects, misfit
 from unilateral.bounds.forces import forces
-from unilateral.bounds.given import given
-from unilateral.bounds.local import local_bound
-from unilateral.bounds.misfit import defects, misfit
-from unilateral.bounds.quadratic import linear_squares, quadratic
-from unilateral.bounds.sharp import sharp_bound
+from unilateral.bounds.given_flux import given
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
 from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
+from unilateral.fem.p2 import linear_squares, quadratic
 from unilateral.formulas.expression import number as exact_number
 from unilateral.formulas.symbolic import plain
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry import refinement
 from unilateral.geometry.adapted import adapted, refined
-from unilateral.geometry.checks import round_off
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.triangulation_checks import round_off
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import scaled
@@ -144,7 +144,7 @@ def indices(of, mesh):
             pair = cells, u_h, np.zeros(cells.n_cells)
             bounds = [
                 bound(source, data.enclosed_obstacle, *pair, data.free_sides, flux).u
-                for bound in (local_bound, sharp_bound)
+                for bound in (local_bound, sharp_bounds)
             ]
             error = true_error(of, mesh, units.value * u_h)
             found.append(min(bounds) / error if error else np.inf)
@@ -255,7 +255,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     mesh, rng = meshes.unstructured(polygon, 0.3), np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source, sigma = enclosed(mesh, problem), np.zeros((len(mesh.boundary), 2))
-    away = sharp._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)
+    away = sharp_bounds._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)
     phi = rng.uniform(-1, 1, away.spaces.size)
     of_curl = linear_squares(mesh.areas, away.spaces.gradient(phi))
     assert away.turned(phi).rounding - away.rounding >= np.sqrt((mesh.distortion**2 * of_curl).sum())

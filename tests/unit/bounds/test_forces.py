@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import scipy.optimize
-from test_sharp import CASES, pair
+from test_sharp_bounds import CASES, pair
 
 import unilateral as ul
 from unilateral.bounds import forces as of_forces
@@ -19,8 +19,8 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import cell_means
-from unilateral.solvers import least
+from unilateral.norms.exact_errors import cell_means
+from unilateral.solvers import least_norm
 
 SMOOTH = [(name, polygon) for name, polygon in CASES if name not in ("rough", "singular", "violates_jj")]
 """Whose lambda is integrated by quadrature up to rounding."""
@@ -71,11 +71,11 @@ def traces(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("steps", [1, 2, least.MOST_STEPS])
+@pytest.mark.parametrize("steps", [1, 2, least_norm.MOST_STEPS])
 @pytest.mark.parametrize("kind", ["square", "lshape"])
 def test_w_is_above_and_below_the_indicator_of_a_side(kind, steps, traces, monkeypatch):
     """At the middles of edges, too, and wherever the iteration ends."""
-    monkeypatch.setattr(least, "MOST_STEPS", steps)
+    monkeypatch.setattr(least_norm, "MOST_STEPS", steps)
     polygon = named(kind)
     mesh, cells = structured(polygon, 1 / 8), partitions.uniform(polygon, 1 / 4)
     rng = np.random.default_rng(1)

@@ -15,9 +15,9 @@ from test_adversarial import FUZZ, SIZE, true_errors
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
-from unilateral.bounds import local, source
+from unilateral.bounds import local_bounds, source
 from unilateral.bounds.forces import forces
-from unilateral.bounds.given import given as given_flux
+from unilateral.bounds.given_flux import given as given_flux
 from unilateral.discrete.choice import condensed
 from unilateral.discrete.multilevel import after
 from unilateral.fem.condense import condense
@@ -98,7 +98,7 @@ def outcomes(of, solved, tried):
     errors = of.errors(mesh, [u_h for u_h, _ in tried])
     for (u_h, lambda_H), error in zip(tried, errors, strict=True):
         tau = given_flux(problem.enclosed_flux, mesh)
-        bound = local.local_bound(of_f, g, cells, u_h, lambda_H, problem.free_sides, tau)
+        bound = local_bounds.local_bound(of_f, g, cells, u_h, lambda_H, problem.free_sides, tau)
         rest = moments - to_mesh @ lambda_H
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         yield bound, error, max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area))
@@ -205,13 +205,13 @@ def test_what_is_certified_is_as_accurate_as_that(number):
 @pytest.mark.parametrize("name", ["u", "lambda_"])
 def test_a_bound_that_is_a_fifth_too_small_is_noticed(one_of_them, monkeypatch, name):
     """Control: the bounds are nearer than that to some of the errors."""
-    right = local.local_bound
+    right = local_bounds.local_bound
 
     def too_small(*given):
         bound = right(*given)
         return replace(bound, **{name: 0.8 * getattr(bound, name)})
 
-    monkeypatch.setattr(local, "local_bound", too_small)
+    monkeypatch.setattr(local_bounds, "local_bound", too_small)
     assert violations(one_of_them)
 
 

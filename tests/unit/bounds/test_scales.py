@@ -11,8 +11,8 @@ import pytest
 
 import unilateral as ul
 from unilateral.arrays import Array
-from unilateral.bounds import misfit
-from unilateral.bounds.misfit import UNDERFLOW
+from unilateral.bounds import flux_residuals
+from unilateral.bounds.flux_residuals import UNDERFLOW
 from unilateral.errors import InputError
 from unilateral.fem.p1 import gradients
 from unilateral.fem.quadrature import symmetric
@@ -104,8 +104,8 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
         return ul.solve(of, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
 
     assert is_bounded(found(), "cosine", size)
-    monkeypatch.setattr(misfit, "UNDERFLOW", 0.0)
-    monkeypatch.setattr(misfit, "DIVIDED", 0.0)
+    monkeypatch.setattr(flux_residuals, "UNDERFLOW", 0.0)
+    monkeypatch.setattr(flux_residuals, "DIVIDED", 0.0)
     assert not is_bounded(found(), "cosine", size)
 
 

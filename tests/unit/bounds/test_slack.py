@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from test_sharp import LINEAR_SOURCE, Manufactured, enclosed
+from test_sharp_bounds import LINEAR_SOURCE, Manufactured, enclosed
 
-from unilateral.bounds import feasible, lifting
-from unilateral.bounds.local import local_bound
-from unilateral.bounds.sharp import sharp_bound
+from unilateral.bounds import feasible_p2, lifting
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
@@ -19,7 +19,7 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
     D is small here against eta, so that nothing is taken off again.
     """
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible_p2.missing, []
     data = enclosed(mesh, problem), problem.enclosed(), cells
     u_h, lambda_H = problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5)
     for more in np.array([[0.0], [0.5]]) / len(mesh.boundary):
@@ -33,7 +33,7 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
 def test_what_is_missing_counts_for_u_by_its_norm(bound, monkeypatch):
     """X^2 <= R + D^2: where D is larger, and R as before, the square for u has the difference of both D^2."""
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible_p2.missing, []
     data = enclosed(mesh, problem), problem.enclosed(), cells
     u_h, lambda_H = problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5)
     for more in (0.0, 0.01):

@@ -9,7 +9,7 @@ import pytest
 from conftest import CANTOR, ROOT, certified, home, load
 
 from unilateral.cli import main
-from unilateral.exchange.formulas import module
+from unilateral.exchange.case_formulas import module
 from unilateral.geometry.mesh import unstructured
 from unilateral.problems import case as cases
 

@@ -18,7 +18,7 @@ from conftest import DATA, ROOT, certified, discrete, load
 from documents import blocks
 
 from unilateral.accuracy.watch import Watch
-from unilateral.bounds.local import local_bound
+from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.cli import main
 from unilateral.cli.application import COMMANDS

@@ -16,8 +16,8 @@ from unilateral.cli.application import COMMANDS, application
 from unilateral.cli.command import CODES
 from unilateral.cli.commands import solve
 from unilateral.errors import meant
-from unilateral.solvers.steps import STEPS
 from unilateral.solvers.stop import ALGORITHMS
+from unilateral.solvers.uzawa_steps import STEPS
 
 SCRIPT = Path(sys.executable).with_name("unilateral")
 EVERY = ["", *COMMANDS]

@@ -16,7 +16,7 @@ from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import exact
+from unilateral.norms.exact_errors import exact
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
 from unilateral.solvers.stop import Stop

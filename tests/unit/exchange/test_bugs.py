@@ -24,11 +24,11 @@ from unilateral.arrays import Array
 from unilateral.cli import main
 from unilateral.discrete.condensed import CondensedProblem, discretise, solve
 from unilateral.errors import InputError
+from unilateral.exchange.boundary_function import Trace, constant
+from unilateral.exchange.diagnosis import judged
+from unilateral.exchange.exported_folder import ExportedLevel, Foreign, exported, foreign
 from unilateral.exchange.fault import UNEXPLAINED
-from unilateral.exchange.faults import judged
-from unilateral.exchange.read import ExportedLevel, Foreign, exported, foreign
 from unilateral.exchange.score import score
-from unilateral.exchange.trace import Trace, constant
 from unilateral.norms.dual import Errors
 from unilateral.problems.case import Case
 

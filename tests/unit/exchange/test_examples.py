@@ -17,8 +17,8 @@ from conftest import ROOT, discrete
 
 from benchmarks import plan
 from unilateral.cli import main
-from unilateral.exchange.read import exported, foreign
-from unilateral.exchange.residual import Residual
+from unilateral.exchange.equation_residual import Residual
+from unilateral.exchange.exported_folder import exported, foreign
 
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")
 DRIVERS = PLAN["scores"]["drivers"]

@@ -13,10 +13,10 @@ import unilateral as ul
 from unilateral.cli import main
 from unilateral.errors import StorageError
 from unilateral.exchange import export as exporting
+from unilateral.exchange.case_formulas import DEFINITIONS, formulas
 from unilateral.exchange.export import LEVEL_FILES, export
-from unilateral.exchange.formulas import DEFINITIONS, formulas
-from unilateral.exchange.held import obstacle
-from unilateral.exchange.read import exported
+from unilateral.exchange.exported_folder import exported
+from unilateral.exchange.held_sides import obstacle
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry import mesh_files, polygon

@@ -16,12 +16,12 @@ from conftest import ROOT, coupled, discrete, load
 from unilateral.cli import main
 from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
-from unilateral.exchange.extremes import Extreme, Extremes
+from unilateral.exchange.boundary_function import constant, continuous, of_reactions
+from unilateral.exchange.diagnosis import Judged
+from unilateral.exchange.exported_folder import Foreign, exported, foreign
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.faults import Judged
-from unilateral.exchange.read import Foreign, exported, foreign
 from unilateral.exchange.score import Rate, Scored, rates, score, verdict
-from unilateral.exchange.trace import constant, continuous, of_reactions
+from unilateral.exchange.worst_places import Extreme, Extremes
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions

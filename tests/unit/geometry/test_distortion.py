@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
-from unilateral.geometry import exact
+from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
 from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
@@ -31,7 +31,7 @@ def test_shifts_are_at_least_the_distances_and_hardly_more(place, push):
     mesh = refine(unstructured(polygon, 0.4))
     side, s = mesh.side, mesh.s[:-1]
     places = mesh.points[mesh.boundary] + push * polygon.tangents[side]
-    found = exact.shifts(polygon, places, side, s)
+    found = exact_mesh.shifts(polygon, places, side, s)
     with mp.workdps(50):
         vertices, starts = digits(polygon.vertices), digits([polygon.starts])[0]
         t = [(mpf(float(x)) - starts[i]) / (starts[i + 1] - starts[i]) for x, i in zip(s, side, strict=True)]
@@ -55,7 +55,7 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
         0.5 * np.abs(np.linalg.det(edges)),
         np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2).max(axis=1),
     )
-    found = exact.distortion(shift.ravel(), np.arange(1200).reshape(-1, 3), longest, areas)
+    found = exact_mesh.distortion(shift.ravel(), np.arange(1200).reshape(-1, 3), longest, areas)
     assert np.all(norms <= found)
     assert np.max(norms / found) > 0.7
 
@@ -73,14 +73,14 @@ def test_distortions_hold_the_rounding_of_areas():
     (a, b, c), exactly = np.moveaxis(corners, 1, 0), np.vectorize(Fraction, otypes=[object])
     (e, f), (p, q) = (exactly(b).T - exactly(a).T, exactly(c).T - exactly(a).T)
     off = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
-    found = exact.distortion(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
+    found = exact_mesh.distortion(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
     assert 0.01 < np.max(off / found) <= 1
 
 
 def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
     """By a part of the triangle's height, across the edge: D Phi - I is that part."""
     shift, triangle = np.array([0.0, 0.0, 2e-6]), np.array([[0, 1, 2]])
-    found = exact.distortion(shift, triangle, np.array([2.0]), np.array([0.02]))
+    found = exact_mesh.distortion(shift, triangle, np.array([2.0]), np.array([0.02]))
     assert_allclose(found, 2e-6 / 0.02, rtol=1e-6)
 
 
@@ -91,7 +91,7 @@ def test_vertices_and_straight_meshes_have_no_shift():
     assert np.all(mesh.shift[mesh.boundary[vertices]] == 0)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     assert np.all(mesh.shift[inside] == 0)
-    assert mesh.shift.max() <= 5 * exact.EPS
+    assert mesh.shift.max() <= 5 * exact_mesh.EPS
 
 
 def test_a_doubt_of_the_polygon_is_that_of_all_nodes():
@@ -117,7 +117,7 @@ def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
 def test_sides_that_rounding_stretches_have_no_bound():
     polygon = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 1e-13]]), "cut")
     with pytest.raises(InputError, match=r"'cut': .* rounding changes side 4 by 0\.\d* of its length"):
-        exact.check(polygon, np.zeros((3, 2)), np.arange(3)[None], np.zeros(1))
+        exact_mesh.check(polygon, np.zeros((3, 2)), np.arange(3)[None], np.zeros(1))
 
 
 @pytest.mark.parametrize("way", ["apart", "anyhow"])
@@ -152,6 +152,6 @@ def test_the_growth_has_the_largest_of_both():
 
 def test_the_growth_is_what_the_proof_adds_up():
     """Proposition S5: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
-    t = np.linspace(1e-9, 2 * exact.MOST, 1000)
-    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact.GROWTH * t)
-    assert exact.MOST == 1e-3
+    t = np.linspace(1e-9, 2 * exact_mesh.MOST, 1000)
+    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.GROWTH * t)
+    assert exact_mesh.MOST == 1e-3

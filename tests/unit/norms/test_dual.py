@@ -20,7 +20,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import case as cases
 
 ONE_ON_THE_SQUARE = sqrt(8 + 4 / tanh(0.5))  # (v, w)_1 = <1, w>: v = sum of cosh(x_i - 1/2) / sinh(1/2)

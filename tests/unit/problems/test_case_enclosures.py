@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import load
 
-from unilateral.bounds.pieces import on_triangles, rounded_size
-from unilateral.bounds.projection import ORDER
+from unilateral.bounds.polynomial_means import ORDER
+from unilateral.bounds.source_pieces import on_triangles, rounded_size
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured

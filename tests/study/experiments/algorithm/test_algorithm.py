@@ -7,11 +7,11 @@ import pytest
 from conftest import condensed, coupled, discrete, load
 
 from unilateral.discrete.condensed import solve
-from unilateral.fem.sparse import dissected
+from unilateral.fem.nested_dissection import dissected
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.study.experiments.algorithm import certificates as trials
 from unilateral.study.experiments.algorithm import formulation as statements

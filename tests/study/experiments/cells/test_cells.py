@@ -15,7 +15,7 @@ from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.certificate import certify
 from unilateral.solvers.stop import Stop
 from unilateral.study.experiments.cells.alternating import alternating

@@ -18,7 +18,7 @@ from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
-from unilateral.solvers import steps as acceleration
+from unilateral.solvers import uzawa_steps as acceleration
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa

@@ -7,7 +7,7 @@ from conftest import CANTOR, certified, config, home, load
 from unilateral.errors import InputError
 from unilateral.geometry.partition import from_points, shifted, uniform
 from unilateral.geometry.polygon import named
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import case as cases
 from unilateral.study.experiments.estimates.consistency import Transition, first_transition, leading
 

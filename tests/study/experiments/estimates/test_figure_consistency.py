@@ -13,7 +13,7 @@ from pages import drawn, lines, page, said, table
 
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.study import tables
 from unilateral.study.experiments.estimates import consistency_figure as consistency
 from unilateral.study.experiments.estimates.consistency import first_transition, leading

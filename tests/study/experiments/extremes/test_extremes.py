@@ -17,15 +17,15 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import tensor
-from unilateral.norms.exact import cell_means, exact
+from unilateral.norms.exact_errors import cell_means, exact
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.solvers import uzawa
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import iterate
-from unilateral.solvers.steps import STEPS
 from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa_steps import STEPS
 from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps, trial
 from unilateral.study.experiments.extremes import measure as extremes
 from unilateral.study.experiments.extremes import problem as problems

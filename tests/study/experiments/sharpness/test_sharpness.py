@@ -17,7 +17,7 @@ from unilateral.formulas.symbolic import pos
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import cell_means, exact
+from unilateral.norms.exact_errors import cell_means, exact
 from unilateral.problems.case import Case
 from unilateral.problems.certificate import certify
 from unilateral.problems.harmonic import harmonic

@@ -9,8 +9,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.fem.condense import condense
+from unilateral.fem.nested_dissection import Sparse, dissected
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.ritz import h1_distance

@@ -15,7 +15,7 @@ from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.case import Case
 from unilateral.solvers.active_set import active_set

@@ -19,7 +19,7 @@ from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
-from unilateral.norms.exact import Exact, cell_means_of_gaps
+from unilateral.norms.exact_errors import Exact, cell_means_of_gaps
 from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.cantor import Cantor
 from unilateral.problems.case import Case

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import Condensed, by_sparse, matrix
+from unilateral.fem.nested_dissection import Sparse, dissected
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.fem.sparse import Sparse, dissected
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact import Exact, cell_means
+from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.case import Case
-from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import Apply, uzawa
+from unilateral.solvers.uzawa_steps import STEPS
 from unilateral.study import operations
 from unilateral.study.experiments.cost.history import History, Reached, by_A, by_A_3, by_S, by_S32, refined
 from unilateral.study.experiments.cost.variants import REFRESH, Variant

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from unilateral.geometry.partition import Partition, uniform
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
 from unilateral.study import scenes as configured
 from unilateral.study import style, tables

@@ -8,7 +8,7 @@ import xarray as xr
 
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact import cell_means
+from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
-from unilateral.solvers.steps import STEPS
 from unilateral.solvers.uzawa import DIVERGED, LEAST
+from unilateral.solvers.uzawa_steps import STEPS
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, predicted, within
 from unilateral.study.experiments.extremes.problem import (
     Array,

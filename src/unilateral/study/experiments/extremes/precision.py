@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
+from unilateral.fem.nested_dissection import elimination_order, factorise, last_block
 from unilateral.fem.spaces import DualOperator
-from unilateral.fem.sparse import elimination_order, factorise, last_block
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, crossing, judge, untooled
 from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem, full, on_square

@@ -11,9 +11,9 @@ import numpy as np
 from unilateral.errors import InputError
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import iterate
-from unilateral.solvers.steps import STEPS
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
+from unilateral.solvers.uzawa_steps import STEPS
 from unilateral.study.experiments.extremes.outcome import NO_TOOL, REFUSED, WRONG, Budget, Row, Verdict, judge
 from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
 

@@ -15,7 +15,7 @@ from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact import Exact, ExactErrors, cell_means
+from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from unilateral.bounds.local import local_bound
-from unilateral.bounds.sharp import sharp_bound
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import case_moments

@@ -22,7 +22,7 @@ from unilateral.formulas.symbolic import pos
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Gram, dual_norm
-from unilateral.norms.exact import CellMeans, Exact, cell_means_of_gaps
+from unilateral.norms.exact_errors import CellMeans, Exact, cell_means_of_gaps
 from unilateral.norms.infsup import infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T

@@ -1,0 +1,210 @@
+"""A flux q equilibrated on vertex patches: div q is the mean of u_h - f on triangles, q.n is sigma.
+
+q is the sum of q_a over the nodes a, psi_a the hat of a. q_a lies in BDM1 on the triangles at a, without a
+flux through the edges opposite to a, and
+
+    div q_a = the mean on each triangle of psi_a (u_h - f) + grad psi_a . grad u_h,
+    q_a.n   = a linear function with the integral of psi_a sigma, on boundary edges at a,
+
+nearest to psi_a grad u_h in L2. The sum of the hats is 1 and that of their gradients 0, whence div q.
+Divergence and flux of a patch fit together because (u_h, psi_a)_1 = (f, psi_a) + <sigma, psi_a>; what is left
+of that equation is spread evenly over the patch, and is found again in div q (Braess and Schoeberl, Math.
+Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
+
+The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
+through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
+b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, inside the domain, F_0. They solve
+a periodic tridiagonal system with a border, which is eliminated for many patches at once.
+
+q is given by its values on edges. So whatever rounding does to these values, q is in H(div), with that q.n up
+to their rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, Index, Int32
+from unilateral.bounds.patch_spokes import around, fans
+from unilateral.geometry.mesh import Mesh
+
+
+class _Numbers(NamedTuple):
+    """Numbers of the triangles T_j (k, p) of p patches.
+
+    `area` is T, `d` is the integral of div q_a. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
+    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c. `slope` (k + 1, p) is
+    u_h(b_j) - u_h(a).
+    """
+
+    area: Array
+    d: Array
+    bb: Array
+    cc: Array
+    bc: Array
+    slope: Array
+
+
+def equilibrated(mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array) -> Array:
+    """q on the edges of the `triangulation`, (2, E): their flows (E,) and tilts (E,).
+
+    The flux over an edge to its left, times the edge's length, is linear along it. At the first end of the
+    edge it is the flow plus the tilt, at the second end the flow minus the tilt. `moments` gives the moments
+    (k, 3) of f with the hats of some triangles; `sigma` (nb, 2) are the values at the ends of the boundary
+    edges of q.n, which is linear there.
+    """
+    ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
+    after, f = around(mesh, moments)
+    flow, tilt = q = np.zeros((2, len(ends) // 2))
+    for edge, spokes in fans(mesh, after):
+        left = spokes[:-1]
+        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left))
+        at_boundary = edge.size > 0
+        F, z = _at_the_boundary(numbers, *_given(mesh, sigma, edge)) if at_boundary else _inside(numbers)
+        at, sign = (left >> 1).ravel(), 1 - 2 * (left & 1)
+        np.add.at(flow, at, (F * sign).ravel())
+        np.add.at(tilt, at, z.ravel())
+    flow[boundary], tilt[boundary] = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
+    return q
+
+
+def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
+    """(3, k), (3, k) what flows into triangles through the edges opposite to their nodes, at both ends.
+
+    The ends are the two nodes after the opposite one, in this order.
+    """
+    edge, start = mesh.opposite_edges[of].T, mesh.triangles[of].T[[1, 2, 0]]
+    left = mesh.triangulation.ends.ravel().take(2 * edge) == start
+    flow, tilt = q[0].take(edge), q[1].take(edge)
+    flow *= 2.0 * left - 1.0
+    return flow + tilt, flow - tilt
+
+
+def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array) -> _Numbers:
+    """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
+    points = mesh.points.ravel()
+    x, y = (points.take(2 * b + i) - points.take(2 * a + i) for i in range(2))
+    u = u_h.take(a)
+    slope = u_h.take(b) - u
+    area = 0.5 * (x[:-1] * y[1:] - y[:-1] * x[1:])
+    square, scale = x * x + y * y, 0.25 / area
+    bb, cc, bc = square[1:] * scale, square[:-1] * scale, (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
+    d = area / 12 * (4 * u + slope[:-1] + slope[1:]) - moments
+    d -= (bb + bc) * slope[:-1] + (cc + bc) * slope[1:]
+    return _Numbers(area, d, bb, cc, bc, slope)
+
+
+def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
+    """(2, p), (2, p) F and z on the first and on the last spoke of nodes at which boundary edges begin.
+
+    They are those of the flux of q_a into the first triangle and out of the last one. On an edge a, b
+
+        q_a.n = sigma(a) + (sigma(b) - sigma(a)) / 6 at a, (sigma(b) - sigma(a)) / 6 at b.
+    """
+    lengths = np.diff(mesh.s)
+    found = []
+    for sign, at, (near, far) in ((-1, edge, sigma[edge].T), (1, edge - 1, sigma[edge - 1].T[::-1])):
+        found.append(sign * lengths[at] * np.stack([near / 3 + far / 6, near / 2]))
+    return found[0], found[1]
+
+
+def _terms(of: _Numbers, S: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of half of what is minimised on each triangle, with F_j = S_j + F_0.
+
+    These are the second derivative by z_j, which is also that by z_{j+1}, and minus the first derivatives by
+    z_j and by z_{j+1} where these and F_0 are 0. The mixed second derivative is `bc`.
+    """
+    middle, twist = S[:-1] + S[1:], 0.25 * (of.slope[:-1] + of.slope[1:])
+    mixed = 2 * of.bc
+    load, load_next = of.cc * middle + mixed * S[:-1], of.bb * middle + mixed * S[1:]
+    load += twist
+    load_next -= twist
+    return of.bb + of.cc + of.bc, load, load_next
+
+
+def _sums(of: _Numbers, into: Array | float, out: Array | float) -> Array:
+    """(k + 1, p) F_j on the spokes, from the first and the last one."""
+    found = np.empty_like(of.slope)
+    found[0] = into
+    lacking = (of.d.sum(axis=0) - (out - into)) / of.area.sum(axis=0)
+    for j, (d, area) in enumerate(zip(of.d, of.area, strict=True)):
+        np.add(found[j], d - area * lacking, out=found[j + 1])
+    return found
+
+
+def _inside(of: _Numbers) -> Array:
+    """(2, k, p) F and z on the spokes of p nodes with k triangles around each.
+
+    The unknown of the border is 2 F_0.
+    """
+    S, with_b, with_c = _sums(of, 0.0, 0.0), of.bb + of.bc, of.cc + of.bc
+    (own, load, load_next), both = _terms(of, S), with_b + with_c
+    of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
+    columns = np.zeros((3, *own.shape))
+    columns[1], columns[2] = -_joined(with_c, with_b), _joined(load, load_next)
+    z, F = _periodic(_joined(own, own), of.bc, columns, 1.5 * both.sum(axis=0), -of_F.sum(axis=0))
+    return np.stack([S[:-1] + 0.5 * F, z])
+
+
+def _joined(after: Array, before: Array) -> Array:
+    """(k, p) on the spokes, from the triangles after and before them."""
+    found = after.copy()
+    found[0] += before[-1]
+    found[1:] += before[:-1]
+    return found
+
+
+def _periodic(
+    diagonal: Array, off: Array, columns: Array, corner: Array, last_load: Array
+) -> tuple[Array, Array]:
+    """z (k, p) and F (p,) of p systems: periodic, tridiagonal, `off` between z_j and z_{j+1}, and a border.
+
+    z_0, .., z_{k-2} are eliminated, which leaves two unknowns, z_{k-1} and F. Their columns, of which the
+    first one is made here, and the load are `columns` (3, k, p). These and `diagonal` are overwritten.
+    """
+    m, (last, border, load) = len(diagonal) - 1, columns
+    last[0] = off[m]
+    last[m - 1] += off[m - 1]
+    for j in range(m - 1):
+        factor = off[j] / diagonal[j]
+        diagonal[j + 1] -= factor * off[j]
+        columns[:, j + 1] -= factor * columns[:, j]
+    inverse = 1 / diagonal[:m]
+    over, factors = columns[:, :m] * inverse, off[:m] * inverse
+    a, b, r = (
+        x - _dot(over[0], y[:m]) for x, y in ((diagonal[m], last), (border[m], border), (load[m], load))
+    )
+    c, s = (x - _dot(over[1], y[:m]) for x, y in ((corner, border), (last_load, load)))
+    z, determinant = np.empty_like(diagonal), a * c - b * b
+    z[m], F = (c * r - b * s) / determinant, (a * s - b * r) / determinant
+    z[:m] = over[2] - over[0] * z[m] - over[1] * F
+    for j in range(m - 2, -1, -1):
+        z[j] -= factors[j] * z[j + 1]
+    return z, F
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """(p,) sums of the products of (m, p)."""
+    return np.asarray((a * b).sum(axis=0))
+
+
+def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
+    """(2, k, p) F and z on the spokes of p nodes at the boundary, from those (2, p) on the outer spokes."""
+    S, k = _sums(of, into[0], out[0]), len(of.d)
+    own, load, load_next = _terms(of, S)
+    diagonal, off, load = own[1:] + own[:-1], of.bc, load[1:] + load_next[:-1]
+    z = np.empty_like(S)
+    z[0], z[k] = into[1], out[1]
+    if k > 1:
+        load[0] -= off[0] * z[0]
+        load[-1] -= off[-1] * z[k]
+    for j in range(k - 2):
+        factor = off[j + 1] / diagonal[j]
+        diagonal[j + 1] -= factor * off[j + 1]
+        load[j + 1] -= factor * load[j]
+    for j in range(k - 2, -1, -1):
+        z[j + 1] = (load[j] - (off[j + 1] * z[j + 2] if j < k - 2 else 0)) / diagonal[j]
+    return np.stack([S[:k], z[:k]])

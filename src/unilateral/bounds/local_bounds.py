@@ -1,0 +1,151 @@
+"""The guaranteed total error of a discrete solution by problems on vertex patches.
+
+u~ and lambda~ are the solution for f~ in place of f, and for tau~ in place of the flux tau that is given on
+free sides (`given_flux`). lambda, lambda~ and sigma >= 0 are on the other sides, 0 on free ones. For q in
+H(div) with q.n = sigma there, and tau~ of any sign on free sides, and d in H^1 with u_h + d >= g, put X =
+||u~ - u_h||_1, D = ||d||_1,
+
+    Y^2 = ||q - grad u~||^2 + ||f~ + div q - u~||^2,
+    R = ||grad u_h - q||^2 + ||u_h - f~ - div q||^2 + 2 <sigma, u_h + d - g>.
+
+Then X^2 + Y^2 <= R + 2 Y D. So X^2 <= R + D^2, and ||lambda~ - sigma||_{-1/2} <= Y <= D + (R + D^2)^{1/2}.
+Proof: the mixed terms, integrated by parts, are <lambda~ - sigma, u~ - u_h>, for tau~ is in both fluxes;
+
+    X^2 + Y^2 = ||grad u_h - q||^2 + ||u_h - f~ - div q||^2 + 2 <lambda~ - sigma, u~ - u_h - d>
+                + 2 <lambda~ - sigma, d>;
+
+the first product is at most <sigma, u_h + d - g>, since <lambda~, u~ - g> = 0, lambda~ >= 0 and
+<sigma, u~ - g> >= 0; the second is at most Y D. With u_h + d in place of u_h, and 0 in place of d, the same
+says Y <= eta, the square of which is R for u_h + d.
+
+f and tau make a functional F on H^1, f~ and tau~ another one. u is the projection of what represents F in H^1
+to a convex set, and lambda the difference of both. Neither map takes two points farther apart: the distances
+of u and u~, and of lambda and lambda~, are at most that of F and F~.
+
+f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
+there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
+makes u_h feasible (`feasible_p2`); it is 0 but on the triangles at boundary nodes. Nothing is assumed of u_h
+and lambda_H. What rounding may have done to the sums over triangles is added to them.
+
+u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`), a triangulation
+of the polygon itself. What that changes of differences is added like rounding, and `growth` has the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from unilateral.arrays import Array, blocks
+from unilateral.bounds.edge_flux import SUMS, check, edge_flux
+from unilateral.bounds.equilibrated_flux import equilibrated
+from unilateral.bounds.flux_residuals import defects, misfit, root, underflow
+from unilateral.bounds.given_flux import Given, nothing
+from unilateral.bounds.lifting import lifting
+from unilateral.bounds.source import Source
+from unilateral.fem.p2 import linear_squares, slopes_at_nodes, squares
+from unilateral.fem.p2_layer import Layer
+from unilateral.geometry.partition import Partition
+from unilateral.norms.oscillation import oscillation_bound
+from unilateral.problems.obstacle import Obstacle
+
+
+@dataclass(frozen=True)
+class LocalBound:
+    """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
+
+    `flux` is ||grad u_h - q||, `residual` is ||u_h - f~ - div q||, `lifting` bounds ||d||_1, and `data`
+    bounds what f - f~ and tau - tau~ can add. `unknown` is the part that would be 0 if f, g and tau were the
+    polynomials by which they are enclosed; the part of that which is `irreducible` hardly falls on finer
+    meshes.
+
+    `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
+    2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
+    """
+
+    u: float
+    lambda_: float
+    flux: float
+    residual: float
+    lifting: float
+    data: float
+    unknown: float
+    irreducible: float
+    shares: Array
+
+
+def local_bound(
+    source: Source,
+    obstacle: Obstacle,
+    cells: Partition,
+    u_h: Array,
+    lambda_H: Array,
+    free: Collection[int] = (),
+    given: Given | None = None,
+) -> LocalBound:
+    """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
+
+    On these the flux is 0 unless it is `given`.
+
+    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
+    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    """
+    mesh = source.mesh
+    check(mesh, cells, u_h, lambda_H, free)
+    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
+    q = equilibrated(mesh, u_h, source.moments_on, flux.ends + tau.ends)
+    lift = lifting(mesh, obstacle, u_h, flux, held)
+    *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(held)))
+    of, d = lift.of, lift.of.function(*of_boundary)
+    of_gradient, residual, rounding = defects(source, u_h, q)
+    of_d, of_added = of.norms(*d), lift.added(short)
+    more = short.norm + root(of_added)
+    distance = (1 + SUMS) * (root(of_d) + more)
+    inside = of_gradient + mesh.areas * residual**2
+    defect, slack = root(inside) + rounding, 2 * short.product
+    of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
+    moved = _of_feasible(of, u_h, q, inside, residual, *d)
+    eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
+    oscillation = (1 + SUMS) * oscillation_bound(
+        mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
+    ).item()
+    of_data = _of_data(source, u_h)
+    data = (1 + SUMS) * (root(of_data) + tau.distance) + underflow(mesh)
+    doubt, shares = root(of_added) + tau.unknown, inside + of_data
+    shares[of.triangles] += of_d + of_added
+    np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
+    return LocalBound(
+        u=mesh.growth * (of_u + data),
+        lambda_=mesh.growth * (min(distance + of_u, eta) + oscillation + data) if np.any(held) else 0.0,
+        flux=root(of_gradient),
+        residual=math.sqrt(mesh.areas @ residual**2),
+        lifting=distance,
+        data=data,
+        unknown=source.unknown + doubt,
+        irreducible=doubt + (0.0 if source.resolved else source.unknown),
+        shares=shares,
+    )
+
+
+def _of_feasible(
+    of: Layer, u_h: Array, q: Array, inside: Array, residual: Array, hats: Array, bubbles: Array
+) -> Array:
+    """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`."""
+    here = of.triangles
+    gradient = misfit(of.mesh, u_h, q, here) + slopes_at_nodes(of.slopes, hats, bubbles)
+    found = inside.copy()
+    found[here] = linear_squares(of.areas, gradient) + squares(of.areas, hats + residual[here, None], bubbles)
+    return found
+
+
+def _of_data(source: Source, u_h: Array) -> Array:
+    """(m,) the squares whose sum's root bounds the norm of f - f~ in the dual of H^1."""
+    mesh, squares = source.mesh, np.empty(len(source.f_h))
+    for of in blocks(len(squares)):
+        a, b, c = source.f_h[of].T - u_h.take(mesh.triangles[of].T)
+        more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))
+        squares[of] = source.squares_with(more, of)
+    return squares

@@ -1,0 +1,232 @@
+"""The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
+
+The bounds are for f_h, the linear part of f on each triangle, in place of f, and for tau~ in place of the
+flux tau that is given on free sides; see `source` and `given_flux` for the rest. They begin with w of V_h,
+which is u_h or near it, the flux q of `equilibrated` for w (`balanced_function`), and the lifting d of u_h as
+in `local_bounds`, where the proofs are.
+
+The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
+x_k, and the hats psi_k there, q gets theta r,
+
+    r = sum_k p_k psi_k (x - x_k) / 3,     div r = p - mean p,     r.n = 0 on the edges,
+    theta = ||div r||_T^2 / (||div r||_T^2 + ||r||_T^2),
+
+since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
+0 there, but for what `balanced_function` leaves; on triangles larger than 1 all of r would cost more than it
+gains. With curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes
+of RT1 with that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w
+towards the solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made feasible.
+Both reduce
+
+    eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
+
+independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
+conjugate gradients, and every iterate will do. With R, D, X and Y as in `local_bounds`, for this q,
+
+    Y <= eta,     X^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2.
+
+Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is assumed of u_h
+and lambda_H. What rounding and the exact mesh may do to the sums over triangles is added, as in
+`local_bounds`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.bounds.balanced_function import balanced
+from unilateral.bounds.edge_flux import SUMS, check, edge_flux
+from unilateral.bounds.feasible_p2 import Missing
+from unilateral.bounds.flux_residuals import ROUNDING, misfit, root, underflow
+from unilateral.bounds.given_flux import Given, nothing
+from unilateral.bounds.lifting import Lifting, lifting
+from unilateral.bounds.source import Source
+from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
+from unilateral.geometry.partition import Partition
+from unilateral.norms.oscillation import oscillation_bound
+from unilateral.problems.obstacle import Obstacle
+
+ENOUGH = 0.01
+"""The steps end when one of v and one of q together lower eta^2 by less than this fraction of it.
+
+The next ones would take less still.
+"""
+MOST_STEPS = 50
+"""At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
+
+
+@dataclass(frozen=True)
+class SharpBound:
+    """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
+
+    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` bounds what f - f_h and
+    tau - tau~ can add; `oscillation` bounds ||lambda_H - sigma||_{-1/2}. `unknown` is the part that would be
+    0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is `irreducible`
+    hardly falls on finer meshes.
+    """
+
+    u: float
+    lambda_: float
+    eta: float
+    steps: int
+    lifting: float
+    data: float
+    oscillation: float
+    unknown: float
+    irreducible: float
+
+
+def sharp_bound(
+    source: Source,
+    obstacle: Obstacle,
+    cells: Partition,
+    u_h: Array,
+    lambda_H: Array,
+    free: Collection[int] = (),
+    given: Given | None = None,
+) -> SharpBound:
+    """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
+
+    On these the flux is 0 unless it is `given`.
+
+    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
+    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    """
+    mesh = source.mesh
+    check(mesh, cells, u_h, lambda_H, free)
+    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
+    spaces, lift = quadratic(mesh), lifting(mesh, obstacle, u_h, flux, held)
+    away = _away(spaces, source, u_h, flux.ends + tau.ends)
+    of_u = spaces.of_hats(u_h - away.w)
+    of_lifted, short = _lifted(lift, away, of_u)
+    load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)
+    of_v, phi, steps = _descended(lift, away, load, 2 * short.product)
+    away, (of_v, short_of_v) = away.turned(phi), _lifted(lift, away, of_v)
+    added, added_to_v = (root(lift.added(each)) for each in (short, short_of_v))
+    doubt = max(added, added_to_v) + tau.unknown
+    distance = (1 + SUMS) * (spaces.norm(of_lifted - of_u) + short.norm + added)
+    eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
+    eta *= 1 + SUMS
+    most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
+    oscillation = (1 + SUMS) * oscillation_bound(
+        mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
+    ).item()
+    data = (1 + SUMS) * (source.distance + tau.distance) + underflow(mesh)
+    of_lambda = min(distance + most, eta) + oscillation + data
+    return SharpBound(
+        u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
+        lambda_=mesh.growth * of_lambda if np.any(held) else 0.0,
+        eta=eta,
+        steps=steps,
+        lifting=distance,
+        data=data,
+        oscillation=oscillation,
+        unknown=source.unknown + doubt,
+        irreducible=doubt + (0.0 if source.resolved else source.unknown),
+    )
+
+
+def _leg(hypotenuse: float, other: float) -> float:
+    """The other leg of a right triangle; it is infinite if the hypotenuse is."""
+    return (
+        math.sqrt(hypotenuse - other) * math.sqrt(hypotenuse + other) if 0 < other < math.inf else hypotenuse
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Away:
+    """How far a flux q is from w (n,) of V_h, for which it was made; functions v of P2 are given by v - w.
+
+    `hats` and `bubbles` (m, 3, 2) are the coefficients of grad w - q, and `residual` (m, 3) are the values of
+    w - f_h - div q; `rounding` is what rounding and the exact mesh may add to the root of a `square`.
+    """
+
+    spaces: Quadratic
+    w: Array
+    hats: Array
+    bubbles: Array
+    residual: Array
+    rounding: float
+
+    def turned(self, phi: Array) -> _Away:
+        """The same for q + curl phi in place of q, curl phi = (d_y phi, -d_x phi)."""
+        hats = self.hats + _turned(self.spaces.gradient(phi))
+        more = self._rounding(phi, ROUNDING + self.spaces.mesh.distortion)
+        return replace(self, hats=hats, rounding=self.rounding + more)
+
+    def square(self, d: Array) -> float:
+        """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d."""
+        areas, (hats, bubbles) = self.spaces.mesh.areas, self.spaces.coefficients(d)
+        of_gradient = squares(areas, self.hats + self.spaces.gradient(d), self.bubbles)
+        return float((of_gradient + squares(areas, hats + self.residual, bubbles)).sum())
+
+    def norm(self, d: Array) -> float:
+        """The root of `square`, with rounding added: it is not below the exact root."""
+        return math.sqrt(self.square(d)) + self.rounding + self._rounding(d, ROUNDING)
+
+    def _rounding(self, d: Array, by: Array | float) -> float:
+        """The rounding of d and its gradient, which is the fraction `by` (m,) of their sizes.
+
+        A height of a triangle is twice its area over an edge.
+        """
+        mesh, largest = self.spaces.mesh, np.abs(d[self.spaces.unknowns]).sum(axis=1)
+        sizes = by * largest * (1 + mesh.longest_edges / mesh.areas)
+        return math.sqrt(float(mesh.areas @ sizes**2))
+
+
+def _turned(field: Array) -> Array:
+    """(m, 3, 2) the field, turned by a right angle to the left."""
+    return np.stack([-field[..., 1], field[..., 0]], axis=2)
+
+
+def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
+    """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced_function`."""
+    mesh = spaces.mesh
+    w, q, residual, rounding = balanced(source, u_h, sigma)
+    p, x = w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
+    along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
+    of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
+    theta = _share(linear_squares(mesh.areas, rest), squares(mesh.areas, np.zeros_like(of_r), of_r))[:, None]
+    sizes = (ROUNDING + mesh.distortion) * (mesh.longest_edges + 2) * np.abs(p).max(axis=1)
+    rounding += math.sqrt(float(mesh.areas @ sizes**2))
+    left = residual[:, None] + (1 - theta) * rest
+    return _Away(spaces, w, misfit(mesh, w, q, slice(None)), theta[..., None] * of_r, left, rounding)
+
+
+def _share(a: Array, b: Array) -> Array:
+    """a / (a + b), or 1 where a is 0."""
+    return np.divide(a, a + b, out=np.ones_like(a), where=a > 0)
+
+
+def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
+    """d (size,) plus what makes w + d feasible, and what is missing then."""
+    of = away.spaces.of_boundary
+    nodal, bubbles = np.split(d[of], 2)
+    *more, short = lift.lifted(away.w[away.spaces.mesh.boundary] + nodal, bubbles)
+    found = d.copy()
+    found[of] += np.concatenate(more)
+    return found, short
+
+
+def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[Array, Array, int]:
+    """d = v - w and phi (size,), and how many steps were made.
+
+    `load` (size,) is that of v, and `slack` is nearly 2 <sigma, v - g>.
+    """
+    spaces, w = away.spaces, away.spaces.of_hats(away.w)
+    d, everywhere = np.zeros(spaces.size), np.ones(len(spaces.of_boundary), dtype=bool)
+    d[spaces.of_boundary] = np.concatenate(lift.met(away.w[spaces.mesh.boundary]))
+    square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(everywhere)
+    field = spaces.load_of_gradients(_turned(away.hats), _turned(away.bubbles))
+    of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
+    of_v = spaces.descent(spaces.matrix(mass=1), load, w + d, free)
+    gain, steps = math.inf, 0
+    while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
+        gain = of_v.step() + of_phi.step()
+        square, steps = square - gain, steps + 1
+    return d + free @ of_v.x, inner @ of_phi.x, steps

@@ -1,0 +1,176 @@
+"""Why a solution is wrong, told from what it leaves of the equations that it claims to solve.
+
+All is measured in the dual norm of V_h, where it is an error of u in H1. What is left counts if it is more
+than an algebraic error may be: the same share of the discretisation error for others as for this project.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from unilateral.arrays import Array
+from unilateral.discrete.condensed import CondensedProblem
+from unilateral.exchange.boundary_function import Trace
+from unilateral.exchange.discrete_conditions import conditions, mistaken
+from unilateral.exchange.equation_bugs import EXPLAINS, explanations, renumbered, with_load
+from unilateral.exchange.equation_residual import Fit, Residual, flux_load
+from unilateral.exchange.exported_folder import Foreign
+from unilateral.exchange.fault import Fault, either, unexplained, wrong
+from unilateral.exchange.multiplier_readings import ahead, plain, readings
+from unilateral.formulas.decimals import down, up
+from unilateral.norms.dual import Errors
+from unilateral.problems.case import Case
+from unilateral.solvers.stop import Stop
+
+COUNTS = Stop.fraction
+"""What is left counts if it exceeds this fraction of this project's error on the same level.
+
+Up to there a rate over a factor of 2 changes by 0.03 at most.
+"""
+ROUNDING = 1e-10
+"""An error of lambda below this fraction of the error of u counts as 0."""
+REMARK = "the load is that of f {}; its error is a part of yours, and no fault"
+
+
+class Judged(NamedTuple):
+    """What is wrong with a solution, and what is not, but worth knowing."""
+
+    faults: list[Fault]
+    remarks: list[str]
+
+
+def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
+    """What is wrong with a solution, by this project's `own` errors on the level, and its u_h (n,).
+
+    A bug inside is told only if without it, and without further known bugs of the multiplier or the
+    conditions, a right solution is left. Of several such bugs those are told that need the fewest further
+    ones.
+    """
+    allowed, mu = COUNTS * own.h1, given.multiplier
+    exported = Residual(discrete, given.u, discrete.load)
+    of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
+    holds, remarks = of.inside <= allowed, [REMARK.format(how)] if how else []
+    found = list(_of_multiplier(case, mu, of, own)) if holds else []
+    if holds and all(each.explained for each in found):
+        return Judged(found, remarks)
+    told = [
+        [each.bug, *_of_multiplier(case, mu and each.multiplier(mu), each.residual, own)]
+        for each in explanations(case, of, allowed)
+        if mu is not None or not each.both
+    ]
+    told = [each for each in told if all(fault.explained for fault in each)]
+    if told:
+        fewest = min(map(len, told))
+        best = [each for each in told if len(each) == fewest]
+        return Judged([either([each[0] for each in best]), *best[0][1:]], [])
+    if holds:
+        return Judged(found, remarks)
+    inside = renumbered(case, of, u_h) or _inside(of)
+    return Judged([inside, *_against_exact(mu, of, own)], [])
+
+
+def _inside(of: Residual) -> Fault:
+    x, y = of.worst()
+    return unexplained(
+        "the equation does not hold inside the domain",
+        "the linear solve stopped too early, the load is another one, or u is not meant as P1",
+        f"the residual is {of.inside:.2g} in H1, and largest at ({x:g}, {y:g})",
+    )
+
+
+def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
+    """What is wrong with the multiplier.
+
+    u's equation at the boundary says what it has to be, and its conditions are checked.
+    """
+    if mu is None:
+        return
+    allowed, first = _allowed(of, own), plain(mu, of.discrete.mesh)
+    right = of.nearer_to(first.load)
+    misfit = of.norm(first.load - right)
+    if misfit <= allowed:
+        yield from _of_conditions(case, mu, of, allowed)
+        return
+    most = min(allowed, EXPLAINS * misfit)
+    others = list(readings(mu, of.discrete.mesh, right))
+    meant = [each for each in others if of.norm(each.load - right) <= most] or [
+        each for each in ahead(case, mu, of, right) if of.norm(each.load - right) <= most
+    ][:1]
+    if meant:
+        yield either([Fault(each.fault, "so read it fits u's equation") for each in meant])
+        reading = meant[0]
+    else:
+        fits = ((each, of.fitted(each.load, right)) for each in (first, *others))
+        reading = next((each for each, fit in fits if fit.left <= abs(fit.factor) * allowed), first)
+        yield from _scaled(reading.fault, of.fitted(reading.load, right), allowed)
+    if reading.mu is not None:
+        yield from _of_conditions(case, reading.mu, of, allowed)
+
+
+def _allowed(of: Residual, own: Errors) -> float:
+    """How much may be left at the boundary."""
+    return COUNTS * (own.hm12_lower if own.hm12_lower > ROUNDING * own.h1 else own.h1) + of.inside
+
+
+def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
+    """The faults of a multiplier that has not the right scale, if it was meant as in a reading."""
+    if fault:
+        yield Fault(fault, "so read it fits u's equation, but for a factor")
+    if fit.factor == fit.left == 0:
+        yield Fault(
+            "the multiplier is 0 everywhere, but that of u's equation is not", f"its norm is {fit.size:.2g}"
+        )
+    elif _is_scaled(fit, allowed):
+        right = f"what u's equation has, to {up(fit.left / fit.size, '.1g')}"
+        yield wrong("the multiplier", fit.factor, right)
+    elif not fault:
+        measured = f"(u, v)_1 - <lambda, v> - (f, v) is {fit.misfit:.2g} in H1"
+        yield unexplained("u and the multiplier do not fit", "", measured)
+
+
+def _is_scaled(fit: Fit, allowed: float) -> bool:
+    """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
+    of_factor = abs(fit.factor - 1) * fit.size
+    only = fit.left < of_factor and fit.left <= max(abs(fit.factor) * allowed, COUNTS * fit.misfit)
+    return only or fit.factor * fit.size < -fit.left
+
+
+def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
+    """A wrong sign of the multiplier, by the exact one, where u says nothing.
+
+    It is told only if it is surer than what is left and this project's error.
+    """
+    if mu is None:
+        return
+    fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))
+    uncertain = fit.left + own.hm12_upper
+    if fit.factor * fit.size < -uncertain:
+        yield wrong("the multiplier", fit.factor, f"the exact one, to {up(uncertain / fit.size, '.1g')}")
+
+
+def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
+    """The other conditions that u has, if it has none of those that belong to mu."""
+    missed = {}
+    for each in conditions(case, of.discrete, mu):
+        load, bound = each.multiplier_load(of.discrete, of.load, allowed)
+        missed[each.what] = of.norm(of.boundary - load) - bound
+        if missed[each.what] <= allowed:
+            return
+    nearest = min(missed, key=lambda what: missed[what])
+    most = min(allowed, EXPLAINS * missed[nearest])
+    distance = f"at least {down(missed[nearest], '.2g')} in H1"
+    measured = f"u is {distance} away from the solution with u >= g {nearest}"
+    found = set()
+    for what, each in mistaken(case, of.discrete, mu, of.u[of.discrete.mesh.boundary]):
+        load, bound = each.multiplier_load(of.discrete, of.load, most)
+        if of.norm(of.boundary - load) + bound <= most:
+            found.add(what)
+    if found:
+        yield either([Fault(what, measured) for what in sorted(found)])
+        return
+    yield unexplained(
+        "u is not the solution of the discrete problem",
+        "the iteration stopped too early, or g or the conditions are others",
+        measured,
+    )

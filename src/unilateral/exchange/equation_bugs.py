@@ -1,0 +1,165 @@
+"""Which bug explains what u leaves of the equation inside: undoing it leaves a right solution.
+
+A bug adds c times its signature to the equation's residual. With the stiffness matrix K and the mass matrix M
+
+    K u + (1 - c) M u = f       the mass term
+    (1 - c) K u + M u = f       the stiffness term
+    K u + M u = (1 + c) f       the load, the matrix or u
+    K u / 2 + 2 M u = f         areas of triangles that are twice the right ones
+
+and c is found by least squares in the dual norm of the hats inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from unilateral.arrays import Array
+from unilateral.exchange.boundary_function import Trace
+from unilateral.exchange.equation_residual import Residual, loads
+from unilateral.exchange.exported_folder import SAME
+from unilateral.exchange.fault import Fault, wrong
+from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.problems.case import Case
+
+EXPLAINS = 0.1
+"""A bug is named if at most this fraction of what is wrong is left without it.
+
+A tenth of a norm is 1 % of its square.
+"""
+NOTHING = 1e-3
+"""Less than this fraction of what may be left is as good as nothing, and not compared."""
+EXACT = 1e-6
+"""A factor below this counts as 0."""
+MIXED = 10
+"""u counts as renumbered only if its distance from the right values is more than this many times two others.
+
+These are the distance of both if they are sorted, and that of the right values from the exact ones.
+"""
+
+
+class Undone(NamedTuple):
+    """A bug, and the `residual` without it; `multiplier` makes of one that was handed in what it then is.
+
+    The bug may be one of `both`, of u and of the multiplier.
+    """
+
+    bug: Fault
+    residual: Residual
+    multiplier: Callable[[Trace], Trace] = lambda mu: mu
+    both: bool = False
+
+
+def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
+    """The residual with the load that u's equation has, and that load's name: the exported one if in doubt.
+
+    Another load has to leave no more than `allowed` inside, and hardly anything of what the exported one
+    leaves. If the exported one leaves more than `allowed` inside, that is compared inside. Else it is
+    compared on V_h, beside the boundary load mu (nb,) of the multiplier, if there is one.
+    """
+    beside = None if exported.inside > allowed else mu
+    left = exported.whole(beside)
+    if left <= NOTHING * allowed:
+        return exported, ""
+    best, of_best = (exported, ""), EXPLAINS * left
+    for name, load in loads(case, exported.discrete):
+        of = replace(exported, load=load)
+        if np.isfinite(load).all() and of.inside <= allowed and (left := of.whole(beside)) < of_best:
+            best, of_best = (of, name), left
+    return best
+
+
+def explanations(case: Case, plain: Residual, allowed: float) -> list[Undone]:
+    """The bugs that, undone, leave no more than `allowed` and hardly anything of the `plain` residual."""
+    most = min(allowed, EXPLAINS * plain.inside)
+    for _, load in loads(case, plain.discrete):
+        if np.isfinite(load).all():
+            of = Residual(plain.discrete, plain.u, load)
+            found = [each for each in _bugs(of) if each.residual.inside <= most]
+            if found:
+                return _best(found, most)
+    return list(_exchanged(plain, most))
+
+
+def _best(found: list[Undone], most: float) -> list[Undone]:
+    """The bugs that, undone, leave not clearly more than another one does."""
+    left = [each.residual.inside for each in found]
+    least = max(min(left) / EXPLAINS, NOTHING * most)
+    return [each for each, of_each in zip(found, left, strict=True) if of_each <= least]
+
+
+def _bugs(of: Residual) -> Iterator[Undone]:
+    K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
+    for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
+        c = of.share(signature)
+        without = of.plus(c * signature)
+        yield Undone(_factor(f"the {term}", 1 - c, signature, without), without)
+    areas = 0.5 * K_u - M_u
+    fault = Fault("the triangles' areas are twice the right ones", "(grad u, grad v) / 2 + 2 (u, v) fits f")
+    yield Undone(fault, of.plus(areas))
+    yield from _of_load(of)
+
+
+def _of_load(of: Residual) -> Iterator[Undone]:
+    """What may have a wrong factor, if (u, v)_1 = factor (f, v) inside."""
+    factor = 1 + of.share(of.load)
+    scaled = Residual(of.discrete, of.u, factor * of.load)
+    load = _factor("the load (f, v)", factor, of.load, scaled)
+    yield Undone(load, scaled)
+    if load.what.endswith("missing"):
+        return
+    if factor > 0:
+        yield Undone(wrong("the matrix of (u, v)_1", 1 / factor), scaled, lambda mu: mu.times(factor))
+    divided = Residual(of.discrete, of.u / factor, of.load)
+    yield Undone(wrong("u", factor), divided)
+    yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor), True)
+
+
+def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
+    """The fault that a term (n,) has a wrong factor.
+
+    The term is missing if the factor is 0 as exactly as what is left lets see.
+    """
+    size = of.size(term)
+    if abs(factor) * size <= of.inside + EXACT * size:
+        return Fault(f"{name} is missing", "the equation holds inside without it")
+    return wrong(name, factor)
+
+
+def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:
+    """The bug that x and y are exchanged, where the mesh is its own mirror image."""
+    mesh = plain.discrete.mesh
+    distance, node = cKDTree(mesh.points).query(mesh.points[:, ::-1])
+    if distance.max() > SAME * mesh.h:
+        return
+    of = Residual(plain.discrete, plain.u[node], plain.load)
+    if of.inside <= most:
+        bug = Fault("x and y are exchanged", "the equation holds inside at (y, x)")
+        yield Undone(bug, of, lambda mu: mu.carried(mesh, node))
+
+
+def renumbered(case: Case, plain: Residual, u_h: Array) -> Fault | None:
+    """The fault of another numbering, if the sorted values are nearly those of u_h (n,).
+
+    They have to be as near to these as these are to the exact ones. All distances are root mean squares over
+    the nodes. Sorted values are never farther apart than values at the nodes, so a right solution passes,
+    however numbered. Twice the distance is allowed, as another method may err twice as much.
+    """
+    exact = case.value_and_gradient(plain.discrete.mesh.points)[0]
+    own, here = _rms(u_h - exact), _rms(plain.u - u_h)
+    ordered = _rms(np.sort(plain.u) - np.sort(u_h))
+    if ordered > 2 * own or here <= MIXED * max(own, ordered):
+        return None
+    return Fault(
+        "the values of u are right, but at other nodes: x, y and u are numbered differently",
+        f"u differs from the right values by {here:.2g}, and by {ordered:.2g} if both are sorted",
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,208 @@
+"""An exported folder, and what another solver hands in for one of its levels."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
+from unilateral.exchange.boundary_function import Trace, constant, continuous, of_reactions
+from unilateral.exchange.foreign_files import Handed, handed
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_files import read as read_mesh
+from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition_files import read as read_partition
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems import case as cases
+from unilateral.problems.case import Case
+
+LARGEST = 1e100
+"""Values have to be below this, so that squares of errors do not overflow."""
+SAME = 1e-6
+"""Places whose distance is at most this fraction of h are the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedLevel:
+    """One level of an exported folder."""
+
+    name: str
+    mesh: Mesh
+    cells: Partition
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """u (n,) at the nodes of a level, and a multiplier if there is one; `kind` says what it was."""
+
+    file: str
+    level: ExportedLevel
+    u: Array
+    multiplier: Trace | None
+    kind: str
+
+
+def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]:
+    """What `export` wrote. Raises InputError with the file that is missing or damaged."""
+    folder = Path(folder)
+    try:
+        problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
+        polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
+        found = cases.load(folder / f"{problem['case']}.yaml", polygon, problem["side"])
+        case = replace(found, free_sides=tuple(problem["free_sides"]))
+        return case, [_level(folder, case, str(entry["folder"])) for entry in problem["levels"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder}: this is no folder that 'unilateral export' wrote ({error})") from error
+
+
+def _level(folder: Path, case: Case, name: str) -> ExportedLevel:
+    mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
+    return ExportedLevel(name, mesh, read_partition(folder / name / "partition.csv", case.polygon))
+
+
+def foreign(levels: list[ExportedLevel], file: str, multiplier: str | None = None) -> Foreign:
+    """The solution in a file, on the level whose nodes it has; its multiplier may be in another file.
+
+    Raises InputError for missing points, another mesh, values that are not finite, and what cannot be read.
+    """
+    found = handed(file)
+    points = found.points
+    if points is None or "u" not in found.nodal:
+        raise InputError(f"{file}: x, y and u are needed, at all nodes of a level")
+    if multiplier is not None:
+        cells = handed(multiplier).cells
+        if cells is None:
+            raise InputError(
+                f"{multiplier}: the columns start, end and multiplier are needed, a row per cell"
+            )
+        found = found._replace(cells=cells)
+    level, node = _matched(levels, points, file)
+    values = {name: _at_nodes(level, node, found, name, file) for name in found.nodal}
+    trace, kind = _multiplier(level, node, found, values, multiplier or file)
+    return Foreign(file, level, values["u"], trace, kind)
+
+
+def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[ExportedLevel, Index]:
+    """The level, and the node of each point (k,)."""
+    wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if wrong.size:
+        raise InputError(
+            f"{file}: point {wrong[0]} has the place {_place(points, wrong)}; numbers are needed"
+        )
+    near = [cKDTree(level.mesh.points).query(points) for level in levels]
+    off = [distance > SAME * level.mesh.h for level, (distance, _) in zip(levels, near, strict=True)]
+    absent = [
+        np.setdiff1d(np.arange(level.mesh.n_nodes), node[~far])
+        for level, (_, node), far in zip(levels, near, off, strict=True)
+    ]
+    best = int(np.argmin([far.sum() + len(lost) for far, lost in zip(off, absent, strict=True)]))
+    level, far, lost = levels[best], np.flatnonzero(off[best]), absent[best]
+    if far.size:
+        raise InputError(
+            f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of {level.name}, the "
+            f"nearest level, the first at {_place(points, far)}; solve on the mesh that was exported"
+        )
+    if lost.size:
+        raise InputError(
+            f"{file}: {lost.size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, the first "
+            f"at {_place(level.mesh.points, lost)}; u is needed at all of them"
+        )
+    return level, near[best][1]
+
+
+def _place(points: Array, index: Index) -> tuple[float, ...]:
+    """The first of those points."""
+    return tuple(points[index[0]].tolist())
+
+
+def _at_nodes(level: ExportedLevel, node: Index, found: Handed, name: str, file: str) -> Array:
+    """(n,) values at the nodes; multipliers are needed on the boundary only."""
+    given = found.nodal[name]
+    needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
+    wrong = np.flatnonzero(~(np.abs(given) < LARGEST) & needed)
+    if wrong.size:
+        k, place = wrong[0], level.mesh.points[node[wrong[0]]]
+        raise InputError(
+            f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; "
+            f"a number below {LARGEST:g} is needed"
+        )
+    values = np.zeros(level.mesh.n_nodes)
+    values[node] = given
+    twice = np.flatnonzero((values[node] != given) & needed)
+    if twice.size:
+        place = _place(level.mesh.points, node[twice])
+        raise InputError(f"{file}: {name} has two values at {place}; one is needed")
+    return values
+
+
+def _multiplier(
+    level: ExportedLevel, node: Index, found: Handed, values: dict[str, Array], file: str
+) -> tuple[Trace | None, str]:
+    mesh = level.mesh
+    given = [found.cells is not None, found.edges is not None, "multiplier" in values, "reaction" in values]
+    if sum(given) > 1:
+        raise InputError(f"{file}: there is more than one multiplier; hand in one")
+    if found.cells is not None:
+        return _of_cells(mesh, *found.cells, file), "constant on cells"
+    if found.edges is not None:
+        ends, at = found.edges
+        return constant(
+            Partition(mesh.polygon, mesh.s), _on_edges(mesh, node[ends], at, file)
+        ), "constant on edges"
+    if "multiplier" in values:
+        return continuous(mesh, values["multiplier"][mesh.boundary]), "linear on edges"
+    if "reaction" in values:
+        return of_reactions(
+            mesh, values["reaction"][mesh.boundary]
+        ), "reactions, made a function by the mass matrix"
+    return None, "none"
+
+
+def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) -> Trace:
+    order = np.argsort(start)
+    start, end, values = start[order], end[order], values[order]
+    apart = np.flatnonzero(np.abs(start[1:] - end[:-1]) > SAME * mesh.h)
+    if apart.size:
+        raise InputError(
+            f"{file}: a cell ends at s = {end[apart[0]]:g}, the next begins at {start[apart[0] + 1]:g}"
+        )
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST))
+    if wrong.size:
+        raise InputError(
+            f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}; "
+            f"a number below {LARGEST:g} is needed"
+        )
+    try:
+        cells = partitions.from_points(mesh.polygon, np.append(start, end[-1:]))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    return constant(cells, values)
+
+
+def _on_edges(mesh: Mesh, ends: Index, values: Array, file: str) -> Array:
+    """(nb,) values of boundary edges, from line cells with those end nodes (k, 2) in any order."""
+    nb, at = len(mesh.boundary), np.full(mesh.n_nodes, -1)
+    at[mesh.boundary] = np.arange(nb)
+    first, last = at[ends].T
+    edge = np.where((first + 1) % nb == last, first, last)
+    wrong = np.flatnonzero(
+        (first < 0) | (last < 0) | ((edge + 1) % nb != np.where(edge == first, last, first))
+    )
+    if wrong.size:
+        raise InputError(f"{file}: line cell {wrong[0]} is no boundary edge of the mesh")
+    found = np.full(nb, np.nan)
+    found[edge] = values
+    wrong = np.flatnonzero(~(np.abs(found) < LARGEST))
+    if wrong.size:
+        place = _place(mesh.points, mesh.boundary[wrong])
+        raise InputError(
+            f"{file}: the boundary edge from {place} has no multiplier, or none below {LARGEST:g}"
+        )
+    return found

@@ -1,0 +1,155 @@
+"""P2 on a mesh, in the hierarchical basis: the hats psi_i, and a bubble 4 psi_i psi_j on every edge.
+
+On a triangle bubble i is that of the nodes i and i + 1. Between hats and bubbles there is an angle that no
+refinement makes smaller, and the bubbles nearly decouple: a rough inverse for the hats and the diagonal for
+the bubbles precondition both matrices, however fine the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from unilateral.arrays import Array, Index, Int32, Mask
+from unilateral.fem.conjugate_gradients import Descent, rough_inverse
+from unilateral.fem.p1 import edge_load, gradients
+from unilateral.geometry.mesh import Mesh
+
+HATS = (np.ones((3, 3)) + np.eye(3)) / 12
+BUBBLES = (np.ones((3, 3)) + np.eye(3)) * 4 / 45
+MIXED = (1 + np.eye(3) + np.eye(3)[[1, 2, 0]]) / 15
+"""On a triangle of area 1, HATS, BUBBLES and MIXED are (., .)_0 of hats, of bubbles, of bubbles with hats."""
+MASS = np.block([[HATS, MIXED.T], [MIXED, BUBBLES]])
+AT_NODES = np.zeros((3, 3, 6))
+"""AT_NODES[e, a, c] is the coefficient of grad psi_a at node e in the gradient of the basis function c."""
+for _i, _j in ((0, 1), (1, 2), (2, 0)):
+    AT_NODES[:, _i, _i], AT_NODES[_i, _j, 3 + _i], AT_NODES[_j, _i, 3 + _i] = 1, 4, 4
+STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
+"""STIFFNESS[a, b, c, d] is the coefficient of grad psi_a . grad psi_b in (grad ., grad .)_0.
+
+This is for the basis functions c and d on a triangle of area 1.
+"""
+
+
+def linear_squares(areas: Array, values: Array) -> Array:
+    """(k,) squared L2 norms of functions linear on triangles, from the values (k, 3, ...) at the nodes."""
+    own, of_sums = ((a**2).sum(axis=tuple(range(1, a.ndim))) for a in (values, values.sum(axis=1)))
+    return np.asarray(areas / 12 * (own + of_sums))
+
+
+def squares(areas: Array, hats: Array, bubbles: Array) -> Array:
+    """(k,) squared L2 norms, from the coefficients (k, 3, ...) on triangles."""
+    a, b = (values.reshape(len(values), 3, -1) for values in (hats, bubbles))
+    return np.asarray(areas * np.sum(HATS @ a * a + BUBBLES @ b * b + 2 * (MIXED @ a) * b, axis=(1, 2)))
+
+
+def slopes_at_nodes(slopes: Array, hats: Array, bubbles: Array) -> Array:
+    """(k, 3, 2) gradients at the nodes, from the `slopes` (k, 3, 2) of the hats and coefficients (k, 3).
+
+    grad 4 psi_i psi_j is 4 grad psi_j at i, and 4 grad psi_i at j.
+    """
+    linear = np.einsum("tid,ti->td", slopes, hats)[:, None]
+    after, before = np.roll(slopes, -1, axis=1), np.roll(slopes, 1, axis=1)
+    of_before = np.roll(bubbles, 1, axis=1)[..., None] * before
+    return np.asarray(linear + 4 * (bubbles[..., None] * after + of_before))
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """P2 on a mesh: the `unknowns` (m, 6) of every triangle, those of hats first, and `slopes` (m, 3, 2).
+
+    The slopes are the hats' gradients. `of_boundary` (2 nb,) are the unknowns of the boundary nodes, then
+    those of the boundary edges; `size` is the number of all unknowns.
+    """
+
+    mesh: Mesh
+    unknowns: Int32
+    slopes: Array
+    of_boundary: Index
+    size: int
+
+    def of_hats(self, v_h: Array) -> Array:
+        """(size,) the coefficients of a function (n,) of V_h."""
+        return np.append(v_h, np.zeros(self.size - len(v_h)))
+
+    def coefficients(self, v: Array) -> tuple[Array, Array]:
+        """(m, 3), (m, 3) the coefficients of hats and of bubbles on the triangles."""
+        of = v[self.unknowns]
+        return of[:, :3], of[:, 3:]
+
+    def gradient(self, v: Array) -> Array:
+        """(m, 3, 2) the gradient of v at the nodes of the triangles."""
+        return slopes_at_nodes(self.slopes, *self.coefficients(v))
+
+    def norm(self, v: Array) -> float:
+        """||v||_1."""
+        of_gradient = linear_squares(self.mesh.areas, self.gradient(v))
+        return math.sqrt(float((of_gradient + squares(self.mesh.areas, *self.coefficients(v))).sum()))
+
+    def assembled(self, of_triangles: Array) -> Array:
+        """(size,) the sums over the triangles of values (m, 6) that belong to their unknowns."""
+        return np.bincount(self.unknowns.ravel(), of_triangles.ravel(), self.size).astype(float)
+
+    def load(self, values: Array) -> Array:
+        """(size,) the load of an f that is linear on every triangle, with the values (m, 3) at its nodes."""
+        return self.assembled(self.mesh.areas[:, None] * (values @ MASS[:3]))
+
+    def edge_load(self, values: Array) -> Array:
+        """(size,) the load of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
+        found = self.of_hats(edge_load(self.mesh, values))
+        found[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
+        return found
+
+    def load_of_gradients(self, hats: Array, bubbles: Array) -> Array:
+        """(size,) the products of the basis functions' gradients with a field.
+
+        On triangles the field has the coefficients `hats` and `bubbles` (m, 3, 2).
+        """
+        moments = self.mesh.areas[:, None, None] * (HATS @ hats + MIXED.T @ bubbles)
+        along = moments @ self.slopes.transpose(0, 2, 1)
+        return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
+
+    def matrix(self, mass: float) -> sp.csr_array:
+        """(size, size) the matrix of (grad ., grad .)_0 plus `mass` times (., .)_0."""
+        products = (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
+        blocks = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
+        rows, columns = np.repeat(self.unknowns, 6, axis=1).ravel(), np.tile(self.unknowns, (1, 6)).ravel()
+        return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(self.size, self.size)).tocsr()
+
+    def free(self, contact: Mask) -> sp.csr_array:
+        """(size, k) a basis of functions that vanish in `contact` (2 nb,): boundary nodes, then midpoints.
+
+        At a midpoint in contact the bubble takes back half of each hat at the ends of its edge.
+        """
+        nodes, middles = np.split(self.of_boundary, 2)
+        fixed = np.zeros(self.size, dtype=bool)
+        fixed[self.of_boundary[contact]] = True
+        here = np.flatnonzero(contact[len(nodes) :])
+        rows, ends = np.tile(middles[here], 2), np.append(nodes[here], np.roll(nodes, -1)[here])
+        back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
+        return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
+
+    def descent(self, A: sp.csr_array, load: Array, start: Array, free: sp.csr_array) -> Descent:
+        """The descent to the x (k,) for which v = start + free x has the least v . A v - 2 load . v.
+
+        `free` is (size, k).
+        """
+        own, n = (free.T @ A @ free).tocsr(), free[: self.mesh.n_nodes].nnz
+        of_hats, diagonal = rough_inverse(own[:n, :n].tocsr()), own.diagonal()[n:]
+        zero, rhs = np.zeros(free.shape[1]), free.T @ (load - A @ start)
+        return Descent(own, rhs, zero, lambda r: np.append(of_hats(r[:n]), r[n:] / diagonal))
+
+
+def quadratic(mesh: Mesh) -> Quadratic:
+    """P2 on a mesh."""
+    n, edges, of = mesh.n_nodes, mesh.opposite_edges[:, [2, 0, 1]], mesh.triangulation
+    return Quadratic(
+        mesh,
+        unknowns=np.concatenate([mesh.triangles, n + edges], axis=1).astype(np.int32),
+        slopes=gradients(mesh),
+        of_boundary=np.concatenate([mesh.boundary, n + of.boundary]),
+        size=n + len(of.ends),
+    )

@@ -1,0 +1,107 @@
+"""Pieces of triangles with coordinates that cancel: f is known at the places, not at the rounded ones."""
+
+from fractions import Fraction
+from math import comb, factorial
+
+import numpy as np
+from test_source import Source
+
+from unilateral.bounds import source_jumps, source_pieces
+from unilateral.bounds.polynomial_means import ORDER, hat_means
+from unilateral.formulas.expression import Atom
+from unilateral.formulas.taylor import Model, basis
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.curves import Kink
+from unilateral.geometry.polygon import Polygon
+
+K = 40
+
+
+def mean_of(i, j):
+    """That of sigma_1^i sigma_2^j on a triangle, exactly: 2 a! b! / (a + b + 2)! for hats to the a and b."""
+    terms = (
+        (a, b, Fraction(2 * factorial(a) * factorial(b), factorial(a + b + 2)))
+        for a in range(i + 1)
+        for b in range(j + 1)
+    )
+    return sum(comb(i, a) * comb(j, b) * 2 ** (a + b) * (-1) ** (i + j - a - b) * of for a, b, of in terms)
+
+
+def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
+    """f = x on pieces near x = 0 of a large triangle; their barycentric corners are exact, sums of 2^-40.
+
+    x at the corners, by rational numbers, is within the bound of |f - p|. Control: p is off by more than the
+    rounding of numbers as small as that.
+    """
+    x, y = np.array([-1e6 / 3, 1e6 / 3 + 0.1, 0.3]), np.array([-1e6 / 7, -1e6 / 7, 1e6 / 3])
+    points, unit = np.column_stack([x, y]), 2.0**-40
+    mesh = meshes.from_arrays(Polygon(points, "large"), points, [[0, 1, 2]])
+    of_mesh = x[mesh.triangles[0]].tolist()
+    first = 1 / 3 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, (K, 2))
+    first = unit * np.round(first / unit)
+    first = np.column_stack([first, 1 - first.sum(axis=1)])
+    corners = np.stack([first, first + 9e4 * unit * np.array([1, -1, 0]), first], axis=1)
+    corners[:, 2] += 9e4 * unit * np.array([0, 1, -1])
+    assert np.all(corners.sum(axis=2) == 1)
+    found, worst = source_pieces.on_block(mesh, corners, np.zeros(K, dtype=int), Source("x")), 0.0
+    for k, known in enumerate(np.sqrt(found.squares / found.outer)):
+        c, *slopes = (Fraction(float(each)) for each in found.c[:3, k])
+        at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
+        for p, weights in zip(at_corners, found.corners[k].tolist(), strict=True):
+            exact = sum(Fraction(b) * Fraction(each) for b, each in zip(weights, of_mesh, strict=True))
+            assert abs(p - exact) <= known
+            worst = max(worst, float(abs(p - exact)))
+    assert worst > 1e-12
+
+
+def means_with_hats(i, j):
+    """Of sigma_1^i sigma_2^j: the hats are (1 + sigma_1)/2, (1 + sigma_2)/2 and what is left of 1."""
+    one, first, second = mean_of(i, j), mean_of(i + 1, j), mean_of(i, j + 1)
+    return -(first + second) / 2, (one + first) / 2, (one + second) / 2
+
+
+def test_the_rounding_of_sums_over_p_is_known():
+    """Of its means with hats, against rational numbers."""
+    of, rng = basis(2, ORDER), np.random.default_rng(1)
+    c = rng.standard_normal((len(of.degree), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
+    zero = np.zeros(c.shape[1])
+    known = source_pieces._known(Model(of, c, zero, (zero, zero)))
+    exact = zip(*(means_with_hats(*powers) for powers in of.exponents.tolist()), strict=True)
+    off = [
+        abs(Fraction(float(found)) - sum(w * Fraction(float(x)) for w, x in zip(row, column, strict=True)))
+        / Fraction(float(at_most))
+        for row, values in zip(exact, hat_means() @ c, strict=True)
+        for found, column, at_most in zip(values, c.T, known, strict=True)
+    ]
+    assert 1e-3 < max(off) <= 1
+
+
+def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
+    """Points on a circle far from the origin but for rounding, each a piece; it puts them on either side."""
+    kink, angle = Kink((1e6 / 3, 1e6 / 7), 0.3), np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
+    points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
+    _, wrong = source_jumps.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
+    assert not np.isnan(wrong[Atom("step")]).any()
+    level = kink.level(points)
+    assert (level > 0).any()
+    assert (level < 0).any()
+
+
+def test_two_jumps_that_are_wrong_at_once():
+    """f is 1 in both of two discs that are nearly the same, on a small triangle that their arcs cross.
+
+    In pieces beside the chords p is 0, and each step alone changes nothing; ||f - p|| by points of a grid.
+    """
+    near = "pos(1/16 - (x - 1/2 - 1/{})**2 - (y - 1/2)**2, 0)"
+    of = Source(f"{near.format(10**9)}*{near.format(10**5)}")
+    triangle = np.array([[0.74, 0.49], [0.76, 0.49], [0.75, 0.51]])
+    mesh = meshes.from_arrays(Polygon(triangle, "small"), triangle, [[0, 1, 2]])
+    found, _ = source_pieces.polynomials(mesh, np.eye(3)[None], np.zeros(1, dtype=int), of)
+    u = (np.stack(np.meshgrid(*2 * [np.arange(1000)]), axis=-1).reshape(-1, 2) + 0.5) / 1000
+    u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
+    hats = np.column_stack([1 - u.sum(axis=1), u])
+    values = (of.value(*(hats @ corners @ triangle).T)[0] for corners in found.corners)  # a piece at a time
+    squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
+    norms, areas = np.sqrt(squares * source_pieces.areas(mesh, found)), source_pieces.areas(mesh, found)
+    assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
+    assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))

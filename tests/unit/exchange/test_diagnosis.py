@@ -1,0 +1,362 @@
+"""Deliberately spoilt solutions of `natural` on h = 1/16, H = 1/8: each is named, gross and small.
+
+docs/own-solver.md says from which size on (`SMALLEST`); half of that passes, so that the sizes are no larger
+than they are said to be. What is right stays unnamed, in whatever way it was made.
+"""
+
+import re
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT, discrete, load
+
+from unilateral.discrete.condensed import solve
+from unilateral.exchange.boundary_function import constant, continuous, of_reactions
+from unilateral.exchange.diagnosis import judged
+from unilateral.exchange.discrete_conditions import Equal, Reversed, conditions
+from unilateral.exchange.equation_residual import Residual, loads
+from unilateral.exchange.exported_folder import ExportedLevel, Foreign
+from unilateral.exchange.score import score
+from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.stop import Stop
+
+N, M = 16, 8
+SMALLEST = {
+    "u times 1 + s": (8e-4, "or u has the wrong scale"),
+    "λ times 1 + s": (1e-5, "the multiplier has the wrong scale"),
+    "λ and ± s max λ from cell to cell": (1e-4, "do not fit"),
+    "g + s in place of g": (2e-4, "or g or the conditions are others"),
+    "Uzawa's steps, stopped at s of the error of λ": (0.02, "the iteration stopped too early"),
+    "Jacobi's steps, stopped at s of the error of u": (0.02, "the linear solve stopped too early"),
+}
+GROSS = {
+    "u times 1 + s": 0.2,
+    "λ times 1 + s": 0.2,
+    "λ and ± s max λ from cell to cell": 0.1,
+    "g + s in place of g": 0.1,
+}
+
+
+def problem():
+    return discrete("natural", N, M)
+
+
+@cache
+def own():
+    """u, lambda_H and the errors of this project."""
+    solved = solve(problem())
+    return solved.u_h, solved.lambda_H, score(load("natural"), given(solved.u_h)).own
+
+
+def given(u, mu=None):
+    return Foreign("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
+
+
+def told(u, mu=None):
+    found = judged(load("natural"), given(u, mu), problem(), own()[2], own()[0])
+    return [str(fault) for fault in found.faults]
+
+
+def on_cells(values):
+    return constant(problem().partition, values)
+
+
+def spoilt(how, s):
+    """u and a multiplier."""
+    u, mu, errors = own()
+    if how.startswith("u times"):
+        return (1 + s) * u, None
+    if how.startswith("λ times"):
+        return u, on_cells((1 + s) * mu)
+    if how.startswith("λ and"):
+        return u, on_cells(mu + s * mu.max() * (-1.0) ** np.arange(len(mu)))
+    if how.startswith("g"):
+        of = problem()
+        other = replace(of, offset=of.offset - s, g_means=of.g_means + s, exact=None, data=None)
+        found = solve(other, Stop(tolerance=1e-7))
+        return found.u_h, on_cells(found.lambda_H)
+    return uzawa(s * errors.hm12_lower) if how.startswith("Uzawa") else (jacobi(s * errors.h1), on_cells(mu))
+
+
+def uzawa(distance):
+    """The first of Uzawa's iterates from 0 for whose u ||u - u_h||_1 is at most that distance."""
+    of, operator = problem(), problem().spaces.operator
+    exact = active_set(operator, of.offset, 1e-10).lambda_H
+    mu = np.zeros(len(of.offset))
+    while np.linalg.norm(operator.half @ (mu - exact)) > distance:
+        mu = np.maximum(0, mu - operator.gap(mu, of.offset) / operator.lambda_max)
+    return of.spaces.response(of.load, mu), on_cells(mu)
+
+
+def jacobi(distance):
+    """The first of Jacobi's iterates from 0 inside, u_h on the boundary, that is as near to u_h."""
+    of, (u_h, _, _) = problem(), own()
+    A, boundary = of.spaces.condensed.A, of.mesh.boundary
+    u, inside = np.zeros(len(u_h)), np.setdiff1d(np.arange(len(u_h)), boundary)
+    u[boundary] = u_h[boundary]
+    while (u - u_h) @ (A @ (u - u_h)) > distance**2:
+        u[inside] += ((of.load - A @ u) / A.diagonal())[inside]
+    return u
+
+
+@pytest.mark.parametrize("how", SMALLEST)
+def test_a_spoilt_solution_is_named_from_the_size_on_that_is_documented(how):
+    """A threshold of half the error, in place of 1 %, would miss all of the small ones."""
+    size, fault = SMALLEST[how]
+    assert f"| {how} | {size:g} |" in (ROOT / "docs/own-solver.md").read_text()
+    for s in (GROSS.get(how, 0.1), size):
+        assert any(fault in each for each in told(*spoilt(how, s)))
+    assert told(*spoilt(how, size / (4 if size == 0.02 else 2))) == []
+
+
+def solutions_with(conditions_of):
+    """u, reactions (nb,) and what is >= 0, for all conditions that a multiplier may belong to."""
+    of = problem()
+    for each in conditions(load("natural"), of, conditions_of):
+        reactions, bound = each.multiplier_load(of, of.load, 1e-9)
+        assert bound <= 1e-9
+        total = of.load.copy()
+        total[of.mesh.boundary] += reactions
+        yield of.spaces.condensed.solve(total), reactions, each.what
+
+
+def on_edges():
+    return continuous(problem().mesh, np.zeros(len(problem().mesh.boundary)))
+
+
+def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
+    """Both are solutions of discrete problems; a lumped multiplier is a function that fits no u."""
+    masses = boundary_mass(problem().mesh).sum(axis=1)
+    seen = []
+    for u, reactions, what in solutions_with(on_edges()):
+        seen.append(what)
+        assert told(u, of_reactions(problem().mesh, reactions)) == []
+        (fault,) = told(u, continuous(problem().mesh, reactions / masses))
+        assert "lumped" in fault
+        for factor in (-1, 1.01):
+            lumped, scaled = told(u, continuous(problem().mesh, factor * reactions / masses))
+            assert "lumped" in lumped
+            assert f"{factor:g} times" in scaled
+    assert seen == ["at the nodes", "tested against each hat function"]
+
+
+def test_the_conditions_are_what_they_say():
+    """Signs and complementarity, by g itself: its values, and Simpson's rule on each half of an edge."""
+    mesh, case = problem().mesh, load("natural")
+    starts = mesh.polygon.starts[mesh.side]
+    for u, reactions, what in solutions_with(on_edges()):
+        value = u[mesh.boundary]
+        if what == "at the nodes":
+            exact, _, gap = case.boundary(mesh.side, mesh.s[:-1] - starts)
+            gaps = value - (exact - gap)
+        else:
+            mu = np.linalg.solve(boundary_mass(mesh).toarray(), reactions)
+            reactions, gaps = mu, moments(mesh, case, value)
+        # The case's transition is at a node; Simpson's rule is of fourth order but for a power 3/2 there.
+        assert reactions.min() >= -1e-10
+        assert gaps.min() >= -1e-5
+        assert np.abs(reactions * gaps).max() <= 1e-5
+
+
+def moments(mesh, case, value):
+    """Integrals of (v - g) phi_j, v P1 with the values (nb,)."""
+    found, k = np.zeros(len(value)), 40
+    x = (np.arange(k) + 0.5) / k
+    for edge, length in enumerate(np.diff(mesh.s)):
+        side = np.full(k, mesh.side[edge])
+        s = mesh.s[edge] - mesh.polygon.starts[mesh.side[edge]] + x * length
+        exact, _, gap = case.boundary(side, s)
+        after = (edge + 1) % len(value)
+        difference = (1 - x) * value[edge] + x * value[after] - (exact - gap)
+        found[edge] += length / k * np.sum(difference * (1 - x))
+        found[after] += length / k * np.sum(difference * x)
+    return found
+
+
+def test_a_multiplier_on_parts_of_the_exported_cells_may_belong_to_these():
+    """lambda_H as values on edges is the same function; with means over edges it would be another one."""
+    u, mu, _ = own()
+    edges = on_edges().cells
+    assert told(u, constant(edges, np.repeat(mu, N // M))) == []
+
+
+def test_f_by_its_values_at_the_nodes_is_no_fault():
+    """The load M f is a choice of quadrature: its error is the solution's, and is scored, not named.
+
+    On `thirds`, whose f a mesh of this size sees badly: taken for the exported load it would be named.
+    """
+    case, of = load("thirds"), discrete("thirds", N, M)
+    interpolated = stiffness_and_mass(of.mesh)[1] @ case.source(of.mesh.points)
+    trace = of.spaces.condensed.solve(interpolated)[of.mesh.boundary]
+    offset = of.spaces.B @ trace / of.partition.lengths - of.g_means
+    other = replace(of, load=interpolated, offset=offset, exact=None, data=None)
+    found = solve(other, Stop(tolerance=1e-7))
+    level = ExportedLevel("level_0", of.mesh, of.partition)
+    one = score(case, Foreign("file", level, found.u_h, constant(of.partition, found.lambda_H), ""))
+    assert Residual(of, found.u_h, of.load).inside > 0.01 * one.own.h1
+    assert one.faults == []
+
+
+def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
+    """For constants all of them; those of f interpolated, and of the edges' midpoints, also for x and y.
+
+    By the mass matrix, which integrates products of P1 functions; the others must differ.
+    """
+    of, mass = problem(), stiffness_and_mass(problem().mesh)[1]
+    for f, exact in ((lambda p: 1 + 0 * p[:, 0], 4), (lambda p: 1 + 2 * p[:, 0] - 3 * p[:, 1], 2)):
+        found = [load for name, load in loads(SimpleNamespace(source=f), of) if name]
+        right = [np.allclose(load, mass @ f(of.mesh.points), rtol=0, atol=1e-15) for load in found]
+        assert (len(found), sum(right), right[0], right[-1]) == (4, exact, True, True)
+
+
+def test_another_numbering_is_named_and_two_swapped_nodes_are_placed():
+    """All values in reverse; and two inner ones exchanged, about which the equation holds least."""
+    u, mesh = own()[0], problem().mesh
+    (fault,) = told(u[::-1])
+    assert "at other nodes" in fault
+    one, other = (int(np.argmin(np.hypot(*(mesh.points - at).T))) for at in ([0.25, 0.25], [0.75, 0.5]))
+    swapped = u.copy()
+    swapped[[one, other]] = u[[other, one]]
+    (fault,) = told(swapped)
+    x, y = mesh.points[[one, other]].T
+    assert any(f"largest at ({a:g}, {b:g})" in fault for a, b in zip(x, y, strict=True))
+
+
+@pytest.mark.parametrize("size", [0.01, 0.1, 1.0])
+def test_wrong_values_are_not_called_right_ones_at_other_nodes(size):
+    """Neither where the values themselves are wrong, at whatever nodes, nor where u is smoothly another one.
+
+    What tells is the distance in L2, about 0.0025 for this project's u_h: that in H1 is 0.19.
+    """
+    u, (x, y) = own()[0], problem().mesh.points.T
+    shuffled = np.random.default_rng(4).permutation(u)
+    assert "at other nodes" in told(shuffled)[0]
+    for wrong in ((1 + size) * shuffled, u + size * np.sin(3 * x) * np.sin(2 * y)):
+        (fault,) = told(wrong)
+        assert "does not hold inside the domain, and no known bug explains it" in fault
+
+
+@pytest.mark.parametrize(("vertex", "way"), [(0, "clockwise"), (1, "anticlockwise"), (3, "clockwise")])
+def test_cells_counted_from_elsewhere_are_named(vertex, way):
+    """Values in the order of arc length from another vertex, or clockwise."""
+    u, mu, _ = own()
+    count = len(mu) // 4 * vertex
+    counted = np.roll(mu, -count) if way == "anticlockwise" else np.roll(mu[::-1], count)
+    (fault,) = told(u, on_cells(counted))
+    assert f"begins at vertex {vertex} and runs {way};" in fault
+
+
+@pytest.mark.parametrize(
+    "change", [lambda mu: mu + 1, lambda mu: np.minimum(mu, 2), lambda mu: mu.mean() + 0 * mu]
+)
+def test_no_factor_is_made_up_for_another_multiplier(change):
+    """A constant dominates the dual norm, and has much in common with lambda; but it leaves more than 1 %."""
+    u, mu, _ = own()
+    (fault,) = told(u, on_cells(change(mu)))
+    assert "do not fit" in fault
+
+
+def test_a_multiplier_of_zeros_has_no_scale():
+    """The norm of what u's equation has is that of lambda_H, and of its response in H1."""
+    u, mu, _ = own()
+    of = problem()
+    response = of.spaces.response(np.zeros_like(u), mu)
+    norm = np.sqrt(response @ (of.spaces.condensed.A @ response))
+    (fault,) = told(u, on_cells(0 * mu))
+    assert fault == f"the multiplier is 0 everywhere, but that of u's equation is not: its norm is {norm:.2g}"
+
+
+def test_the_distance_from_a_right_solution_is_a_lower_bound():
+    """As printed, by the true distance in H1; rounded to the nearest, some would not be."""
+    u_h, A = own()[0], problem().spaces.condensed.A
+    nearest_is_above = []
+    for s in np.linspace(0.01, 0.02, 5):
+        u, mu = spoilt("g + s in place of g", s)
+        (fault,) = told(u, mu)
+        distance = np.sqrt((u - u_h) @ (A @ (u - u_h)))
+        printed = float(re.search(r": u is at least (\S+) in H1 away from the solution with", fault)[1])
+        assert 0.85 * distance < printed <= distance
+        nearest_is_above.append(float(f"{distance:.2g}") > distance)
+    assert any(nearest_is_above)
+
+
+def test_what_is_not_known_of_a_factor_is_rounded_up():
+    """A multiple of lambda_H and a part orthogonal to it in the dual norm, of a known size."""
+    u, mu, _ = own()
+    operator = problem().spaces.operator
+    noise = np.random.default_rng(5).standard_normal(len(mu))
+    half_mu, half = operator.half @ mu, operator.half @ noise
+    noise -= (half @ half_mu) / (half_mu @ half_mu) * mu
+    noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.half @ noise)
+    nearest_is_below = []
+    for size in (1.2e-4, 1.4e-4, 1.7e-4):
+        (fault,) = told(u, on_cells(-2 * mu + size * noise))
+        left = float(re.search(r"wrong sign: -2 times what u's equation has, to (\S+)", fault)[1])
+        assert size < left <= 2e-4
+        nearest_is_below.append(float(f"{size:.1g}") < size)
+    assert any(nearest_is_below)
+
+
+def test_sentences_of_a_fault_have_one_colon():
+    """It stands between what is wrong and what was measured."""
+    u, mu, _ = own()
+    random = np.random.default_rng(6).standard_normal(len(u))
+    faults = [
+        *told(u + 1e-3 * random, on_cells(mu)),
+        *told(*spoilt("g + s in place of g", 0.01)),
+        *told(u, on_cells(mu + 1)),
+        *told(u, on_cells(0 * mu)),
+    ]
+    for each in (Equal, Reversed):
+        (right,) = conditions(load("natural"), problem(), on_cells(mu))
+        reactions, _ = each(**vars(right)).multiplier_load(problem(), problem().load, 1e-9)
+        total = problem().load.copy()
+        total[problem().mesh.boundary] += reactions
+        wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
+        faults += told(problem().spaces.condensed.solve(total), on_cells(wrong))
+    assert [each.count(":") for each in faults] == 6 * [1]
+    assert "explains it (perhaps the linear solve stopped too early" in faults[0]
+    assert "explains it (perhaps the iteration stopped too early" in faults[1]
+    assert "the conditions hold as equations (u = g everywhere)" in faults[4]
+    assert "the conditions are turned around (u <= g and lambda <= 0)" in faults[5]
+
+
+def test_no_factor_is_made_up_for_another_u():
+    """(1, v)_1 is nearly a multiple of an f that is nearly constant."""
+    (fault,) = told(np.ones_like(own()[0]))
+    assert "does not hold inside" in fault
+
+
+def test_a_wrong_sign_is_named_where_u_is_wrong_too():
+    """By the exact lambda, as the equation of a wrong u says nothing; a right sign is not."""
+    u, mu, _ = own()
+    spoilt_u = u + np.sin(50 * problem().mesh.points[:, 0])
+    of_u, of_lambda = told(spoilt_u, on_cells(-mu))
+    assert "does not hold inside" in of_u
+    assert "the multiplier has the wrong sign" in of_lambda
+    assert len(told(spoilt_u, on_cells(mu))) == 1
+
+
+@pytest.mark.parametrize("name", ["natural", "thirds", "full_contact", "no_contact", "singular", "rough"])
+@pytest.mark.parametrize("sizes", [(4, 2), (8, 8), (8, 3)])
+def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
+    """This project's, nodal and mortar ones: on coarse meshes, with beta = 0, and with cells that cut edges.
+
+    A test of errors' sizes would fail here: they are as large as the solution.
+    """
+    of, case = discrete(name, *sizes), load(name)
+    solved, level = solve(of), ExportedLevel("level_0", of.mesh, of.partition)
+    one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
+    assert one.faults == []
+    nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))
+    for each in conditions(case, of, nothing):
+        reactions, _ = each.multiplier_load(of, of.load, 1e-6)
+        total = of.load.copy()
+        total[of.mesh.boundary] += reactions
+        u = of.spaces.condensed.solve(total)
+        handed_in = Foreign("file", level, u, of_reactions(of.mesh, reactions), "")
+        assert judged(case, handed_in, of, one.own, solved.u_h) == ([], [])

@@ -1,0 +1,68 @@
+"""Macro-elements: what is shared, and what each stage does; `test_condense` asks for A_3 and solutions."""
+
+import numpy as np
+import pytest
+
+from unilateral.fem.condense import condense, matrix
+from unilateral.fem.macro_elements import Recursive, boundary_lines
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import refinement
+from unilateral.geometry.mesh import refine
+from unilateral.geometry.polygon import named, square
+from unilateral.geometry.structured import structured
+
+
+def shapes_of(mesh, times):
+    """The numbers of shapes and parts of the stages inside coarse triangles."""
+    stages = Recursive(refine(mesh, times)).stages
+    return [stage.inner.shape[:2] for stage in stages if stage.inner.shape[:2] != (1, 1)]
+
+
+def test_congruent_triangles_share_one_elimination_on_each_level():
+    """Eight triangles on the coarse mesh: 8 * 4^2, 8 * 4 and 8 parts of one shape, from m = 4 on."""
+    assert shapes_of(structured(square(), 1 / 2), 4) == [(1, 128), (1, 32), (1, 8)]
+
+
+def test_other_triangles_have_an_elimination_each():
+    mesh = meshes.unstructured(named("lshape"), 1 / 2)
+    t = len(mesh.triangles)
+    assert shapes_of(mesh, 3) == [(t, 4), (t, 1)]
+
+
+def test_lines_run_along_the_triangles_sides():
+    """On every level: each node is an m-th of a side after the one before, and they turn left."""
+    mesh = meshes.unstructured(square(), 1 / 2)
+    fine = refine(mesh, 3)
+    for level, lines in enumerate(boundary_lines(mesh.triangulation, 3)):
+        m = 2**level
+        corners = fine.points[lines[:, ::m]]
+        shares = np.arange(m)[:, None] / m
+        sides = np.roll(corners, -1, axis=1) - corners
+        expected = (corners[:, :, None] + shares * sides[:, :, None]).reshape(len(lines), -1, 2)
+        np.testing.assert_allclose(fine.points[lines], expected, atol=1e-15)
+        assert np.all(sides[:, 0, 0] * sides[:, 1, 1] > sides[:, 0, 1] * sides[:, 1, 0])
+
+
+def test_an_elimination_solves_up_to_rounding():
+    mesh = refine(meshes.unstructured(square(), 1 / 3), 4)
+    rhs = np.random.default_rng(1).standard_normal((mesh.n_nodes, 3))
+    x = Recursive(mesh).solve(rhs)
+    assert np.abs(matrix(mesh) @ x - rhs).max() < 1e-11 * np.abs(x).max()
+
+
+def test_the_middle_triangle_s_order_matters(monkeypatch):
+    """With its corners one further it is no longer the whole one turned, and A_3 is wrong."""
+    mesh = refine(meshes.unstructured(square(), 1 / 2), 3)
+    right = condense(mesh).A_3
+
+    *others, red = refinement.CHILDREN
+    *outer, (nodes, edges) = red
+    turned = tuple(np.roll(of, 1).tolist() for of in (nodes, edges))
+    monkeypatch.setattr(refinement, "CHILDREN", (*others, (*outer, turned)))
+    assert np.abs(Recursive(mesh).A_3 - right).max() > 1e-3 * np.abs(right).max()
+
+
+@pytest.mark.parametrize("times", [0, 1, 2, 3])
+def test_macro_elements_are_for_meshes_that_were_refined_often(times):
+    factors = condense(refine(structured(square(), 1 / 2), times)).factors
+    assert isinstance(factors, Recursive) == (times >= 3)

@@ -1,0 +1,93 @@
+"""P2 in its hierarchical basis: products against scikit-fem's, and the functions that vanish in contact."""
+
+import numpy as np
+import pytest
+import skfem
+from skfem.helpers import dot, grad
+
+from unilateral.fem.p2 import linear_squares, quadratic, squares
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.polygon import named
+
+
+@pytest.fixture(scope="module", params=["refined", "gmsh"])
+def spaces(request):
+    mesh = meshes.unstructured(named("lshape"), 0.6)
+    return quadratic(meshes.refine(mesh) if request.param == "refined" else mesh)
+
+
+def in_scikit_fem(spaces, v, f):
+    """||grad v||^2, ||v||^2, (f, v) and ((f, -2 f), grad v), f (m, 3) linear on triangles."""
+    mesh = spaces.mesh
+    p2 = skfem.Basis(
+        skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=6
+    )
+    value = np.zeros(p2.N)
+    value[p2.nodal_dofs[0]] = v[: mesh.n_nodes]
+    ends = np.sort(mesh.triangulation.ends, axis=1)
+    edge = np.lexsort(ends.T[::-1])
+    facet = np.lexsort(np.sort(p2.mesh.facets, axis=0)[::-1])
+    value[p2.facet_dofs[0, facet]] = v[ends[edge]].mean(axis=1) + v[mesh.n_nodes + edge]
+    dg = p2.with_element(skfem.ElementDG(skfem.ElementTriP1()))
+    linear = np.empty(dg.N)
+    linear[dg.element_dofs] = np.take_along_axis(f, np.argsort(mesh.triangles, axis=1), axis=1).T
+    forms = (
+        lambda w: dot(grad(w.of), grad(w.of)),
+        lambda w: w.of**2,
+        lambda w: w.f * w.of,
+        lambda w: w.f * (grad(w.of)[0] - 2 * grad(w.of)[1]),
+    )
+    given = {"of": p2.interpolate(value), "f": dg.interpolate(linear)}
+    return [skfem.Functional(form).assemble(p2, **given) for form in forms]
+
+
+def test_products_are_those_of_P2(spaces):
+    rng = np.random.default_rng(1)
+    v, f = rng.standard_normal(spaces.size), rng.standard_normal(spaces.mesh.triangles.shape)
+    energy, mass, load, along = in_scikit_fem(spaces, v, f)
+    field = f[..., None] * np.array([1.0, -2.0])
+    found = v @ (spaces.matrix(mass=0) @ v), spaces.norm(v) ** 2, v @ (spaces.matrix(mass=3) @ v)
+    assert found == pytest.approx([energy, energy + mass, energy + 3 * mass], rel=1e-12)
+    assert v @ spaces.load(f) == pytest.approx(load, rel=1e-12)
+    assert v @ spaces.load_of_gradients(field, 0 * field) == pytest.approx(along, rel=1e-12)
+
+
+def test_products_with_a_field_of_bubbles(spaces):
+    """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
+    rng = np.random.default_rng(2)
+    v, areas = rng.standard_normal(spaces.size), spaces.mesh.areas
+    field = rng.standard_normal((len(areas), 3, 2))
+    slope = spaces.gradient(v)
+    more, less = (squares(areas, slope, sign * field).sum() for sign in (1, -1))
+    assert v @ spaces.load_of_gradients(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
+
+
+def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
+    """By Simpson's rule, which is exact for linear times quadratic functions."""
+    rng, mesh = np.random.default_rng(5), spaces.mesh
+    v, flux = rng.standard_normal(spaces.size), rng.standard_normal((len(mesh.boundary), 2))
+    nodal, bubbles = np.split(v[spaces.of_boundary], 2)
+    ends = np.column_stack([nodal, np.roll(nodal, -1)])
+    middle = (ends.mean(axis=1) + bubbles) * flux.mean(axis=1)
+    exact = np.diff(mesh.s) @ (np.sum(ends * flux, axis=1) + 4 * middle) / 6
+    assert v @ spaces.edge_load(flux) == pytest.approx(exact, rel=1e-12)
+
+
+def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
+    nodes, nb = spaces.of_boundary[: len(spaces.mesh.boundary)], len(spaces.mesh.boundary)
+    contact = np.random.default_rng(3).random(2 * nb) < 0.5
+    free = spaces.free(contact)
+    v = free @ np.random.default_rng(4).standard_normal(free.shape[1])
+    middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.of_boundary[nb:]]
+    np.testing.assert_allclose(np.append(v[nodes], middle)[contact], 0, atol=1e-15)
+    assert free.shape[1] == np.linalg.matrix_rank(free.toarray()) == spaces.size - contact.sum()
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (0, 3, 2), (4, 3), (4, 3, 2)])
+def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
+    """By the rule of edge midpoints, which is exact for squares; on none there are none."""
+    rng = np.random.default_rng(6)
+    areas, values = rng.uniform(0.1, 1, shape[0]), rng.standard_normal(shape)
+    middle = 0.5 * (values + np.roll(values, 1, axis=1))
+    exact = areas * np.sum((middle**2).reshape(shape[0], int(np.prod(shape[1:]))), axis=1) / 3
+    np.testing.assert_allclose(linear_squares(areas, values), exact, rtol=1e-12)

@@ -1,0 +1,285 @@
+"""The algebraic bounds against solutions of the same matrices with 60 digits, where data nearly cancel."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from flint import acb_mat, arb, arb_mat, ctx
+
+import unilateral as ul
+from unilateral.arrays import Array, Mask
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.condensed import CondensedProblem, discretise
+from unilateral.discrete.multilevel import after, multilevel
+from unilateral.fem import rounded
+from unilateral.fem.spaces import DualOperator
+from unilateral.geometry.adapted import adapted, refined
+from unilateral.geometry.mesh import similar
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+from unilateral.solvers.algebraic_bound import certified
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import energy_bound, residual_bound
+
+DIGITS = 60
+SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+@pytest.fixture(autouse=True)
+def digits():
+    before, ctx.dps = ctx.dps, DIGITS
+    yield
+    ctx.dps = before
+
+
+class System(NamedTuple):
+    """A u = load + B^T lambda, B u >= d with lambda: double numbers, exact."""
+
+    A: sp.csr_array
+    mass: Array
+    load: Array
+    B: sp.csr_array
+    d: arb_mat
+
+
+def of(discrete) -> System:
+    """Those that the bound is for: the rows of A add up to the mass."""
+    if isinstance(discrete, CondensedProblem):
+        on, n = discrete.spaces.condensed, discrete.mesh.n_nodes
+        B = sp.csr_array((len(discrete.cells), n)).tolil()
+        B[:, discrete.mesh.boundary] = discrete.spaces.B.toarray()
+        lengths, means = discrete.spaces.operator.H_i, discrete.g_means[discrete.cells]
+        d = column([arb(H) * arb(g) for H, g in zip(lengths.tolist(), means.tolist(), strict=True)])
+        return System(on.for_products, on.mass, discrete.load, B.tocsr(), d)
+    finest = discrete.grids.finest
+    return System(finest.of.A, finest.of.mass, finest.load, finest.cells.B, column(finest.d.tolist()))
+
+
+def column(numbers) -> arb_mat:
+    return arb_mat([[number] for number in numbers])
+
+
+def exact(numbers: Array) -> arb_mat:
+    return arb_mat(numbers.tolist())
+
+
+def stiffness(system: System) -> arb_mat:
+    """A with the diagonal that makes its rows add up to the mass."""
+    A = system.A.toarray()
+    np.fill_diagonal(A, 0.0)
+    found = exact(A)
+    for i, m in enumerate(system.mass.tolist()):
+        found[i, i] = arb(m) - sum((found[i, j] for j in np.flatnonzero(A[i]).tolist()), arb(0))
+    return found
+
+
+class Exact(NamedTuple):
+    A: arb_mat
+    B: arb_mat
+    u: arb_mat
+    lambda_: arb_mat
+
+    def errors(self, u: Array, lambda_H: Array) -> tuple[arb, arb]:
+        """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
+        e = column(u.tolist()) - self.u
+        pull = self.B.transpose() * (column(lambda_H.tolist()) - self.lambda_)
+        return tuple(
+            (e.transpose() * f)[0, 0].sqrt() for e, f in ((e, self.A * e), (self.A.solve(pull), pull))
+        )
+
+
+def solved_exactly(system: System, active: Mask) -> Exact:
+    """By active sets, the last of which is proved to be right by intervals."""
+    A, B, n, m = stiffness(system), exact(system.B.toarray()), len(system.mass), len(active)
+    lambda_ = column([0] * m)
+    for _ in range(20):
+        cells = np.flatnonzero(active).tolist()
+        whole = arb_mat(n + len(cells), n + len(cells))
+        rhs = [arb(value) for value in system.load.tolist()] + [system.d[i, 0] for i in cells]
+        for i in range(n):
+            for j in range(n):
+                whole[i, j] = A[i, j]
+        for k, i in enumerate(cells):
+            for j in range(n):
+                whole[n + k, j], whole[j, n + k] = B[i, j], -B[i, j]
+        found = whole.solve(column(rhs))
+        u = arb_mat([[found[i, 0]] for i in range(n)])
+        lambda_ = column([0] * m)
+        for k, i in enumerate(cells):
+            lambda_[i, 0] = found[n + k, 0]
+        gap = B * u - system.d
+        after = np.array([bool(lambda_[i, 0] > 0) if active[i] else bool(gap[i, 0] < 0) for i in range(m)])
+        if np.array_equal(after, active):
+            assert all(active[i] or gap[i, 0] > 0 for i in range(m))
+            return Exact(A, B, u, lambda_)
+        active = after
+    raise AssertionError("the sets do not settle")
+
+
+def problem(scale: float) -> ul.Problem:
+    """u and g are about that large, and differ by about 1; a part of the boundary is in contact."""
+    return ul.Problem(SQUARE, f"{scale:.0f} + 20*x - 10", g=f"{scale:.0f}")
+
+
+POLYGON = problem(1).polygon
+MESH = structured(POLYGON, 1 / 8)
+ADAPTED = refined(adapted(structured(POLYGON, 1 / 4)), np.arange(0, 32, 3))
+
+
+def made(way: str, scale: float):
+    of_scale = problem(scale)
+    if way == "adapted":
+        return after(None, of_scale, ADAPTED)
+    cells = uniform(POLYGON, 1 / 8 if way == "singular" else 1 / 4)
+    return multilevel(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
+
+
+def solution(way: str, scale: float, tolerance: float = 1e-9) -> DiscreteSolution:
+    algorithm = way if way in ("uzawa", "nesterov", "newton", "active_set") else "auto"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return made(way, scale).iterated(tolerance, Stop(algorithm=algorithm))
+
+
+def largest_error(found: DiscreteSolution) -> float:
+    """Of both errors; it is proved that the solution with 60 digits is one."""
+    lambda_H = found.result.lambda_H
+    solved = solved_exactly(of(found.discrete), lambda_H > 0)
+    assert 0 < sum(bool(solved.lambda_[i, 0] > 0) for i in range(len(lambda_H))) < len(lambda_H)
+    return max(float(error.upper()) for error in solved.errors(found.u_h, lambda_H))
+
+
+WAYS = ["uzawa", "nesterov", "newton", "active_set", "singular", "multigrid", "adapted"]
+
+
+@pytest.mark.parametrize("scale", [1e0, 1e4, 1e8, 1e12])
+@pytest.mark.parametrize("way", WAYS)
+def test_the_bound_is_one_however_much_cancels(way: str, scale: float) -> None:
+    """Nor is it too large: by 1e-12 of u, which is what residuals of some EPS u are over h^2."""
+    found = solution(way, scale)
+    error = largest_error(found)
+    assert 0 < error <= found.result.bound
+    assert found.result.converged == (found.result.bound <= 1e-9)
+    if way != "singular":  # its bound is a root of what is rounded
+        assert found.result.bound <= 1e-9 + 1e-12 * scale
+
+
+@pytest.mark.parametrize("way", ["uzawa", "newton", "active_set", "singular"])
+def test_the_bounds_of_the_iteration_alone_are_none(way: str) -> None:
+    """Control: for the operator and the offset as they are computed they hold, and for the problem not."""
+    found = solution(way, 1e12)
+    discrete, mu = found.discrete, found.result.lambda_H
+    operator = discrete.spaces.operator
+    alone = residual_bound(operator, discrete.offset, mu, 1 / operator.lambda_max)
+    if way == "singular":
+        alone = energy_bound(operator, discrete.offset, mu)
+    assert alone < 0.1 * largest_error(found)
+
+
+@pytest.mark.parametrize("way", ["newton", "singular", "multigrid", "adapted"])
+def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Were numbers rounded a million times more, the bound would be nearly that much larger."""
+    found = solution(way, 1e4)
+    discrete = found.discrete
+
+    def bound() -> float:
+        if isinstance(discrete, CondensedProblem):
+            return discrete.solution(found.result, 0.0).result.bound
+        return discrete.grids.bound(found.u_h, found.result.lambda_H)
+
+    before = bound()
+    monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
+    power = 0.5 if way == "singular" else 1.0
+    assert bound() > 0.1 * 1e6**power * before
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-2, 2e-3])
+def test_the_norm_of_lambda_is_one_from_below(length: float) -> None:
+    """On small domains A_3 is known to fewer digits."""
+    small = ul.Problem(length * np.array(SQUARE), "-1", g="0")
+    mesh = similar(structured(square(), 1 / 4), small.polygon)
+    discrete = discretise(small, mesh, uniform(small.polygon, length / 2))
+    lambda_H = np.random.default_rng(2).uniform(0, 1, len(discrete.cells))
+    pull = of(discrete).B.T @ lambda_H
+    R = exact(pull.reshape(-1, 1))
+    norm = float((R.transpose() * stiffness(of(discrete)).solve(R))[0, 0].sqrt().mid())
+    assert (1 - 1e-5) * norm < discrete.lambda_norm(lambda_H) < norm
+
+
+@pytest.mark.parametrize(
+    ("f", "g", "hidden"), [("1e12 - 1", "1e12", True), ("1e15", "1e15 - 1", True), ("-1e10", "1e12*x", False)]
+)
+def test_the_default_stop_is_a_hundredth_of_the_bound_or_what_rounding_leaves(
+    f: str, g: str, hidden: bool
+) -> None:
+    """A tolerance that rounding hides is not reached, and the solution says so."""
+    of_data, sizes = ul.Problem(SQUARE, f, g=g), {"h": 1 / 16, "H": 1 / 8}
+    found = ul.solve(of_data, **sizes)
+    result, wanted = found.solved.result, 0.01 * found.bounds.u
+    assert found.converged
+    assert result.bound <= max(wanted, 2 * result.rounding)
+    assert (result.bound > wanted) == hidden
+    with pytest.warns(ul.SolutionWarning, match="did not converge"):
+        assert not ul.solve(of_data, **sizes, stop=ul.Stop(tolerance=1e-3 * result.rounding)).converged
+
+
+def root(P: float, linear: float) -> float:
+    """The largest x with x^2 <= P + linear x."""
+    return (linear + (linear**2 + 4 * P) ** 0.5) / 2
+
+
+@pytest.mark.parametrize("share", [1e-5, 1e-2, 1.0, 1e2])
+def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
+    """One cell: a = |R| s and b = |R| / (rho s) are known; where b is much larger it is hardly less."""
+    of = DualOperator(np.array([[2.0]]), np.ones(1), 1.0)
+    rho, gap = 1.9 / of.lambda_max, rounded.Rounded(np.array([-3.0]), np.zeros(1))
+    R = rho * 3.0
+    a, b = 2 * R, R / (2 * rho)
+    delta = share * b
+    found = certified(of, np.zeros(1), gap, delta, rho)
+    least = root(b * delta, a + b + delta) + delta
+    assert least <= found
+    alone = certified(of, np.zeros(1), gap, 0.0, rho)
+    assert alone == pytest.approx(a + b, rel=2e-6)
+    steep = DualOperator(np.array([[1e-3]]), np.ones(1), 1.0)  # a is nothing beside b
+    slow = 1e-3 / steep.lambda_max
+    b = 3.0 / 1e-3
+    found, alone = (certified(steep, np.zeros(1), gap, share * each, slow) for each in (1e-3, 0.0))
+    least = root(b * share * 1e-3, slow * 3e-3 + b + share * 1e-3) + share * 1e-3
+    assert least <= found
+    assert found - alone <= 1.01 * (least - root(0, slow * 3e-3 + b)) + 1e-9 * b
+
+
+@pytest.mark.parametrize("P", [0.0, 1e-4, 1.0])
+@pytest.mark.parametrize("delta", [0.0, 1e-4, 1.0])
+def test_nor_by_the_energy(P: float, delta: float) -> None:
+    """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
+    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), 4.0)
+    assert of.singular
+    gap, mu = rounded.Rounded(np.array([-0.5, 0.5]), np.zeros(2)), np.array([0.0, P])
+    found, q = certified(of, mu, gap, delta, 1.0), 0.5 * 2
+    least = root(P + q * delta, q + delta) + delta
+    assert least <= found
+    if max(P, delta) < 1:  # small beside q: then it is hardly less
+        assert found - q <= 1.01 * (least - q) + 1e-8
+
+
+def test_the_least_eigenvalue_is_bounded_from_below() -> None:
+    """Against 60 digits, for eigenvalues down to 1e-12 of the largest; control: those found are too large."""
+    above = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        q, r = (np.linalg.qr(rng.standard_normal((12, 12)))[0] for _ in range(2))
+        of = DualOperator(q @ np.diag(10.0 ** np.linspace(0, -6, 12)) @ r, np.ones(12), 1.0)
+        half = exact(of.half)
+        true = min(
+            (each.real for each in acb_mat(half.transpose() * half).eig()), key=lambda each: each.mid()
+        )
+        assert of.lambda_low <= float(true.lower())
+        above.append(of.lambda_min > float(true.upper()))
+    assert any(above)

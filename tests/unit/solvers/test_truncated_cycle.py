@@ -1,0 +1,150 @@
+"""Truncated V-cycles on uniform and adapted meshes, against dense matrices."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from nested import Nested, alone, at_random, graded, prolongation, refined
+from scipy.linalg import eigh
+
+from unilateral.fem.hierarchy import FinerSpace, hierarchy
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
+from unilateral.solvers.truncated_cycle import CUT_AWAY, Truncated
+
+MESHES = ["uniform", "at random", "at a corner"]
+CASES = ["nothing", "a strip", "islands", "the boundary"]
+ALL = [(mesh, case) for mesh in MESHES for case in CASES]
+
+
+@cache
+def nested(mesh: str) -> Nested:
+    first = alone(structured(named("lshape"), 1))
+    if mesh == "at random":
+        return at_random(meshes.unstructured(named("lshape"), 0.7), 4, 2, 0.4)
+    return refined(first, 3) if mesh == "uniform" else graded(first, 2, 9)
+
+
+def fixed(mesh: str, case: str) -> np.ndarray:
+    boundary = nested(mesh).of.boundary.astype(np.intp)
+    chosen = {"nothing": slice(0), "a strip": slice(9, 16), "islands": slice(0, None, 3)}
+    return np.sort(boundary[chosen.get(case, slice(None))])
+
+
+def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
+    """(T P)^T A (T P) and so on, from the finest level down."""
+    of = nested(mesh).of
+    S, found = of.A.toarray(), []
+    S[fixed(mesh, case)] = 0
+    S[:, fixed(mesh, case)] = 0
+    for level in of.levels[::-1]:
+        P = prolongation(level).toarray()
+        S = P.T @ S @ P
+        found.append(S)
+    return found
+
+
+def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
+    """Those of its rows, and of their columns."""
+    every = np.arange(level.n)
+    return (every, every) if level.columns is None else (level.smoothed, level.columns)
+
+
+@pytest.mark.parametrize(("mesh", "case"), ALL)
+def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> None:
+    of, cycle = nested(mesh).of, Truncated(nested(mesh).of, fixed(mesh, case))
+    cut_away, products = 0, truncated_products(mesh, case)
+    for S, found, level in zip(products, cycle.matrices[::-1], of.levels[-2::-1], strict=False):
+        rows, columns = nodes_of(level)
+        before = level.rows.diagonal() if level.columns is None else level.rows[:, : len(rows)].diagonal()
+        expected = np.zeros_like(S)
+        gone = np.diag(S)[rows] < 1e-10 * before
+        expected[rows, rows] = np.where(gone, before, 0)
+        assert np.abs(found.toarray() - (S + expected)[np.ix_(rows, columns)]).max() < 1e-12
+        outside = np.setdiff1d(np.arange(level.n), columns)
+        assert np.abs(S[np.ix_(rows, outside)]).max(initial=0) < 1e-12
+        cut_away += np.count_nonzero(gone)
+    # Hats of corners with a single triangle.
+    if mesh == "uniform":
+        assert (cut_away > 0) == (case == "the boundary")
+
+
+@pytest.mark.parametrize(("mesh", "case"), ALL)
+def test_the_coarsest_one_is_solved_with(mesh: str, case: str) -> None:
+    S, of = truncated_products(mesh, case)[-1], nested(mesh).of
+    S = S + np.diag(np.where(np.diag(S) < 1e-10 * of.A_0.diagonal(), of.A_0.diagonal(), 0))
+    b = np.random.default_rng(1).standard_normal(len(S))
+    assert np.allclose(S @ Truncated(of, fixed(mesh, case)).coarsest.solve(b), b, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
+    of = nested(mesh).of
+    before = [level.rows.data.copy() for level in of.levels[:-1]]
+    Truncated(of, fixed(mesh, "the boundary"))
+    assert all(
+        np.array_equal(level.rows.data, data) for level, data in zip(of.levels[:-1], before, strict=True)
+    )
+
+
+def correction(mesh: str, case: str) -> np.ndarray:
+    """T P C P^T T (n, n)."""
+    of = nested(mesh).of
+    cycle, columns = Truncated(of, fixed(mesh, case)), []
+    for r in np.eye(of.n):
+        z = np.zeros(of.n)
+        cycle.correct(of.A, z, r)
+        columns.append(z)
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize(("mesh", "case"), ALL)
+def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> None:
+    C, A = correction(mesh, case), nested(mesh).of.A.toarray()
+    assert np.abs(C - C.T).max() < 1e-12
+    assert np.abs(C[fixed(mesh, case)]).max(initial=0) == 0
+    # Of C A, in exact arithmetic between 0 and 1; the others belong to what coarse functions do not reach.
+    values = eigh(A @ C @ A, A, eigvals_only=True)
+    assert values[0] > -1e-11
+    assert 0.9 < values[-1] < 1 + 1e-11
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
+    """Without truncation, of functions of the level before nothing is lost but what smoothing leaves."""
+    of = nested(mesh).of
+    C, A, P = correction(mesh, "nothing"), of.A.toarray(), prolongation(of.levels[-1]).toarray()
+    inner = P.T @ A @ P
+    values = eigh(P.T @ A @ C @ A @ P, inner, eigvals_only=True)
+    assert values[0] > 0.2
+    assert np.linalg.matrix_rank(C, 1e-8) == P.shape[1]
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_a_correction_starts_from_z(mesh: str) -> None:
+    of = nested(mesh).of
+    cycle, A = Truncated(of, fixed(mesh, "islands")), of.A
+    rng = np.random.default_rng(1)
+    z, r = rng.standard_normal((2, of.n))
+    expected, found = np.zeros_like(z), z.copy()
+    cycle.correct(A, expected, r - A @ z)
+    cycle.correct(A, found, r)
+    assert np.allclose(found, z + expected)
+    assert not np.allclose(found, z)
+
+
+def test_hats_that_are_one_after_they_were_cut_are_no_obstacle() -> None:
+    """A square of two triangles, halved: of its hats only those at the diagonal's ends are left, both half of
+    the hat in the middle. What they make of it is exact up to CUT_AWAY.
+    """
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    of = hierarchy(meshes.refine(meshes.from_arrays(named("square"), corners, [[0, 1, 2], [0, 2, 3]])))
+    cycle, middle = Truncated(of, np.sort(of.boundary)), np.setdiff1d(np.arange(of.n), of.boundary)
+    z, u = np.zeros(of.n), np.zeros(of.n)
+    u[middle] = 1
+    cycle.correct(of.A, z, of.A @ u)
+    assert len(middle) == 1
+    assert np.allclose(z, u, rtol=0, atol=10 * CUT_AWAY)
