@@ -312,14 +312,20 @@ def test_a_name_that_stands_for_nothing_is_refused(told):
 
 
 @pytest.fixture
-def code(monkeypatch):
-    """The rules' function that lists the files that a script's imports lead to."""
+def common(monkeypatch):
+    """The names of workflow/rules/common.smk that need nothing of Snakemake."""
     monkeypatch.chdir(ROOT)
     text = (WORKFLOW / "rules/common.smk").read_text()
     source = ast.parse(re.search(r"^@cache.*(?=^def scene_of)", text, re.MULTILINE | re.DOTALL)[0])
     names = {"re": re, "Path": Path, "cache": cache}
     exec(compile(source, "common.smk", "exec"), names)
-    return names["code"]
+    return names
+
+
+@pytest.fixture
+def code(common):
+    """The rules' function that lists the files that a script's imports lead to."""
+    return common["code"]
 
 
 @cache
@@ -403,6 +409,12 @@ def over(planned, share=1.0):
 
 def test_every_job_stayed_below_the_memory_that_it_asks_for(planned):
     assert over(planned) == []
+
+
+def test_a_further_attempt_asks_for_twice_as_much(common):
+    asked = common["asked"](1000, 5)
+    assert [asked["mem_mb"]({}, attempt) for attempt in (1, 2, 3)] == [1000, 2000, 4000]
+    assert [asked["runtime"]({}, attempt) for attempt in (1, 2, 3)] == [5, 10, 20]
 
 
 def test_jobs_that_ask_for_too_little_are_noticed(planned):
