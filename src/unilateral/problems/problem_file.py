@@ -25,9 +25,9 @@ from unilateral.system import declarations
 
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140
-"""The limits of |f| and |g|, so that squares of data are normal numbers.
+"""The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
 
-For the squares of errors see `misfit.underflow`.
+For the squares of errors see `flux_residuals.underflow`.
 """
 POWER = 2
 """Where the root of the polygon's area is above 1, in units of (k/c)^{1/2}, data are multiplied by this

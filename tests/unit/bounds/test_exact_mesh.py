@@ -144,7 +144,7 @@ def indices(of, mesh):
             pair = cells, u_h, np.zeros(cells.n_cells)
             bounds = [
                 bound(source, data.enclosed_obstacle, *pair, data.free_sides, flux).u
-                for bound in (local_bound, sharp_bounds)
+                for bound in (local_bound, sharp_bound)
             ]
             error = true_error(of, mesh, units.value * u_h)
             found.append(min(bounds) / error if error else np.inf)

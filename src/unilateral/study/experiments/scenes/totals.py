@@ -28,7 +28,7 @@ NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u"
 def totals(
     mesh: Mesh, partitions: Sequence[Partition], cases: Sequence[Case], solved: xr.Dataset, H_over_h: float
 ) -> xr.Dataset:
-    """Bounds over errors at one H/h, one level long in `mesh`, of what `scene.sweep` solved there.
+    """Bounds over errors at one H/h, one level long in `mesh`, of what `measure.sweep` solved there.
 
     `total_index_u` and `total_index_lambda` are the sharp bounds', `local_index_...` those of the cheap ones;
     of lambda they are against the upper bound of the error, NaN where lambda_H is exact. `total_index_v`
