@@ -1,8 +1,8 @@
 """Solves from coarse to fine with H = 2h, up to a stated accuracy.
 
 Other ratios, which might cost less, are not tried. Each mesh is a refinement of the one before, uniform or
-where the bound comes from, see `next_level.division`. Each level starts from the last u_h and lambda_H, and is
-iterated until the algebraic bound is a tenth of the error that is wanted, or that is predicted.
+where the bound comes from, see `next_level.division`. Each level starts from the last u_h and lambda_H, and
+is iterated until the algebraic bound is a tenth of the error that is wanted, or that is predicted.
 """
 
 from __future__ import annotations
