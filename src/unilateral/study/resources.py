@@ -12,7 +12,7 @@ from unilateral.study.sizes import normed
 
 Fields = Mapping[str, Any]
 ROUND = 50
-"""MB that what is asked for is a multiple of."""
+"""The memory that is asked for is a multiple of so many MB."""
 
 
 def mem_mb(study: Fields, rule: str, wildcards: Mapping[str, str], attempt: int = 1) -> int:
@@ -34,7 +34,7 @@ def _asked(study: Fields, rule: str, wildcards: Mapping[str, str], unit: str) ->
 def predicted(study: Fields, rule: str, wildcards: Mapping[str, str], unit: str) -> float:
     """The `mb` or `seconds` of a job of the size n: start + (measured - start) (n / measured size)^growth.
 
-    Measured is the largest job that is no larger, or the smallest one.
+    The measured job is the largest that is no larger than n or, if there is none, the smallest one.
     """
     start, of_rule = study["resources"]["start"][unit], study["resources"]["rules"][rule]
     n = size(study, rule, wildcards)
@@ -49,14 +49,14 @@ def size(study: Fields, rule: str, wildcards: Mapping[str, str]) -> int:
 
 
 def _cells(study: Fields, wildcards: Mapping[str, str]) -> float:
-    """Of the finest partition on which lambda has a norm."""
+    """The number of cells of the finest partition on which lambda has a norm."""
     scene = study["scenes"][wildcards["scene"]]
     finest = min(real(scene["H"][k], "H") for k in normed(scene))
     return polygon.named(scene["polygon"]).perimeter / finest
 
 
 def _unknowns(domain: str, given: Sequence[Any]) -> float:
-    """Of the mesh of the smallest of these h on the polygon of that name."""
+    """|Omega| / h^2 for the smallest of these h on the polygon of that name, taken for the unknowns."""
     return polygon.named(domain).area / min(real(h, "h") for h in given) ** 2
 
 
@@ -106,4 +106,4 @@ SIZES: dict[str, Callable[[Fields, Mapping[str, str]], float]] = {
     "solve": _of_solve,
     "totals": _of_totals,
 }
-"""By the rules whose jobs differ: the unknowns of the largest mesh, or cells."""
+"""The size of a job, by the rules whose jobs differ: the unknowns of its largest mesh, or its cells."""

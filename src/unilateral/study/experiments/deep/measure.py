@@ -25,7 +25,7 @@ from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 
 BLOCK = 1 << 16
-"""Nodes at which u is evaluated together."""
+"""u is evaluated at no more than so many nodes at a time."""
 RUN, GRID = ("case", "mesh", "partition"), ("mesh", "partition")
 OF_RUN = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error")
 
@@ -80,7 +80,7 @@ def _nodal(case: Case, points: Array) -> Array:
 
 
 def diagonal(levels: Iterable[xr.Dataset]) -> xr.Dataset:
-    """One table of all levels, NaN for a mesh and another level's partition."""
+    """One table of all levels, NaN for the mesh of one level with the partition of another."""
     numbered = [of.assign_coords(mesh=[k], partition=[k]) for k, of in enumerate(levels)]
     table = xr.merge(numbered, join="outer", compat="no_conflicts").drop_vars(["mesh", "partition"])
     return table.set_coords(["h", "diameter", "unknowns", "H", "multipliers", "h_over_H"])
