@@ -1,6 +1,6 @@
-"""The study's configuration: read from its files, held against its schema, and its names against each other.
+"""The study's configuration: read from its files, checked against its schema and for names that do not fit.
 
-Messages name the file and the field; the first fault is told.
+Messages name the file and the field; only the first fault is told.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ Place = tuple[str | int, ...]
 
 
 def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
-    """All files' fields, and the file of each. Raises InputError for a file that has none, or known ones."""
+    """All files' fields, and the file of each.
+
+    Raises InputError for a file that has no fields, or one that an earlier file has, too.
+    """
     study: Fields = {}
     sources: dict[str, str] = {}
     for file in files:
@@ -40,7 +43,7 @@ def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
 
 
 def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
-    """Fill in the defaults of the schema in the file `rules`.
+    """Check the configuration, and fill in the defaults of the schema in the file `rules`.
 
     Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
     that cannot be put on its polygon or that has no expected rates.
@@ -59,14 +62,14 @@ def _where(place: Place, sources: Mapping[str, str]) -> str:
 
 
 def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Names that are none of those that they have to be one of."""
+    """Faults: names that are not among those allowed in their place."""
     for place, name, known in _names(study):
         if name not in known:
             yield place, f"it is '{name}'; it has to be one of {', '.join(known)}"
 
 
 def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
-    """Where a name stands, the name, and what it has to be one of."""
+    """Where a name stands, the name, and the names that are allowed there."""
     scenes, cost = study["scenes"], study["cost"]
 
     def listed(names: Iterable[str], known: Iterable[str], *place: str | int) -> Iterator[Any]:
@@ -88,7 +91,7 @@ def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
 
 
 def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Numbers that do not fit together."""
+    """Faults: numbers that do not fit together."""
     scenes = study["scenes"]
     falling: list[tuple[Place, list[Any]]] = [
         *((("scenes", name, "H"), scene["H"]) for name, scene in scenes.items()),
@@ -113,7 +116,7 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
 
 
 def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Cases that are not declared, or not for their polygon or side; surveys that do not fit theirs."""
+    """Faults: cases not declared, or not for their polygon or side; surveys that do not fit their polygon."""
     chosen: list[tuple[Place, Fields, list[str]]] = [
         *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
         *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "cells")),
@@ -138,7 +141,7 @@ def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
 
 
 def _survey_faults(survey: Fields, name: str) -> Iterator[tuple[Place, str]]:
-    """What `families` would refuse."""
+    """Faults for which `families` would refuse a survey."""
     try:
         sides = _domain(survey["polygon"], name).n_sides
     except InputError as error:
@@ -166,7 +169,7 @@ def _domain(given: Any, name: str) -> Polygon:
 
 @cache
 def _case_fault(name: str, domain: str, side: int) -> str:
-    """Why the case cannot be put on that side of that polygon, or nothing."""
+    """Why the case cannot be put on that side of that polygon; empty if it can."""
     try:
         case.load(name, polygon.named(domain), side)
     except InputError as error:
@@ -175,7 +178,7 @@ def _case_fault(name: str, domain: str, side: int) -> str:
 
 
 def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Cases of scenes without expected rates."""
+    """Faults: cases that no expected rates are given for, though a scene has them."""
     for name, scene in study["scenes"].items():
         for wanted in scene["cases"]:
             if wanted not in study["rates"]["cases"]:

@@ -1,6 +1,6 @@
-"""The figures that the configuration asks for: of each its module, what it reads, and its parameters.
+"""The figures that the configuration asks for: the module of each, what it reads, and its parameters.
 
-An entry with `scenes` asks for a figure of each scene, for whose name `{scene}` stands in the entry. A path
+An entry with `scenes` asks for a figure of each scene; `{scene}` in the entry stands for its name. A path
 with `{surveys}` stands for the files of all surveys.
 """
 
@@ -19,7 +19,7 @@ STUDIES = ("adaptive", "algorithm", "cells", "cost", "extremes", "sharpness")
 
 
 class Drawing(NamedTuple):
-    """A figure: `reads` are files of results, and `arguments` what else its module's `table` is given.
+    """A figure: `reads` are files of results, and `arguments` the other arguments of its module's `table`.
 
     `shows` says what it shows, and `cases` are the cases that it names.
     """
@@ -37,7 +37,7 @@ def drawings(study: Fields) -> dict[str, Drawing]:
 
 
 def shown(study: Fields) -> list[tuple[list[str], str]]:
-    """Of each entry the names of its figures, and what they show."""
+    """The names of each entry's figures, and what they show."""
     return [
         ([figure for figure, _ in _of_entry(name, study)], entry["shows"])
         for name, entry in study["figures"].items()
@@ -78,7 +78,10 @@ def _fields(where: str | list[str], scene: str, study: Fields) -> Any:
 
 
 def faults(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Where an entry names what there is not, and what is wrong; one after the other, as they depend."""
+    """Where an entry names something that does not exist, and what is wrong.
+
+    Faults are found one after the other, since the second check relies on the first.
+    """
     for name, entry in study["figures"].items():
         for check in (_unknown, _unfit):
             for place, said in check(name, entry, study):
@@ -86,7 +89,7 @@ def faults(study: Fields) -> Iterator[tuple[Place, str]]:
 
 
 def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
-    """A module, a scene or a field of the configuration."""
+    """Faults: a module, a scene or a field of the configuration that does not exist."""
     if entry["module"] not in (known := registry.figures()):
         yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(known)}"
     for i, scene in enumerate(entry["scenes"]):
@@ -101,7 +104,7 @@ def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, s
 
 
 def _unfit(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
-    """Results and cases that there are not, and what the module's `table` does not take."""
+    """Faults: results or cases that do not exist, and arguments that the module's `table` does not take."""
     folders = (*study["scenes"], *study["surveys"], *STUDIES)
     for _, drawing in _of_entry(name, study):
         read = [(key, folder) for key, files in drawing.reads.items() for folder in _folders(files)]
@@ -116,7 +119,7 @@ def _unfit(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str
 
 
 def _folders(files: str | list[str]) -> list[str]:
-    """Those in results/ that hold these files."""
+    """The folders in results/ that hold these files."""
     parts = [path.split("/") for path in ([files] if isinstance(files, str) else files)]
     return [part[1] for part in parts if len(part) == 3]
 

@@ -24,13 +24,13 @@ from unilateral.formulas.decimals import down, up
 Value = float | int | str
 SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
 TITLES = {norm: f"{'u' if norm == 'h1' else 'λ'} in {space}" for norm, space in SPACES.items()}
-"""The errors, by their norms."""
+"""The titles of errors, by the norm in which they are measured."""
 ROUNDED = re.compile(r"(down|up)(\.\d[efg])(%?)")
-"""For bounds: towards the side on which they stay bounds."""
+"""Formats that round a bound down or up, towards the side on which it stays a bound."""
 
 
 def shown(value: Value, spec: str = "") -> str:
-    """The value in that format. Raises ValueError for a format that is none, or not one of such a value."""
+    """The value in that format. Raises ValueError for an unknown format, or one that does not fit."""
     if isinstance(value, str):
         return format(value, spec)
     if not math.isfinite(value):
@@ -45,13 +45,13 @@ def shown(value: Value, spec: str = "") -> str:
 
 
 def span(values: Iterable[float], spec: str) -> str:
-    """The least and the largest in that format, or the one text of both."""
+    """The least and the largest value in that format; one text if both look the same."""
     found = list(values)
     return " to ".join(dict.fromkeys(shown(each, spec) for each in (min(found), max(found))))
 
 
 def cells(of: Mapping[str, Value], columns: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """A row of a table: by a column's title the value of a name, in a format."""
+    """A row of a table; `columns` has the name of a value and its format, by the column's title."""
     return {title: shown(of[name], spec) for title, (name, spec) in columns.items()}
 
 
@@ -73,7 +73,7 @@ def _power(value: float) -> str:
 
 
 def _short(text: str) -> str:
-    """Without what an exponent does not need."""
+    """The text of a number, its exponent without the plus sign and leading zeros."""
     return re.sub(r"e\+?(-?)0*", r"e\1", text)
 
 

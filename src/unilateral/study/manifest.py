@@ -1,4 +1,4 @@
-"""What the study made, by which rule, from which parameters, with which versions; and checksums of it."""
+"""What the study made, by which rule, from which parameters and with which versions; and its checksums."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def write(
     manifest: str | os.PathLike[str],
     sums: str | os.PathLike[str],
 ) -> None:
-    """The manifest (JSON) of the files that each rule made, and their sums as `sha256sum -c` reads them.
+    """Write the manifest (JSON) of the files that each rule made, and their sums for `sha256sum -c`.
 
-    `study` is the configuration. Files that depend on the machine are left out, so that two runs with one
-    result have one manifest.
+    `study` is the configuration. Files that depend on the machine are left out, so that two runs with the
+    same results have the same manifest.
     """
     files = [
         {"path": path, "rule": rule, **_content(Path(path))}
@@ -52,7 +52,7 @@ def digest(study: Mapping[str, Any]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of this package, of Python, and of the packages that pyproject.toml names for the study."""
+    """The versions of this package, Python, and the packages that pyproject.toml names for the study."""
     named = [entry for entry in requires("unilateral") or [] if _is_for_the_study(entry)]
     packages = sorted(re.split(r"[^\w.-]", entry)[0] for entry in named)
     own = {"unilateral": __version__, "Python": platform.python_version()}

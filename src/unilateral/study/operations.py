@@ -1,4 +1,4 @@
-"""Floating-point operations, by formulas: what a computer does not change.
+"""Numbers of floating-point operations, by formulas, which do not depend on the computer.
 
 A multiplication, addition, subtraction, division or root counts 1, a comparison or a copy 0. m is the
 number of cells of T_H, nb that of boundary nodes, B (m, nb) the coupling.
@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 PER_CELL = {"uzawa": 1, "nesterov": 12, "barzilai_borwein": 17, "newton": 1}
-"""Of a step, at most, beyond the residual it starts from; Newton's solve comes on top."""
+"""A step takes at most so many operations per cell beyond its residual; Newton's solve is counted besides."""
 
 
 class Factors(NamedTuple):
@@ -25,9 +25,10 @@ class Factors(NamedTuple):
 
 
 def factors(lu: SuperLU) -> Factors:
-    """Of right-looking elimination on the pattern that was found: sum of l + 2 l u over the pivots.
+    """The counts for right-looking elimination on the pattern that was found.
 
-    l and u are the nonzeros below and to the right of a pivot; L has ones on its diagonal.
+    To find the factors takes the sum of l + 2 l u over the pivots, where l and u are the nonzeros below and
+    to the right of a pivot; L has ones on its diagonal.
     """
     n = lu.shape[0]
     lower, upper = (
@@ -38,27 +39,27 @@ def factors(lu: SuperLU) -> Factors:
 
 
 def cholesky(k: int) -> int:
-    """Of a dense matrix (k, k): k roots, k (k - 1) / 2 divisions and (k^3 - k) / 3 updates."""
+    """Cholesky of a dense matrix (k, k): k roots, k (k - 1) / 2 divisions, (k^3 - k) / 3 updates."""
     return k + k * (k - 1) // 2 + (k**3 - k) // 3
 
 
 def triangular_solve(k: int) -> int:
-    """With a dense triangle (k, k)."""
+    """A solve with a dense triangle (k, k)."""
     return k * k
 
 
 def apply_S(m: int) -> int:
-    """y -> S y, S stored as a full matrix."""
+    """The product y -> S y, S stored as a full matrix."""
     return m * (2 * m - 1)
 
 
 def apply_A_3(m: int, nb: int, coupling_nonzeros: int) -> int:
-    """y -> S y by both triangles of A_3, B, B^T and the weights H_i^{-1/2}."""
+    """The product y -> S y by both triangles of A_3, B, B^T and the weights H_i^{-1/2}."""
     return 2 * triangular_solve(nb) + _couplings(m, nb, coupling_nonzeros)
 
 
 def apply_A(m: int, nb: int, coupling_nonzeros: int, of_A: Factors) -> int:
-    """y -> S y by both sparse triangles of A, B, B^T and the weights H_i^{-1/2}."""
+    """The product y -> S y by both sparse triangles of A, B, B^T and the weights H_i^{-1/2}."""
     return of_A.solve + _couplings(m, nb, coupling_nonzeros)
 
 
@@ -67,12 +68,12 @@ def _couplings(m: int, nb: int, coupling_nonzeros: int) -> int:
 
 
 def newton_solve(contact: int) -> int:
-    """The factorisation of S on the cells in contact and both triangles."""
+    """Newton's solve: the factorisation of S on the cells in contact, and solves with both triangles."""
     return cholesky(contact) + 2 * triangular_solve(contact)
 
 
 def scale_A_3(nb: int) -> int:
-    """R of A_3 = R^T R from the last block of U: its rows over the pivots' roots."""
+    """R of A_3 = R^T R from the last block of U, whose rows are divided by the pivots' roots."""
     return nb + nb * (nb + 1) // 2
 
 

@@ -20,16 +20,16 @@ from typing import Any
 from unilateral.errors import shown
 
 OF_THE_MACHINE = "timings.nc"
-"""The end of the names of files that hold seconds and memory: no two runs make the same."""
+"""Files that hold seconds and memory have names that end like this; no two runs make the same ones."""
 DIGITS = 16
-"""Of a digest: two files share them with a probability of 2^-64."""
+"""So many hexadecimal digits of a SHA-256 are kept; two files share them with a probability of 2^-64."""
 
 _made: ContextVar[tuple[str, str]] = ContextVar("made", default=("", "{}"))
 
 
 @contextmanager
 def made_by(rule: str, inputs: Iterable[str]) -> Iterator[None]:
-    """Tables that are stamped here are made by that rule from those files."""
+    """Within this context, tables are stamped as made by that rule from those files."""
     sums = {file: _digest(file) for file in inputs if not file.endswith(OF_THE_MACHINE)}
     token = _made.set((rule, json.dumps(sums, sort_keys=True)))
     try:

@@ -3,8 +3,8 @@
 A rate holds if every pair of asymptotic levels reaches the expected rate less a tolerance, and the finest
 error lies under a stated bound. It is judged only if every run that counts converged with a guaranteed
 algebraic error of at most a given share of its error in the norm that is judged. In H^{-1/2} rates are those
-of the r.m.s. mean of the error's bounds; the lower one meets the share, the upper one the bound on the finest
-level. An error whose exact value is 0 has no rate and must be 0 to round-off.
+of the r.m.s. mean of the error's bounds; the share is one of the lower bound, and the upper bound has to lie
+under that on the finest level. An error whose exact value is 0 has no rate and must be 0 to round-off.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ ZERO = 1e-12
 class Expectation:
     """What is expected of a case in a norm, and how it is judged.
 
-    `rate` is "exact" where the exact error is 0, and "none" where nothing is judged, and no level counts; a
-    level is asymptotic if h and H times `judged_ratio` are at most `start`; rates compare levels a factor
-    `factor` (2 or 4) apart; the finest error may be `bound` times (H ** `power`) times the table's variable
+    `rate` is "exact" where the exact error is 0, and "none" where nothing is judged and no level counts. A
+    level is asymptotic if h, and H times `judged_ratio`, are at most `start`. Rates compare levels a factor
+    `factor` (2 or 4) apart. The finest error may be `bound` times (H ** `power`) times the table's variable
     `reference`.
     """
 
@@ -54,7 +54,7 @@ class Expectation:
 
     @classmethod
     def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
-        """From the study's table of expected rates and the case's own declaration of its levels.
+        """The expectation by the study's table of rates and the case's own declaration of its levels.
 
         Raises InputError for a case that the table lacks.
         """
@@ -86,7 +86,7 @@ class Expectation:
 class JudgedRates:
     """Levels h, H and their errors (k,); the pairs' h's and rates (p,); the verdict with its reasons.
 
-    `unfit` says why the runs cannot be judged, `against` what speaks against them.
+    `unfit` says why the runs cannot be judged, `against` what speaks against the expected rate.
     """
 
     h: Array
@@ -155,7 +155,7 @@ def _fit(h: Array, error: Array) -> float:
 
 
 def _bound(runs: xr.Dataset, expected: Expectation) -> float:
-    """Of the finest error."""
+    """The stated bound on the finest error; NaN where the exact error is 0, or without runs."""
     if expected.rate == "exact" or runs.sizes["run"] == 0:
         return math.nan
     finest = runs.isel(run=-1)
@@ -170,7 +170,7 @@ def _why_not_zero(runs: xr.Dataset, norm: str) -> Reasons:
 
 
 def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation) -> Reasons:
-    """Unconverged or not accurate enough: reasons for which the asymptotic levels cannot be judged."""
+    """Why the asymptotic levels cannot be judged: a run did not converge, or is not accurate enough."""
     least, why = error_in(runs, norm, "lower").values, []
     factor = {
         "h1": np.ones_like(least),
@@ -207,7 +207,7 @@ def judge_all(
 ) -> dict[tuple[str, str, float], JudgedRates]:
     """The judgements of all cases of a table, in all norms and along all ratios h/H of the study.
 
-    `study` is the table of expected rates; `asymptotic` the declaration of each case.
+    `study` is the table of expected rates, and `asymptotic` has the declaration of each case.
     """
     return {
         (case, norm, ratio): judge(

@@ -18,7 +18,7 @@ OF_PAIRS = ("h_coarse", "h_fine", "rate", "asymptotic")
 def collect(
     judgements: Mapping[tuple[str, str, float], JudgedRates], judged_ratio: float | None
 ) -> xr.Dataset:
-    """The table of rates from judgements by (case, norm, h/H); verdicts at one h/H, or at none."""
+    """The table of rates from judgements by (case, norm, h/H), with verdicts at `judged_ratio`, if any."""
     pairs, rows = {}, {}
     for key, found in judgements.items():
         pairs[key] = pd.DataFrame({name: getattr(found, name) for name in OF_PAIRS}, dtype=float)

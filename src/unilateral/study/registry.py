@@ -19,7 +19,7 @@ OF_AXIS = ["values", "h", "H", "budget"]
 
 
 class Arguments(NamedTuple):
-    """The names of those that a function needs, and of those that have a default."""
+    """The names of the arguments that a function needs, and of those that have a default."""
 
     needed: list[str]
     optional: list[str]
@@ -54,7 +54,7 @@ def figures() -> dict[str, str]:
 
 @cache
 def checks() -> dict[str, str]:
-    """The modules of checks, by the experiments' names; those that serve several are the ledger's."""
+    """The modules of checks, by experiment; the checks that serve several experiments are the ledger's."""
     packages = {"ledger": "ledger", **experiments()}
     return {name: f"{package}.checks" for name, package in packages.items() if "checks" in modules(package)}
 
@@ -76,7 +76,7 @@ def _arguments(given: ast.arguments) -> Arguments:
 
 @cache
 def axes() -> dict[str, str]:
-    """The kinds of axes of extreme problems, which are the functions of `OF_AXIS`, and the module of each."""
+    """The kinds of axes of extreme problems, each with its module: the functions with arguments `OF_AXIS`."""
     return {
         name: module
         for module in modules(EXTREMES)

@@ -1,4 +1,4 @@
-"""The study's configuration against its schema: what is left out is filled in, faults are told in words."""
+"""The check of the study's configuration by its schema: defaults are filled in, faults told in words."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ LIMITS = {
 def faults(study: dict[str, Any], schema: str) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Where the study is not as the schema's file says, and what would be right; fills in its defaults.
 
-    What no file may hold is told first, for it may also be given with `--config`, and jsonschema fails on it.
+    What no file may hold is told first: it may be given with `--config` instead, and jsonschema fails on it.
     """
     yield from _beyond(study)
     for fault in _validator(schema).iter_errors(study):
@@ -60,7 +60,7 @@ def _beyond(study: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
 
 @cache
 def _validator(schema: str) -> Any:
-    """Names that the library knows are those that it has."""
+    """The validator of a schema; it allows the polygons and the kinds of axes that the library has."""
     rules = own(Path(schema))
     rules["$defs"]["polygon"]["enum"] = polygon.names()
     rules["$defs"]["kind"]["enum"] = list(registry.axes())
@@ -83,7 +83,7 @@ def _said(fault: Any) -> str:
 
 
 def _wanted(schema: Mapping[str, Any]) -> str:
-    """What a schema allows, in words; where these do not say it the schema has a description that does."""
+    """What a schema allows, in words; for patterns and alternatives these are the schema's description."""
     if {"pattern", "anyOf", "oneOf"} & set(schema):
         return str(schema["description"])
     if "enum" in schema:
@@ -105,7 +105,7 @@ def _set_defaults(validator: Any, properties: Any, instance: Any, schema: Any) -
 
 
 def _finite(_: object, value: object) -> bool:
-    """JSON has no other numbers; true and false are none."""
+    """Whether a value is a finite number; JSON has no other numbers, and true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 

@@ -30,7 +30,7 @@ WIDTH = 17.0
 CM = 1 / 2.54
 SMALL = 8.5
 ROUNDED = 1e-3
-"""Sizes in the tables are that close to those meant."""
+"""Sizes in the tables are rounded; relatively, they are closer than this to the sizes that are meant."""
 STYLE = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
@@ -53,7 +53,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#5
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
 LINES = ("-", (0, (4, 1.6)), (0, (1, 1.4)))
 FAMILIAR = ("natural", "smooth", "thirds", "full_contact", "no_contact")
-"""Cases that look alike in all figures."""
+"""These cases have the same colour and marker in all figures."""
 NORMS = {
     "h1": r"$\Vert u-u_h\Vert_1$",
     "hm12": r"$\Vert\lambda-\lambda_H\Vert_{-1/2}$",
@@ -73,7 +73,7 @@ def read(path: FilePath) -> pd.DataFrame:
 
 @contextmanager
 def figure_in(path: FilePath, height: float) -> Iterator[Figure]:
-    """A figure in the house style, written when it is complete."""
+    """A figure in the style of the study, written when it is complete."""
     with style.context(STYLE, after_reset=True):
         figure = Figure(figsize=(WIDTH * CM, height * CM))
         yield figure
@@ -87,13 +87,13 @@ def axes_at(figure: Figure, left: float, bottom: float, width: float, height: fl
 
 
 def legend(figure: Figure, handles: Sequence[Any], left: float, top: float, **options: Any) -> Legend:
-    """A key with its upper left corner there, without a margin of its own unless it is given one."""
+    """A key with its upper left corner at (left, top); it has no margin unless `options` give it one."""
     corner, space = (left / WIDTH, top / _height(figure)), {"borderpad": 0, "borderaxespad": 0}
     return figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, **(space | options))
 
 
 def note(figure: Figure, text: str, left: float = 0.1, bottom: float = 0.2, **options: Any) -> None:
-    """Small text with its lower left corner there."""
+    """Small text with its lower left corner at (left, bottom)."""
     figure.text(left / WIDTH, bottom / _height(figure), text, fontsize=SMALL, **options)
 
 
@@ -107,19 +107,19 @@ def key(label: str, **look: Any) -> Line2D:
 
 
 def look(i: int) -> Look:
-    """The colour and the marker of that number."""
+    """The colour and the marker with the number i."""
     return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
 
 
 def numbered(names: Iterable[str]) -> dict[str, int]:
-    """Names with the numbers of their looks, the familiar cases with theirs."""
+    """The number of each name's look; the familiar cases keep their own."""
     given = list(names)
     numbers = {name: i for i, name in enumerate(dict.fromkeys((*FAMILIAR, *given)))}
     return {name: i for name, i in numbers.items() if name in given}
 
 
 def over_sizes(axes: Axes, sizes: pd.Series, every: int = 1) -> None:
-    """Both axes logarithmic, the horizontal one over powers of 2, of which every so many have a label."""
+    """Make both axes logarithmic, the horizontal one with ticks at powers of 2, every `every`-th labelled."""
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     powers = range(int(np.floor(np.log2(sizes.min()))), 1)
@@ -133,13 +133,13 @@ def over_sizes(axes: Axes, sizes: pd.Series, every: int = 1) -> None:
 
 
 def whole_decades(low: float, high: float) -> tuple[float, float]:
-    """The limits of a logarithmic axis; where they hold less than two powers of 10, the next ones outside."""
+    """The limits of a logarithmic axis, moved out to powers of 10 if they hold fewer than two of them."""
     first, last = np.ceil(np.log10(low)), np.floor(np.log10(high))
     return (low, high) if last > first else (10.0 ** (first - 1), 10.0 ** (last + 1))
 
 
 def sides(axes: Axes, ends: pd.DataFrame, names: Sequence[str], height: float, **line: Any) -> None:
-    """Lines where sides start, and names, if any, between them; `ends`: where each starts and ends."""
+    """Draw lines where sides start and names, if any, between them; `ends` has both ends of each side."""
     place: Look = {"transform": axes.get_xaxis_transform(), "fontsize": SMALL, "ha": "center"}
     for start in ends["start"]:
         axes.axvline(start, **line)
@@ -154,7 +154,7 @@ def light_grid(axes: Axes, grey: str = "0.9") -> None:
 
 
 def as_fraction(value: float, denominator: int = 4) -> str:
-    """1/8 for 0.125; sizes are rounded, and a size that is no such fraction stays a decimal."""
+    """A size as a fraction, 1/8 for 0.125. Sizes are rounded; one near no fraction stays a decimal."""
     near = Fraction(value).limit_denominator(denominator)
     if value < 1 and abs(near / value - 1) >= ROUNDED:
         near = Fraction(1, round(1 / value))

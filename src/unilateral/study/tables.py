@@ -1,4 +1,4 @@
-"""The netCDF schema of the study's tables, and their files: described, deterministic, never half, checked.
+"""The netCDF schema of the study's tables and their files, which are deterministic, complete and checked.
 
 Dimensions are `case`, `mesh` (levels, coarse to fine) and `partition` (coarse to fine), the full tensor
 grid; what was not computed is NaN, or the empty string. A file ends with a line that holds the SHA-256 of
@@ -36,7 +36,7 @@ FLOAT_DIGITS = 4
 NEGLIGIBLE = 1e-12
 
 VARIABLES: dict[str, list[str]] = own(resources.files("unilateral.study") / "variables.yaml")
-"""Name: long name, units, the paper's equation or definition."""
+"""The long name and the units of each variable, and the paper's equation or a definition."""
 
 
 NORMS = ("h1", "hm12", "l2")
@@ -45,8 +45,8 @@ NORMS = ("h1", "hm12", "l2")
 def error_in(table: xr.Dataset, norm: str, bound: str | None = None, of: str = "error") -> xr.DataArray:
     """The error in a norm, or D ("discrete"); in hm12 its "lower" or "upper" bound or their r.m.s. mean.
 
-    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed. `of` is what the
-    variables of another quantity than the error are named by.
+    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed. `of` is the
+    quantity in the variables' names, such as error or norm.
     """
     if norm != "hm12":
         return table[f"{norm}_{of}"]
@@ -57,7 +57,7 @@ def error_in(table: xr.Dataset, norm: str, bound: str | None = None, of: str = "
 
 
 def errors_in_all(table: xr.Dataset) -> xr.DataArray:
-    """The same in every norm, over `norm`, without bounds."""
+    """The error in every norm, over the dimension `norm`; in hm12 it is the r.m.s. mean."""
     return xr.Dataset({norm: error_in(table, norm) for norm in NORMS}).to_dataarray("norm")
 
 
@@ -98,7 +98,7 @@ def save(
 
 
 def _encoding(table: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    """Whole numbers with 32 bits; coordinates without a number for what is missing, as CF demands."""
+    """Whole numbers have 32 bits, and coordinates no number for missing values, as CF demands."""
     found: dict[Hashable, dict[str, Any]] = {}
     for name, variable in table.variables.items():
         of_whole = {"dtype": "int32"} if variable.dtype.kind in "iu" else {}
@@ -110,7 +110,7 @@ def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -
     """A table, read whole.
 
     Raises InputError where there is none, StorageError for one that is damaged or belongs to another place
-    and, where the configuration `study` is given, for one that was made with another or from other files.
+    and, where the configuration `study` is given, for one that was made with another one or from other files.
     """
     try:
         data = Path(path).read_bytes()

@@ -9,11 +9,12 @@ from unilateral.fem.spaces import DualOperator
 
 Array = NDArray[np.float64]
 VARIANTS = ("as meant", "as printed", "without the clip")
-"""(5.1)-(5.3) with u^n from lambda^n; with u^n from lambda^(n-1), as the index reads; without max(0, .)."""
+"""(5.1)-(5.3) with u^n from lambda^n; with u^n from lambda^(n-1), as the printed index reads; and with u^n
+from lambda^n but without max(0, .)."""
 
 
 def iterate(operator: DualOperator, offset: Array, rho: float, steps: int, variant: str) -> Array:
-    """lambda^steps, from lambda^0 = 0 and, where it takes part, lambda^(-1) = 0."""
+    """The iterate lambda^steps, from lambda^0 = 0 and, in the variant that uses it, lambda^(-1) = 0."""
     now = before = np.zeros(len(offset))
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(steps):

@@ -20,11 +20,11 @@ from unilateral.study.experiments.sharpness import numbers as sharpness
 from unilateral.study.experiments.stability import numbers as stability
 
 LINE = 150
-"""Letters in a line: in a wider table columns are not aligned."""
+"""The columns of a table are aligned only if its lines have at most so many letters."""
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """All cells are texts."""
+    """A table of texts in Markdown."""
     rows = [list(table.columns), *table.to_numpy().tolist()]
     widths = [max(map(len, [f"{head}  ", *cells])) for head, *cells in zip(*rows, strict=True)]
     if sum(widths) + 3 * len(widths) + 1 > LINE:
@@ -35,7 +35,7 @@ def markdown(table: pd.DataFrame) -> str:
 
 
 def figures(listed: Iterable[tuple[Sequence[str], str]]) -> pd.DataFrame:
-    """Names of figures and what they show, for a page in a folder beside theirs."""
+    """The table of the figures and what they show, for a page in a folder beside that of the figures."""
     rows = []
     for names, what in listed:
         links = ", ".join(f"[{name}](../figures/{name}.svg)" for name in names)
@@ -44,7 +44,7 @@ def figures(listed: Iterable[tuple[Sequence[str], str]]) -> pd.DataFrame:
 
 
 def collect(told: Sources) -> dict[str, str]:
-    """All blocks."""
+    """All blocks, by their names."""
     of, study, infsup = told.tables, told.study, told.study["infsup"]
     ratios = [real(each, "uniform_ratios") for each in infsup["uniform_ratios"]]
     tolerances = {name: study["norms"][name]["tolerance"] for name in ("hm12", "l2")}

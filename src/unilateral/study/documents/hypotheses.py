@@ -23,10 +23,10 @@ HEADS = {"hypothesis": "hypothesis", "used": "used in 1980", "needed": "needed?"
 
 
 def numbers(told: Sources) -> dict[str, float]:
-    """Exponents without one hypothesis or two, of u in H1 and of D over H; and beta where h/H is not small.
+    """Exponents of u in H1 and of D over H where one or two hypotheses fail; and beta where h/H is not small.
 
-    `proved` is that of D by Theorem 1 where (jj) and (jjj) fail. In `alternating` each cell has contact
-    and a gap.
+    `proved` is the exponent of D by Theorem 1 where (jj) and (jjj) fail. In `alternating` each cell has
+    contact and a gap.
     """
     ratio = real(told.study["judged_ratio"], "judged_ratio")
     of_u = {
@@ -48,7 +48,7 @@ def numbers(told: Sources) -> dict[str, float]:
 
 
 def table(values: Mapping[str, float]) -> pd.DataFrame:
-    """A row for each hypothesis. Raises KeyError for a number that there is not."""
+    """A row for each hypothesis. Raises KeyError for an unknown number."""
 
     def filled(words: str) -> str:
         return re.sub(r"<(\w+):([\w.]+)>", lambda mark: shown(values[mark[1]], mark[2]), words)

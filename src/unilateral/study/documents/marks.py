@@ -5,7 +5,7 @@
   several, separated by commas;
 - a block, a table, stands between the lines `<!-- NAME: begin -->` and `<!-- NAME: end -->`.
 
-A line does not begin with one of the first two, for Markdown would take all of it for HTML.
+A line must not begin with one of the first two, since Markdown would take all of it for HTML.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def taken(measured: Mapping[str, float]) -> dict[str, Any]:
 
 
 def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
-    """{"a": {"b": 1, "c": [2]}} as {"a.b": 1}: a name leads through the groups, and lists have none."""
+    """{"a": {"b": 1, "c": [2]}} as {"a.b": 1}: names lead through the groups, and lists are left out."""
     found: dict[str, Value] = {}
     for name, of in groups.items():
         if isinstance(of, Mapping):

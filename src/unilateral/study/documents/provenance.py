@@ -32,5 +32,5 @@ def _files(files: pd.DataFrame) -> pd.DataFrame:
 
 
 def _quoted(path: str) -> str:
-    """A file as code below its name."""
+    """The text of a file as code, below its name."""
     return f"## `{path}`\n\n```yaml\n{Path(path).read_text(encoding='utf-8')}```"

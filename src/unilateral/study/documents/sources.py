@@ -1,4 +1,4 @@
-"""What documents tell of: the study's tables, its claims and its parameters."""
+"""What documents report on: the study's tables, its claims and its parameters."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ TABLES = (
 class Sources(NamedTuple):
     """`rates` and `totals` are by scene, `tables` by name; `pairs` is the table behind the figure of beta.
 
-    `scores` has what other solvers' solutions score, `commands` what processes take, and `whole` what an
-    installation and the study take.
+    `scores` holds the scores of other solvers' solutions, `commands` what processes take, and `whole` what an
+    installation and the whole study take.
     """
 
     tables: Mapping[str, xr.Dataset]
@@ -52,17 +52,17 @@ class Sources(NamedTuple):
 
     @property
     def H_over_h(self) -> float:
-        """Of the runs that the study of cost recommends."""
+        """H/h of the runs that the study of cost recommends."""
         return real(self.study["cost"]["base"]["H_over_h"], "H_over_h")
 
     @property
     def coarsest(self) -> float:
-        """The largest H of that study's fits."""
+        """The largest H of the fits in the study of cost."""
         return real(self.study["cost"]["fitted_from"], "fitted_from")
 
 
 def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
-    """From files by name, those of `rates` and `totals` in the order of the study's scenes."""
+    """The sources from files by name; those of `rates` and `totals` are in the order of the scenes."""
     rates, totals = (
         {scene: tables.load(path) for scene, path in zip(study[scenes], paths[what], strict=True)}
         for what, scenes in (("rates", "judged"), ("totals", "bounded"))
@@ -74,6 +74,6 @@ def read(paths: Mapping[str, Any], study: Mapping[str, Any]) -> Sources:
 
 
 def write(values: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
-    """A value a line."""
+    """Write the values as JSON, one on each line."""
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

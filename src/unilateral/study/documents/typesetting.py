@@ -14,7 +14,7 @@ from unilateral.study.documents import marks
 from unilateral.system.files import replacing
 
 ARCHIVAL: Final = "a-2b"
-"""PDF/A: under this standard typst refuses a letter that its fonts do not have."""
+"""The PDF/A standard of the paper; under it typst refuses a letter that its fonts do not have."""
 NOISE = re.compile(r"Pandoc died .*?: |\[WARNING\] |Failing because.*|stack traceback.*", re.DOTALL)
 PLACE = re.compile(r"^\s*\d+ │ (.*)$", re.MULTILINE)
 

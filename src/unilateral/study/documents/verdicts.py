@@ -30,7 +30,7 @@ LETTERS = {
 
 
 def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
-    """Of each claim by its id whether it holds; from `results/claims.json`."""
+    """Whether each claim holds, by its id; `records` are those of `results/claims.json`."""
     return {each["id"]: holds(each["verdict"]) for each in records}
 
 
@@ -50,7 +50,7 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
-    """What is shown of the evidence; nothing of what is not judged, or not to be measured."""
+    """What is shown of the evidence; dashes for a claim that is not judged, or has nothing to measure."""
     if record["observed"] is None:
         return dict.fromkeys(("what counts", "observed", "margin"), NONE)
     return {
@@ -61,12 +61,12 @@ def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _sees(part: str | None) -> str:
-    """Short, for a narrow column: a factor, or a part of the control."""
+    """The text of `sees`, shortened for a narrow column: a factor, or a part of the control."""
     return part.replace("below", "<").removesuffix(" of the control") if part else NONE
 
 
 def _letters(text: str) -> str:
-    """The names of letters as letters, and comparisons as signs."""
+    """The text with the names of Greek letters as letters, and comparisons as signs."""
     for name, letter in LETTERS.items():
         text = re.sub(rf"(?<![a-zA-Z]){name}(?![a-zA-Z])", letter, text)
     return text.replace(">=", "≥").replace("<=", "≤").replace("->", "→").replace("|", r"\|")
@@ -81,5 +81,5 @@ def _observed(record: Mapping[str, Any]) -> str:
 
 
 def _requires_0(record: Mapping[str, Any]) -> bool:
-    """Nothing is relative to that."""
+    """Whether the requirement is 0, to which no margin can be relative."""
     return float(record["expected"].split()[1]) == 0

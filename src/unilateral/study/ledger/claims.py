@@ -32,7 +32,7 @@ class Claim:
 
     `title` says it in a few words, for figures; `section` is where this study reports it; `reads` names
     the tables it depends on; `source` is where the required number comes from; `control` spoils a table.
-    Where there is nothing to measure, `unmeasured` says why and stands in place of all that.
+    Where there is nothing to measure, `unmeasured` says why, and the claim has no verdict, check or control.
     """
 
     id: str
@@ -83,7 +83,7 @@ class Judgement:
 
     @cached_property
     def sees(self) -> str | None:
-        """The smallest part of its control at which the claim does not hold; None if it does not anyway."""
+        """The smallest part of its control at which the claim does not hold; None if it fails anyway."""
         if not self.holds:
             return None
         control, claim = self.claim.control, _of_spoilt_scenes(self.claim)
@@ -130,7 +130,7 @@ def ledger() -> tuple[Claim, ...]:
 
 
 FORMS = frozenset({"verdict", "check", "reads", "source", "control"}), frozenset({"unmeasured"})
-"""The fields that a claim has besides id, section, title, statement and where, measured or not."""
+"""The fields of a measured claim besides id, section, title, statement and where, and those of another."""
 
 
 def declared(entry: Mapping[str, Any]) -> Claim:
@@ -187,7 +187,7 @@ def judgement(results: Results, claim: Claim) -> Judgement:
 
 
 def find(wanted: str) -> Claim:
-    """The claim with that id. Raises InputError, with the ids there are."""
+    """The claim with that id. Raises InputError, which lists the known ids, if there is none."""
     for claim in ledger():
         if claim.id == wanted:
             return claim

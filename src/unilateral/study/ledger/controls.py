@@ -12,7 +12,7 @@ import xarray as xr
 from unilateral.study.ledger.results import Results
 
 LEAST, PRECISION = 1e-6, 0.01
-"""The smallest share of a control that is tried, and how precisely, relatively, a share is found."""
+"""The smallest share of a control that is tried, and the relative precision to which a share is found."""
 
 
 def spoilt(results: Results, control: Mapping[str, Any], share: float = 1.0) -> Results:
@@ -69,7 +69,7 @@ def smallest_share(fails: Callable[[float], bool]) -> float:
 def told(control: Mapping[str, Any], share: float) -> str:
     """A share of a control in words: a factor where the control is one, else a part of it.
 
-    Where the table holds `rounding`, which another processor has otherwise, only the power of ten above it.
+    Where the table holds `rounding`, which differs between processors, it is only the power of ten above.
     """
     if control.get("rounding") and share < 0.99:
         return f"below {100 * 10.0 ** math.ceil(math.log10(share)):g} % of the control"

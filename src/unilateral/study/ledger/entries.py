@@ -11,7 +11,7 @@ from unilateral.system.declarations import own
 
 STUDY = resources.files("unilateral.study")
 FILE = "claims.yaml"
-"""Of an experiment: its claims."""
+"""The file in an experiment's folder that declares its claims."""
 
 
 def entries() -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ ZERO = 1e-12
 
 
 class Unjudged(Exception):
-    """There is nothing to judge, or a precondition of the check does not hold; the reason."""
+    """The reason why a claim is not judged: there is nothing to judge, or a precondition does not hold."""
 
 
 class Evidence(NamedTuple):
@@ -35,7 +35,7 @@ class Evidence(NamedTuple):
 
     @property
     def margin(self) -> float:
-        """What is left, relative to what is required unless that is 0."""
+        """By how much the requirement is met, relative to what is required unless that is 0."""
         slack = self.observed - self.required
         slack = (slack if self.at_least else -slack) + 0.0
         return slack / abs(self.required) if self.required else slack
@@ -46,7 +46,7 @@ class Evidence(NamedTuple):
 
 
 def worst(values: Mapping[str, float], quantity: str, required: float, at_least: bool) -> Evidence:
-    """The worst of named values. Raises Unjudged where there is none, or one that is not known, NaN."""
+    """The worst of named values. Raises Unjudged if there are no values, or one is unknown (NaN)."""
     if not values:
         raise Unjudged(f"there is nothing of which to find {quantity}")
     if unknown := [name for name, value in values.items() if np.isnan(value)]:
@@ -57,24 +57,24 @@ def worst(values: Mapping[str, float], quantity: str, required: float, at_least:
 
 
 def all_of(*parts: Evidence) -> Evidence:
-    """Of a statement in parts the first that fails or, if all hold, the first."""
+    """The evidence for a statement in parts: the first part that fails or, if all hold, the first part."""
     return next((part for part in parts if not part.holds), parts[0])
 
 
 def provided(evidence: Evidence, faults: Sequence[str]) -> Evidence:
-    """The evidence. Raises Unjudged where it would pass, but for faults in what it rests on."""
+    """The evidence. Raises Unjudged if it would pass, but there are faults in what it rests on."""
     if evidence.holds and faults:
         raise Unjudged("; ".join(faults))
     return evidence
 
 
 def along_ratio(table: xr.Dataset, variable: str, H_over_h: float) -> Array:
-    """(case, level) values along H/h, coarse to fine; without cases (level,)."""
+    """(case, level) values at a fixed H/h, coarse to fine; (level,) if there are no cases."""
     return stored.along_ratio(table, 1 / H_over_h)[variable].values
 
 
 def by_case(tables: Tables, table: str, scenes: Sequence[str], cases: Iterable[str]) -> dict[str, xr.Dataset]:
-    """What a table of each scene says of each of the cases that it has, by "scene, case"."""
+    """The part of each scene's table about each of these cases that it has, by "scene, case"."""
     found = {scene: tables[table.format(scene=scene)] for scene in scenes}
     return {
         f"{scene}, {case}": data.sel(case=case)

@@ -41,7 +41,7 @@ def summary(judgements: Iterable[Judgement]) -> str:
 
 
 def _percent(evidence: Evidence) -> str:
-    """The margin; nothing is relative to a requirement of 0."""
+    """The margin; "none" if it is not finite, or the requirement is 0, to which nothing is relative."""
     known = math.isfinite(evidence.margin) and evidence.required != 0
     return percent(evidence.margin) if known else "none"
 

@@ -10,7 +10,7 @@ from typing import Any
 from unilateral.errors import StorageError
 
 FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
-"""Verdicts that no document may rest on; the last two go on with their reasons."""
+"""No document may rest on these verdicts; in the last two a reason follows."""
 ORIGINS = {
     "derived": "derived",
     "tolerance": "derived up to a tolerance",
@@ -18,9 +18,9 @@ ORIGINS = {
     "before": "set before values were known",
     "after": "set after values had been seen",
 }
-"""Where a required number comes from, by a short name: so a claim's source begins, before a colon."""
+"""Where a required number comes from, by a short name. A claim's source begins so, up to a colon."""
 LEAST, PLENTY = 1e-4, 10.0
-"""Margins below and above are told as these."""
+"""A margin below the first number or above the second is told as lying below or above it."""
 
 
 def percent(margin: float) -> str:
@@ -51,5 +51,5 @@ def read(path: str | os.PathLike[str]) -> Any:
 
 
 def origin(source: str) -> str:
-    """The short name of where the number comes from. Raises KeyError for a source that does not begin so."""
+    """The short name of where the number comes from. Raises KeyError if it is unknown."""
     return {text: name for name, text in ORIGINS.items()}[source.partition(":")[0]]

@@ -18,7 +18,7 @@ MANIFEST = "manifest.json"
 class Results(dict[str, xr.Dataset]):
     """The tables below a folder by name, such as "square/errors", read when they are asked for.
 
-    Files that are `listed` with their SHA-256 have to have it.
+    A file that is `listed` has to have the SHA-256 that is listed.
     """
 
     def __init__(

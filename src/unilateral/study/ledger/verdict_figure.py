@@ -1,4 +1,4 @@
-"""All claims at a glance: how far each is on its side, and what the study says of it."""
+"""All claims at a glance: the margin of each, and what the study says of it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from unilateral.study import style
 from unilateral.study.ledger import records
 
 ROW, ABOVE, BELOW = 0.42, 1.6, 1.7
-"""Centimetres: of a row, of the legend, of the axis and the note."""
+"""The heights in cm of a row, of the legend, and of the axis with the note."""
 IDS, WORDS, SCALE = 1.25, 5.3, 2.75
-"""Centimetres: of the ids, with the titles, of the axis."""
+"""The widths in cm of the ids, of the ids with the titles, and of the axis."""
 KINDS = {
     "holds": ("o", style.COLOURS[0]),
     "holds, and is sharp": ("s", style.COLOURS[2]),
@@ -33,7 +33,7 @@ BEGINNINGS = {
     "is supported": "supported by numbers",
     "is not contradicted": "not contradicted",
 }
-"""Kinds by how a verdict begins; of others it counts whether they say `sharp`."""
+"""The kind of a verdict, by how it begins; the kind of any other depends on whether it says `sharp`."""
 
 
 def table(claims: style.FilePath) -> pd.DataFrame:
@@ -52,7 +52,7 @@ def _kind(verdict: str) -> str:
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
-    """A row per claim, its margin on a logarithmic axis, its mark what was found.
+    """A row per claim: its margin on a logarithmic axis, with a mark that tells the verdict.
 
     Columns: id and title of the claim, kind (of the verdict), margin (relative, within the axis).
     """
@@ -77,7 +77,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 
 
 def _panel(axes: Axes, rows: pd.DataFrame, places: int) -> None:
-    """The rows from the top of so many places."""
+    """Draw the rows, from the top of a panel with so many places."""
     heights = [places - 1 - k for k in range(len(rows))]
     beside: style.Look = {
         "transform": axes.get_yaxis_transform(),

@@ -20,13 +20,13 @@ KINDS: dict[str, style.Look] = {
 }
 BOUND: style.Look = {"ls": style.LINES[1], "mfc": "white"}
 OPTIMAL, SPAN = -0.5, 8.0
-"""The slope of the triangles, and how many times their base grows."""
+"""The slope that the triangles show, and the factor by which unknowns grow along their base."""
 
 
 def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
     """A row per case, kind of mesh and level: unknowns, the error, its bound, beta from below.
 
-    `beta_of_edges` is an upper bound of beta with the edges as cells. Not known is NaN.
+    `beta_of_edges` is an upper bound on beta with the edges as cells. What is not known is NaN.
     """
     found, constants = tables.load(errors), tables.load(infsup)
     of = xr.Dataset(
@@ -65,7 +65,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 
 
 def _over_unknowns(axes: Axes, unknowns: pd.Series) -> None:
-    """The same in all panels."""
+    """Set the horizontal axis, which is the same in all panels."""
     axes.set_xscale("log")
     axes.set_xlim(unknowns.min() / 1.5, unknowns.max() * 1.5)
     axes.xaxis.set_minor_locator(LogLocator(subs=range(2, 10)))

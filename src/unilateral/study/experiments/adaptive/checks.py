@@ -9,7 +9,7 @@ import numpy as np
 from unilateral.study.ledger.evidence import Evidence, Tables, provided, worst
 
 PAIRS = 3
-"""Of asymptotic levels: fewer say nothing of a rate."""
+"""A rate needs so many pairs of asymptotic levels; fewer say nothing about it."""
 
 
 def rate(
@@ -17,8 +17,8 @@ def rate(
 ) -> Evidence:
     """The smallest rate on adapted meshes over all asymptotic pairs of levels.
 
-    Raises Unjudged where it would pass, but a case has too few pairs, or an asymptotic level an algebraic
-    bound of more than that share of the error.
+    Raises Unjudged if it would pass, but a case has too few pairs, or the algebraic bound of an asymptotic
+    level is more than that share of the error.
     """
     of = tables[table].sel(kind="adapted", case=list(cases))
     rates = {str(case): of[variable].sel(case=case).dropna("level").values for case in of["case"].values}
@@ -31,7 +31,7 @@ def rate(
 
 
 def index(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
-    """The largest bound over the error on asymptotic adapted meshes."""
+    """The largest quotient of the bound and the error on asymptotic adapted meshes."""
     of = tables[table].sel(kind="adapted", case=list(cases))
     largest = of["index"].where(of["asymptotic"] == 1).max("level")
     rows = {str(case): float(largest.sel(case=case)) for case in of["case"].values}

@@ -61,7 +61,7 @@ def measure(
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     """Errors, constants of (3.4), and timings over (kind, level), NaN beyond a kind's last level.
 
-    Where no solution is known the error is NaN, and so are the unknowns from which it is asymptotic.
+    Where no solution is known the error is NaN, and so is the number of unknowns from which it is asymptotic.
     """
     first = first_mesh(problem.polygon, h)
     found = [list(_rows(problem, first, kind, limits, stop)) for kind in KINDS]
@@ -72,7 +72,7 @@ def measure(
 
 
 def first_mesh(polygon: Polygon, h: float) -> Mesh:
-    """With edges of the size h on the boundary, two in each cell of the size 2h."""
+    """The mesh with edges of the size h on the boundary, two in each cell of the size 2h."""
     if natural_kind(polygon) == "structured":
         return structured(polygon, h)
     return meshes.following(uniform(polygon, 2 * h), 2)[0]
@@ -88,7 +88,7 @@ def asymptotic_from(problem: Case | Problem) -> float:
 def _rows(
     problem: Case | Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
 ) -> Iterator[tuple[Row, Row, Row]]:
-    """What is measured of each level; its time is that of the bound, too, and of all levels before."""
+    """What is measured on each level; its time includes that of the bound and of all levels before."""
     spent, begin = 0.0, process_time()
     for solution in refinements(problem, first, stop, KINDS[kind], limits.unknowns):
         solution.bound()
@@ -127,7 +127,7 @@ def stability(mesh: Mesh, cells: Partition) -> Row:
 
 
 def together(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:
-    """One table from those of these names along a dimension, NaN where one has fewer levels."""
+    """The tables as one, along a dimension with these names; NaN where one has fewer levels."""
     return xr.concat(tables, dim, join="outer").assign_coords({dim: list(names)})
 
 

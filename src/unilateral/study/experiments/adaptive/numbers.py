@@ -1,4 +1,4 @@
-"""What documents say of adapted meshes beside uniform ones."""
+"""The numbers in documents about adapted meshes beside uniform ones."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def finest(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:
 
 
 def _last(values: xr.DataArray) -> float:
-    """The last that is known, or NaN."""
+    """The last value that is known, or NaN."""
     known = values.dropna("level").values
     return float(known[-1]) if len(known) else np.nan
 
@@ -47,10 +47,10 @@ def _cell(value: float, spec: str) -> str:
 
 
 def savings(errors: xr.Dataset) -> pd.DataFrame:
-    """What the bound of the finest uniform mesh takes by adapted ones, by problem.
+    """How many unknowns adapted meshes save for the bound of the finest uniform mesh, by problem.
 
-    The unknowns of the first adapted mesh with that bound; and the quotient, of these meshes and of all
-    levels up to them.
+    These are the unknowns of the first mesh of each kind with that bound, and the quotients, uniform over
+    adapted, of these meshes and of all levels up to them.
     """
     rows = []
     for case in errors["case"].values:
@@ -76,9 +76,9 @@ def _until(of: xr.Dataset, target: float) -> NDArray[np.float64]:
 
 
 def beta(infsup: xr.Dataset, smallest_angle: float) -> dict[str, float]:
-    """On adapted meshes the least beta, with angles of at least so much and with others, and the least angle.
+    """The least beta on adapted meshes with angles of at least so much, and on the others; the least angle.
 
-    With an edge in each cell the largest; and the least beta_0.
+    Besides these, the largest beta with an edge in each cell, and the least beta_0.
     """
     large = infsup["smallest_angle"] >= smallest_angle
     return {

@@ -10,10 +10,10 @@ Array = NDArray[np.float64]
 
 
 def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
-    """Rates from each level to the first that has that many times its unknowns; NaN where there is none.
+    """Rates from each level to the first with at least `factor` times its unknowns; NaN where there is none.
 
-    `asymptotic` is 1 where the case declares errors on such meshes to be so; rates of errors are known from
-    there on. `index` is the bound over the error, and `share` the algebraic bound over it.
+    `asymptotic` is 1 where the case declares errors on meshes of that size asymptotic; rates of errors are
+    given from there on. `index` is the bound over the error, and `share` the algebraic bound over the error.
     """
     errors = errors.transpose("case", "kind", "level")
     N, order = errors["unknowns"].values, ("case", "kind", "level")
@@ -33,6 +33,6 @@ def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
 
 
 def _rate(N: Array, values: Array, later: NDArray[np.intp]) -> Array:
-    """(case, kind, level) of the fall of values against the growth of N; `later` is 0 where there is none."""
+    """(case, kind, level) rates: the fall of values against the growth of N; NaN where `later` is 0."""
     fall, growth = (np.log(np.take_along_axis(of, later, axis=-1) / of) for of in (values, N))
     return np.where(later > 0, -fall / np.where(later > 0, growth, 1.0), np.nan)

@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 def certificates(
     mesh: Mesh, partition: Partition, cases: Sequence[Case], recorded: Sequence[int]
 ) -> xr.Dataset:
-    """Both bounds of the algebraic error over that error, and the error itself, after steps `recorded`.
+    """Both bounds on the algebraic error over that error, and the error itself, after steps `recorded`.
 
-    Over (case, step), rho = 0.9/lambda_max(S); the error is ||u(mu) - u_h||_1, relative in `u_distance`.
-    `first_term_index` is that of the first of the two terms of `residual_bound`, which is no bound.
+    The table is over (case, step), for rho = 0.9/lambda_max(S). The error is ||u(mu) - u_h||_1, relative in
+    `u_distance`. `first_term_index` is for the first of the two terms of `residual_bound`, which is no bound.
     """
     rows = [[_bounds(of, steps) for steps in recorded] for of in known(mesh, partition, cases)]
     table = {name: (("case", "step"), [[each[name] for each in row] for row in rows]) for name in rows[0][0]}
@@ -53,7 +53,7 @@ def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
 def split(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
     """How far ||u-u_h||_1^2 by quadrature is from ||u-z_h||_1^2 + ||lambda-lambda_H||_{-1/2,h}^2, relative.
 
-    Over the cases. `..._elsewhere`: with H ||lambda-lambda_H||_0^2 as the second term.
+    The table is over the cases. `..._elsewhere` is the same with H ||lambda-lambda_H||_0^2 as second term.
     """
     defects = []
     for of in known(mesh, partition, cases):
@@ -93,8 +93,8 @@ def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
 def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: int) -> xr.Dataset:
     """Operations to find F in one step (5.1)-(5.3), by `operations`: with A factorised, with A_3, and with S.
 
-    And how far u^n on the boundary is after some steps by the first way from that by the second, on the
-    coarsest mesh, relative to it.
+    `difference` is how far u^n on the boundary is, after some steps, by the first way from that by the second
+    one, on the coarsest mesh and relative to it.
     """
     counts = np.empty((3, len(meshes)))
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
@@ -115,7 +115,7 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
 
 
 def _by_both_ways(alone: Sparse, spaces: MixedSpaces, steps: int) -> float:
-    """With f = 0 and g = 1, which is in contact everywhere."""
+    """The difference of u^n by both ways, with f = 0 and g = 1, where there is contact everywhere."""
     H_i, condensed = spaces.partition.lengths, spaces.condensed
     boundary = condensed.mesh.boundary
     rho = 1 / spaces.operator.lambda_max

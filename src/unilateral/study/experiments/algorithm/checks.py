@@ -9,7 +9,7 @@ import numpy as np
 from unilateral.study.ledger.evidence import ZERO, Evidence, Tables, all_of, along_ratio, worst
 
 SAME = 1e-10
-"""Relative difference of iterates that round-off leaves."""
+"""Round-off may leave so large a relative difference between iterates."""
 
 
 def steps(
@@ -44,7 +44,7 @@ def clip(tables: Tables, table: str, case: str, share: float, least: float) -> E
 def printed_index(
     tables: Tables, table: str, cases: Sequence[str], below: float, above: float, least: float
 ) -> Evidence:
-    """Distances as printed over as meant: many times as large above half the limit, at most twice below."""
+    """The distances as printed over those as meant: many times above half the limit, at most twice below."""
     distance = tables[table]["distance"].sel(case=list(cases))
     quotient = distance.sel(variant="as printed") / distance.sel(variant="as meant")
 
@@ -58,7 +58,10 @@ def printed_index(
 
 
 def step_limit(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
-    """1 - sigma_1 lambda_max(S) on the unit square, sigma_1 its first Steklov eigenvalue: from 0 on."""
+    """1 - sigma_1 lambda_max(S) on the unit square, which is to be at least 0 and at most `most`.
+
+    sigma_1 is the first Steklov eigenvalue of the square.
+    """
     sigma_1 = np.tanh(8**-0.5) / np.sqrt(2)
     below = {scene: 1 - sigma_1 * float(tables[f"{scene}/errors"]["lambda_max"].max()) for scene in scenes}
     quantity = "1 - sigma_1 lambda_max(S) on the finest meshes"
@@ -78,7 +81,7 @@ def economy(tables: Tables, table: str, least: float) -> Evidence:
 
 
 def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, most: float) -> Evidence:
-    """Steps of plain Uzawa times H over the logarithm of the tolerance, largest over smallest: O(1/H)."""
+    """The largest over the smallest of H times plain Uzawa's steps over the tolerance's logarithm: O(1/H)."""
     table = tables[f"{scene}/errors"].sel(case=case)
     iterations, tolerance, sizes = (
         along_ratio(table, name, H_over_h) for name in ("iterations", "tolerance", "H")

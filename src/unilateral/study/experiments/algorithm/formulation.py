@@ -1,6 +1,6 @@
 """What sections 1, 3 and 4 of the paper say of its problem and its forms, tried on one mesh.
 
-Each number is beside the same one for a spoilt input, `..._elsewhere`, of which the statement is false.
+Beside each number is the same one for a spoilt input, `..._elsewhere`, for which the statement is false.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from unilateral.problems.case import Case
 from unilateral.study.experiments.algorithm.measure import DIRECTIONS, SolvedCase, known
 
 DEGREE = 12
-"""Of the rule for the solution with the flux 1, which is entire."""
+"""The degree of the quadrature rule for the solution with the flux 1, which is an entire function."""
 PER_EDGE = 17
-"""Points of an edge at which the gap is looked at, ends included."""
+"""The gap is evaluated at so many points of an edge, its ends included."""
 
 
 def formulation(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
-    """Over the cases: how well u satisfies (1.5) and the first equation of (P*), and u_h (3.2).
+    """How well u satisfies (1.5) and the first equation of (P*), and u_h (3.2), over the cases.
 
-    Of the spaces alone: (4.3), the constant M of (4.2) and, for the flux 1 on the unit square, (3.7).
+    The numbers of the spaces alone are for (4.3), the constant M of (4.2) and, for the flux 1 on the unit
+    square, (3.7).
     """
     rng, rows = np.random.default_rng(0), []
     for of in known(mesh, partition, cases):
@@ -46,8 +47,9 @@ def formulation(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.D
 def _weak(of: SolvedCase, rng: np.random.Generator) -> dict[str, float]:
     """The residual of (P*) in the dual norm of V_h, and the least (u, v - u)_1 - (f, v - u)_0 of (1.5).
 
-    The residual is relative to ||u||_1; elsewhere without the flux. v = u + w, relative to ||u||_1 ||w||_1,
-    with w in V_h as small on the boundary as v >= g lets it be, or larger; elsewhere with -w.
+    The residual is relative to ||u||_1, and `..._elsewhere` without the flux. The least is relative to
+    ||u||_1 ||w||_1 for v = u + w, with w in V_h as small on the boundary as v >= g allows, or larger, and
+    `..._elsewhere` with -w.
     """
     spaces, case, boundary = of.spaces, of.exact.ritz.case, of.spaces.mesh.boundary
     f, of_u, _, square = moments(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
@@ -73,7 +75,7 @@ def _dual(spaces: MixedSpaces, values: Array) -> float:
 
 
 def _least_gaps(case: Case, mesh: Mesh) -> Array:
-    """(nb,) of every boundary node the least gap on both its edges."""
+    """(nb,) the least gap on both edges at each boundary node."""
     polygon, ends = mesh.polygon, mesh.s
     side = np.searchsorted(polygon.starts, 0.5 * (ends[1:] + ends[:-1])) - 1
     s = ends[:-1] - polygon.starts[side] + np.linspace(0, 1, PER_EDGE)[:, None] * np.diff(ends)
@@ -84,7 +86,7 @@ def _least_gaps(case: Case, mesh: Mesh) -> Array:
 def _in_K(of: SolvedCase, multiplier: Array, suffix: str) -> dict[str, float]:
     """The least (u_h, v - u_h)_1 - (f, v - u_h)_0 over |(f, u_h)_0|, v random in K(h,H) with (3.1).
 
-    u_h is that of the multiplier. The cell means of v - g are 0 of the first v, and >= 0 of the others.
+    u_h is that of the multiplier. The cell means of v - g are 0 for the first v, and >= 0 for the others.
     """
     spaces, load, H_i = of.spaces, of.discrete.load, of.spaces.partition.lengths
     u_h = spaces.response(load, multiplier)
@@ -100,8 +102,8 @@ def _in_K(of: SolvedCase, multiplier: Array, suffix: str) -> dict[str, float]:
 def _forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, float]:
     """A(U, U)/||u||_1^2 of (4.3), the farthest from 1 of random U, and A(U, V)/(|||U||| |||V|||) of (4.2).
 
-    The latter for ||.||_{-1/2,h} in (4.1), and for U and V of one function and its flux, where it is largest.
-    Elsewhere: with the wrong sign of <lambda, v>, and without <mu, u>.
+    The latter is for ||.||_{-1/2,h} in (4.1), and for U and V of one function and its flux, where it is
+    largest. `..._elsewhere` the first has the wrong sign of <lambda, v>, and the second lacks <mu, u>.
     """
     boundary, A, m = spaces.mesh.boundary, spaces.condensed.A, len(spaces.cells)
 
@@ -136,7 +138,7 @@ def _galerkin(spaces: MixedSpaces) -> dict[str, float]:
     """| ||v||^2 - ||v_h||^2 - ||v - v_h||^2 | / ||v||^2 in H1, v_h the Galerkin approximation of (3.7).
 
     v = (cosh(x - 1/2) + cosh(y - 1/2)) / sinh(1/2) has the flux 1 on the unit square, and
-    ||v||_1^2 = 8 + 4 coth(1/2). Elsewhere: with the interpolant of v for v_h.
+    ||v||_1^2 = 8 + 4 coth(1/2). `..._elsewhere` v_h is the interpolant of v.
     """
     mesh, A = spaces.mesh, spaces.condensed.A
     square = 8 + 4 / np.tanh(0.5)

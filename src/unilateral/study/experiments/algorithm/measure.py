@@ -23,9 +23,10 @@ from unilateral.study.uzawa_variants import VARIANTS, iterate
 
 Array = NDArray[np.float64]
 DIRECTIONS, NEAR = 200, 1e-6
-"""Near u_h a slope of L in v, if there were one, outweighs its curvature."""
+"""How many random directions are tried, and how near to u_h: there a slope of L in v, if there were one,
+outweighs its curvature."""
 BOUNDED = 1e6
-"""Distances beyond it count as that."""
+"""Distances above this number count as this number."""
 
 
 class SolvedCase(NamedTuple):
@@ -54,10 +55,10 @@ def algorithm(
 ) -> xr.Dataset:
     """Distances from lambda_H after so many steps from 0, by step rho (a share of 2/lambda_max(S)).
 
-    In L2, relative to lambda_H; over (case, variant, rho_share). Besides, of every case: how far
-    (u_h, lambda_H) is from being a saddle point, the factor between the stationary multipliers of (3.3) and
-    of section 5, and what of u_h - g is not constant on the cells. `..._elsewhere`: the same with
-    lambda_H + 1, and for the Lagrangian of section 5.
+    They are in L2, relative to lambda_H, over (case, variant, rho_share). Further numbers of each case are
+    how far (u_h, lambda_H) is from being a saddle point, the factor between the stationary multipliers of
+    (3.3) and of section 5, and the part of u_h - g that is not constant on the cells. `..._elsewhere` is the
+    same with lambda_H + 1, and for the Lagrangian of section 5.
     """
     rng = np.random.default_rng(0)
     distances, of_cases = [], []
@@ -86,7 +87,7 @@ def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
 
 
 def _factor(of: SolvedCase, share: float) -> float:
-    """Of the stationary multiplier with that share of D, over lambda_H, in L2."""
+    """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
     spaces, H_i = of.spaces, of.spaces.partition.lengths
     scaled = DualOperator(spaces.operator.half * np.sqrt(share), H_i, spaces.mesh.polygon.area)
     other = active_set(scaled, of.discrete.offset, np.inf).lambda_H
@@ -96,8 +97,9 @@ def _factor(of: SolvedCase, share: float) -> float:
 def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix: str) -> dict[str, float]:
     """The smallest L(v, lambda_H) - L(u_h, lambda_H), L(u_h, lambda_H) - L(u_h, mu) and excess of (4.4).
 
-    For random v and mu >= 0, u_h that of the multiplier lambda_H; L(v, mu) = ||v||_1^2 / 2 - (f, v)
-    - <mu, v - g>; relative to |L(u_h, lambda_H)|. The excess is A(U_h, V - U_h) - F(V - U_h), V = (v, mu).
+    They are relative to |L(u_h, lambda_H)|, for random v and mu >= 0, where u_h belongs to the multiplier
+    lambda_H, and L(v, mu) = ||v||_1^2 / 2 - (f, v) - <mu, v - g>. The excess is
+    A(U_h, V - U_h) - F(V - U_h), V = (v, mu).
     """
     spaces, load, g_means = of.spaces, of.discrete.load, of.exact.means.g_means
     H_i, boundary, A = spaces.partition.lengths, spaces.mesh.boundary, spaces.condensed.A

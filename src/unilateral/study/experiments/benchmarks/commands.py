@@ -11,7 +11,7 @@ from unilateral.study.experiments.benchmarks.numbers import NAMES, two_digits
 from unilateral.study.formats import shown
 
 OURS, LARGE = "unilateral", 1024
-"""Who runs what is typed; and the size at which the bound is told."""
+"""The name under which this project's commands are listed; the n at which the time of the bound is told."""
 
 
 def table(told: Mapping[str, Any]) -> pd.DataFrame:
@@ -36,7 +36,7 @@ def _row(row: Mapping[str, Any]) -> dict[str, str]:
 
 
 def numbers(told: Mapping[str, Any]) -> dict[str, Any]:
-    """When and where, the bound's seconds over the solve's, and all levels over the last of searches."""
+    """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last."""
     (bound,) = [row for row in told["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
     levels = [row["levels_over_last"] for row in told["rows"] if row["solver"] == OURS and row["n"] == 0]
     return {

@@ -39,9 +39,9 @@ PROBLEMS = {
 
 
 def solvers(table: xr.Dataset) -> pd.DataFrame:
-    """Seconds from nothing of `natural`, as ratios to multigrid's, with the largest memory and its place.
+    """The seconds from nothing for `natural`, as ratios to multigrid's, and the largest memory with its size.
 
-    Who was not there when it was measured has no row.
+    A solver that was not there when it was measured has no row.
     """
     runs = table.to_dataframe()
     return pd.DataFrame([_solver(runs, way) for way in NAMES if len(judge.along(runs, way))])
@@ -142,7 +142,10 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
 
 
 def comparable(runs: pd.DataFrame) -> pd.Series:
-    """Whose errors are to be those of the discrete solution on cells of two edges, from the first n shown."""
+    """Which runs are to have the errors of the discrete solution on cells of two edges.
+
+    Runs on cells of four edges are left out, and so are those below the first n shown.
+    """
     return (runs["H_over_h"] != max(judge.H_OVER_H.values())) & (runs["n"] >= SHOWN[0])
 
 

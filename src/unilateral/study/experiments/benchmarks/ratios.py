@@ -9,20 +9,20 @@ import pandas as pd
 import xarray as xr
 
 NODAL = 0
-"""H/h of who has no cells."""
+"""The H/h of solvers that have no cells."""
 MULTIGRID, FURTHER, LINEAR = "multigrid", "further", "linear"
 PEERS = ("fenicsx", "skfem", "ngsolve")
-"""With nodal constraints; GetFEM has this very method, on cells of four edges."""
+"""The other solvers with nodal constraints; GetFEM has this very method, on cells of four edges."""
 H_OVER_H = {FURTHER: 4, "getfem": 4, LINEAR: NODAL} | dict.fromkeys(PEERS, NODAL)
-"""Of what is compared; 2 where it is not listed."""
+"""The H/h of what is compared; it is 2 where none is listed."""
 ROW_BYTES = 7 * (8 + 4) + 4
-"""Of a row of A: seven entries with their columns, and where it starts."""
+"""The bytes of a row of A: seven entries with their columns, and where the row starts."""
 
 
 def along(
     runs: pd.DataFrame, way: str, problem: str = "natural", H_over_h: int | None = None
 ) -> pd.DataFrame:
-    """The runs of a way over n, increasing."""
+    """The runs of one way to solve, by increasing n."""
     H = H_OVER_H.get(way, 2) if H_over_h is None else H_over_h
     chosen = (runs["way"] == way) & (runs["problem"] == problem) & (runs["H_over_h"] == H)
     return runs[chosen].set_index("n").sort_index()
@@ -38,7 +38,7 @@ def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID, problem: str = "na
 
 
 def fastest(runs: pd.DataFrame, to: str = MULTIGRID, problem: str = "natural") -> pd.Series:
-    """The same of the fastest nodal peer, over n."""
+    """The seconds of the fastest nodal peer over those of another way, over n."""
     of_peers = pd.DataFrame({peer: ratios(runs, peer, to, problem) for peer in PEERS})
     return of_peers.min(axis=1)
 
@@ -56,13 +56,13 @@ def reads(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = LINEAR) -> f
 
 
 def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = "recursive uzawa") -> float:
-    """Of the machine's dense arithmetic, what the elimination by macro-elements reaches."""
+    """The share of the machine's dense arithmetic that the elimination by macro-elements reaches."""
     of = along(runs, way).loc[n]
     return float(of["operations"] / of["assembly_cpu"] / table["flop_rate"])
 
 
 def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
-    """Of multigrid on the finest level: over n, a column for each problem."""
+    """Multigrid's iterations on the finest level, over n, with a column for each problem."""
     return pd.DataFrame({name: along(runs, MULTIGRID, name)["iterations"] for name in problems})
 
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from unilateral.study.ledger.evidence import Evidence, Tables, provided, worst
 
 SHARE = 0.01
-"""Of the discretisation error, which the algebraic one may be."""
+"""The algebraic error may be at most this share of the discretisation error."""
 
 
 def exponents(
     tables: Tables, table: str, variable: str, cases: Sequence[str], required: float, at_least: bool
 ) -> Evidence:
-    """Those of something over H, of the cases."""
+    """The smallest or the largest exponent of a variable over H, of the cases."""
     data = tables[table].sel(case=list(cases))
     quantity = f"the {'smallest' if at_least else 'largest'} exponent of H"
     return provided(worst(exponent(data, variable), quantity, required, at_least), _faults(data))
@@ -45,7 +45,7 @@ def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evid
 
 
 def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
-    """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2: contact and a gap in each cell."""
+    """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2; each cell has contact and a gap."""
     data = tables[table].sel(gamma=gamma)
     distance = abs(rates(data) - (float(data["alpha"]) + gamma) / 2)
     found = {f"from H = {H:g}": float(each) for H, each in zip(data["H"].values, distance, strict=False)}
@@ -54,7 +54,7 @@ def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
 
 
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: float) -> Evidence:
-    """Where the exponent of D lies between (sigma + tau)/2, at 0, and sigma + 1/2, at 1."""
+    """The place of the exponent of D on a scale that is 0 at (sigma + tau)/2 and 1 at sigma + 1/2."""
     data = tables[table].sel(case=list(cases))
     proved, best = (data["flux_order"] + data["gap_order"]).values / 2, data["flux_order"].values + 0.5
     pairs = zip(exponent(data, "discrete_error").items(), proved, best, strict=True)
@@ -64,13 +64,13 @@ def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: floa
 
 
 def rates(data: xr.Dataset) -> NDArray[np.float64]:
-    """Those of D over neighbouring partitions."""
+    """The rates of D between neighbouring partitions."""
     error, H = np.log(data["discrete_error"].values), np.log(data["H"].values)
     return np.diff(error) / np.diff(H)
 
 
 def exponent(data: xr.Dataset, variable: str) -> dict[str, float]:
-    """By case the mean over the starts."""
+    """The exponent of a variable over H by case, the mean over the starts."""
     values, sizes = (np.diff(np.log(data[name].values)) for name in (variable, "H"))
     means = (values / sizes).mean(axis=(1, 2)).tolist()
     return dict(zip(data["case"].values.tolist(), means, strict=True))
@@ -82,7 +82,7 @@ def _distance(data: xr.Dataset, variable: str, expected: NDArray[np.float64]) ->
 
 
 def _faults(data: xr.Dataset) -> list[str]:
-    """Why errors do not count."""
+    """Why errors do not count; empty if they do."""
     share = float((data["algebraic_bound"] / data["discrete_error"]).max())
     unsolved = share > SHARE or not bool((data["converged"] == 1).all())
     return [f"the algebraic error is {share:.2g} of D"] if unsolved else []

@@ -1,7 +1,8 @@
 """What the size of the cells alone does: cases on one mesh, on cells of the size H and a period below.
 
 A Cantor set looks the same on scales a factor of `period` apart, and errors on its transitions follow that:
-rates are formed over one period. The cases have one u and differ in g, so that u is seen once.
+rates are formed over one period. The cases have one u and differ in g, so that what depends on u
+alone is found once.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ MEASURED = ("discrete_error", "consistency", "algebraic_bound", "quadrature_shar
 
 
 def measure(mesh: Mesh, cases: Sequence[Case], sizes: Sequence[float], period: int, stop: Stop) -> xr.Dataset:
-    """Errors over (case, start, level): on cells of each of the sizes, and of that over the period.
+    """Errors over (case, start, level): on cells of each of the sizes, and of that size over the period.
 
     Raises InputError where the cases do not have one u, which is a Cantor atom.
     """

@@ -11,7 +11,7 @@ from unilateral.study.ledger.evidence import Evidence, Tables, all_of, provided,
 
 
 def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: float) -> Evidence:
-    """From a size to the next, the growth of an algorithm's steps to the last level over another one's."""
+    """The growth of an algorithm's steps to the last level, from one H to the next, over another one's."""
     steps = tables["cost/algorithm"]["steps"].isel(stop=-1)
     share = steps.sel(algorithm=algorithm, H=steps["H"] <= coarsest) / steps.sel(algorithm=than)
     rows: dict[str, float] = {}
@@ -33,7 +33,7 @@ def few(tables: Tables, algorithm: str, most: float) -> Evidence:
 
 
 def safe_step(tables: Tables, most: float, finest: float) -> Evidence:
-    """Steps but one with rho = 1.9 sigma_1 over those with the optimal one, where that meets a level.
+    """The steps, less one, with rho = 1.9 sigma_1 over those with the optimal rho, where that meets a level.
 
     Levels below `finest` are left out: there rounding may decide whether a step meets them.
     """
@@ -53,7 +53,7 @@ def safe_step(tables: Tables, most: float, finest: float) -> Evidence:
 
 
 def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most: float) -> Evidence:
-    """By how much, relatively, the error at a level is above the discrete solution's, the most of any H/h."""
+    """The largest relative excess, of any H/h, of the error at a level over the discrete solution's."""
     cases = tables["cost/case"]
     fine = cases.sel(H=cases["H"] <= coarsest)
     excess = trade.excess(fine, norm).sel(stop=stop)
@@ -72,7 +72,7 @@ def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most
 def stop_is_not_enough(
     tables: Tables, case: str, H_over_h: float, stop: float, coarsest: float, least: float
 ) -> Evidence:
-    """In H^{-1/2} the growth, for half of H, of the error at a level over the discrete solution's."""
+    """The growth, for half of H, of the error in H^{-1/2} at a level over the discrete solution's."""
     table = tables["cost/case"].sel(case=case, H_over_h=H_over_h)
     fine = table.sel(H=table["H"] <= coarsest)
     share = (fine["hm12_error_lower"].sel(stop=stop) / fine["hm12_discrete_lower"]).values
@@ -85,7 +85,7 @@ def stop_is_not_enough(
 
 
 def exceptions_are(tables: Tables, norm: str, stop: float, coarsest: float, cases: Sequence[str]) -> Evidence:
-    """1 for each case for which a level is enough though it is named, or is not though it is not; else 0."""
+    """1 for each named case for which a level is enough, and each other case for which it is not; else 0."""
     table = tables["cost/case"]
     rows = {}
     for name in table["case"].values:
@@ -95,7 +95,7 @@ def exceptions_are(tables: Tables, norm: str, stop: float, coarsest: float, case
 
 
 def pays(tables: Tables, many: str, few: str, H_over_h: float, stop: float) -> Evidence:
-    """On the finest mesh: by A over by S for the algorithm of many steps, its inverse for that of few."""
+    """Work by A over that by S on the finest mesh, for many steps; its inverse for the algorithm of few."""
     share = {
         name: float(
             trade.by_A_over_by_S(tables["cost/algebra"], tables["cost/algorithm"], name, H_over_h)

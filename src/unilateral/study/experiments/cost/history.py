@@ -72,14 +72,14 @@ class History:
             self.checks = 0
 
     def _bound(self, y: Array) -> float:
-        """Of `residual_bound`, in double precision whatever the loop's own."""
+        """The bound of `residual_bound`, in double precision whatever the loop's own is."""
         S = self.operator.S
         R = np.minimum(y, self.rho * (S @ y + self.root * self.offset))
         size = dnrm2(R)
         return energy_norm(S, R, size) + size * self.per_residual
 
     def with_solves(self, y: Array, F: Array, R: Array) -> None:
-        """As the history itself; and the solve on the cells in contact, y > R, that follows the step."""
+        """Observe as the history itself, and count the solve on the cells in contact, y > R, that follows."""
         self(y, F, R)
         self.solving += newton_solve(int(np.count_nonzero(y > R)))
 

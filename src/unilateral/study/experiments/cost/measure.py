@@ -24,7 +24,7 @@ from unilateral.study.experiments.cost.variants import Variant
 from unilateral.system.memory import forget_peak, peak_mb
 
 LONGER = 2
-"""So many times the steps in double precision may be taken in another one."""
+"""A run in another precision may take so many times the steps in double precision."""
 PER_STOP = (
     "h1_error",
     "hm12_error_lower",
@@ -37,7 +37,7 @@ PER_STOP = (
     "algebraic_bound",
 )
 DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_discrete")
-"""Errors of (u_h, lambda_H), to which the iteration tends."""
+"""The errors of (u_h, lambda_H), to which the iteration tends."""
 NORMS_OF = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
 
 
@@ -132,12 +132,12 @@ def _row(
 def _at_stops(
     names: Sequence[str], values: Sequence[tuple[float, ...]], stops: Sequence[float]
 ) -> dict[str, pd.Series]:
-    """By name the values at all levels, NaN at those that were not reached."""
+    """The values at all levels by name, NaN at levels that were not reached."""
     return dict(pd.DataFrame(values, columns=names, dtype=float).reindex(range(len(stops))).items())
 
 
 def _dataset(rows: Sequence[Mapping[str, Any]], stops: Sequence[float]) -> xr.Dataset:
-    """Rows as a table over `run` and, what depends on the level, `stop`."""
+    """The rows as a table over `run` and, for what depends on the level, `stop`."""
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     typed = {name: each.astype(object if each.dtype.kind == "U" else float) for name, each in columns.items()}
     table = {name: (("run", "stop")[: column.ndim], column) for name, column in typed.items()}

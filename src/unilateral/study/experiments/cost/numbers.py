@@ -12,11 +12,13 @@ from unilateral.study.experiments.cost import tables, trade
 from unilateral.study.experiments.cost.variants import REFRESH
 
 LARGEST_RATIO = 4.0
-"""Of H/h, up to which there are enough sizes for the growth of steps."""
+"""The growth of steps is found for H/h up to this; there are enough sizes for it."""
 
 
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
-    """Over all cases: the loss against the best H/h, that H/h, the stops, Uzawa's share, half the error."""
+    """Over all cases: the loss against the best H/h, that H/h, the stops that are enough, the work that Uzawa
+    adds to the set-up, and the factor of work for half the error.
+    """
     lost = tables.losses(cases, coarsest)
     of = tables.prices(tables.by_case(cases), H_over_h, coarsest)
     added = [price.over_setup - 1 for price in of["h1"].values()]

@@ -33,13 +33,14 @@ Errors = tuple[float, float, float, float]
 Made = TypeVar("Made")
 SAFE = 1.9
 METHODS = {"safe": "uzawa", "optimal": "uzawa"}
-"""Of the algorithms that are another one's with a step of their own."""
+"""The methods of algorithms that are another one with a step of their own."""
 EXACT, MOST_NEWTON = 1e-10, 100
-"""Of ||u - z_h||_1, and steps: the algebraic bound of the discrete solution that the levels refer to."""
+"""The tolerance, as a share of ||u - z_h||_1, of the discrete solution that the levels refer to, and its most
+steps."""
 
 
 class Costs(NamedTuple):
-    """Operations: once; of a residual, of the step from there, and of a check of the guaranteed bound."""
+    """The operations of the set-up, of a residual, of the step from there, and of a check of the bound."""
 
     setup: float
     residual: float
@@ -47,7 +48,7 @@ class Costs(NamedTuple):
     check: float
 
     def total(self, reached: Reached) -> float:
-        """Of a run that stops there."""
+        """The operations of a run that stops there."""
         steps = (reached.steps + 1) * self.residual + reached.steps * self.advance
         return self.setup + steps + reached.checks * self.check + reached.solving
 
@@ -56,7 +57,7 @@ class Costs(NamedTuple):
 class Measured:
     """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`.
 
-    Where the interior is not eliminated `alone` serves; `of_A` are the factors of A by the matrix of a step.
+    `alone` are A's factors where the interior is not eliminated; `of_A` has their counts by a step's matrix.
     """
 
     exact: Exact
@@ -89,7 +90,7 @@ class Measured:
         return errors.h1, max(float(lower[0]), errors.hm12_discrete), float(upper[0]), errors.l2
 
     def rho(self, algorithm: str) -> float:
-        """1.9 sigma_1 of the mesh, which is safe; the best if all is in contact; or the method's own."""
+        """The step: the safe 1.9 sigma_1, the best one if all is in contact, or the method's own."""
         operator = self.spaces.operator
         if algorithm == "safe":
             return SAFE * self.spaces.condensed.sigma_1
@@ -98,7 +99,7 @@ class Measured:
         return STEPS[algorithm].share / operator.lambda_max
 
     def apply(self, variant: Variant) -> Apply:
-        """The way to S y."""
+        """The way in which the variant computes S y."""
         spaces, operator = self.spaces, self.spaces.operator
         ways = {
             ("A", "float64"): lambda: by_A(self.alone, spaces),
@@ -110,7 +111,7 @@ class Measured:
         return ways[variant.algebra, variant.precision]()
 
     def costs(self, variant: Variant) -> Costs:
-        """By the formulas of `operations`. The set-up has two solves, with f and for u_h.
+        """The costs by the formulas of `operations`. The set-up has two solves, with f and for u_h.
 
         Where S is not formed rho and lambda_min(S) are taken as given.
         """
@@ -141,7 +142,7 @@ class Measured:
 
 
 def method_of(variant: Variant) -> str:
-    """Of `steps.STEPS`."""
+    """The variant's method, a name in `steps.STEPS`."""
     return METHODS.get(variant.algorithm, variant.algorithm)
 
 
@@ -171,13 +172,13 @@ class Shared:
 
 
 def _condensed(mesh: Mesh) -> tuple[Sparse, Condensed]:
-    """By sparse elimination, whose operations are counted."""
+    """The mesh condensed by sparse elimination, whose operations are counted, with the factors."""
     factors = dissected(matrix(mesh), mesh.boundary)
     return factors, by_sparse(mesh, factors)
 
 
 def _spaces(condensed: Condensed, ratio: float) -> MixedSpaces:
-    """With the spectrum, which is found once, and kept."""
+    """The spaces for that H/h, with the spectrum of S, which is found once and kept."""
     mesh = condensed.mesh
     spaces = mixed_spaces(condensed, uniform(mesh.polygon, ratio * mesh.h))
     spaces.operator.spectrum  # noqa: B018
@@ -185,6 +186,6 @@ def _spaces(condensed: Condensed, ratio: float) -> MixedSpaces:
 
 
 def timed(make: Callable[[], Made]) -> tuple[Made, float]:
-    """What it makes, and the seconds."""
+    """What `make` returns, and the seconds it takes."""
     begin = time.perf_counter()
     return make(), time.perf_counter() - begin

@@ -19,7 +19,7 @@ NAMES = {
     "uzawa": "Uzawa",
 }
 LEVELS = (1e-1, 1e-3, 1e-6)
-"""At which the algorithms are compared."""
+"""The stopping levels at which the algorithms are compared."""
 COUNTED = {"setup": "the set-up's", "uzawa": "all of Uzawa's"}
 PRICE = {
     "stop at": ("stop", "10^"),
@@ -32,19 +32,22 @@ PRICE = {
 TARGET = {"reached": ("error", ".2g%"), "H/h": ("H_over_h", "g")} | {
     title: PRICE[title] for title in ("h", "stop at", "operations")
 }
-"""Columns: what of a run they show, and in which format."""
+"""The columns by title: what of a run each shows, and in which format."""
 Spans = dict[float, tuple[float, float]]
 
 
 def by_case(cases: xr.Dataset) -> dict[str, xr.Dataset]:
-    """The runs of each."""
+    """The runs of each case, by its name."""
     return {str(name): cases.sel(case=name) for name in cases["case"].values}
 
 
 def prices(
     runs: dict[str, xr.Dataset], H_over_h: float, coarsest: float
 ) -> dict[str, dict[str, trade.Price]]:
-    """Per norm, of runs of Uzawa's over (H_over_h, H, stop), at the largest level that is enough for it."""
+    """The prices by norm and name, at the largest level that is enough in that norm.
+
+    `runs` are Uzawa's, over (H_over_h, H, stop).
+    """
     found: dict[str, dict[str, trade.Price]] = {norm: {} for norm in NORMS}
     for norm, (name, table) in itertools.product(NORMS, runs.items()):
         stop = trade.enough(table, norm, coarsest)
@@ -53,10 +56,10 @@ def prices(
 
 
 def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
-    """By `trade.losses`, per norm and by the work that is counted, of each H/h the least and the largest.
+    """The least and the largest of `trade.losses` for each H/h, by norm and by the work that is counted.
 
-    In "setup" the set-up alone is counted, and errors are those of the discrete solution; in "uzawa" all
-    work of Uzawa's algorithm to the level that is enough for the case.
+    In "setup" the set-up alone is counted, and errors are those of the discrete solution; in "uzawa" it is
+    all work of Uzawa's algorithm to the level that is enough for the case.
     """
     found: dict[str, dict[str, Spans]] = {}
     for norm in NORMS:
@@ -110,7 +113,7 @@ def price_table(cases: xr.Dataset, scenes: xr.Dataset, H_over_h: float, coarsest
 
 
 def expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
-    """Of `prices` per norm the least and the largest over all cases."""
+    """The least and the largest of `prices` over all cases, per norm."""
     rows = []
     for norm, by_name in prices(by_case(cases), H_over_h, coarsest).items():
         of = pd.DataFrame(by_name.values())
@@ -127,14 +130,14 @@ def expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFram
 
 
 def at_level(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
-    """By algorithm, on the finest mesh, the steps to a level, and the work over that of the cheapest."""
+    """The steps of each algorithm to a level on the finest mesh, and its work over that of the cheapest."""
     at = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
     here = at[["steps", "operations"]].sel(stop=stop, method="nearest")
     return here.assign(work=here["operations"] / here["operations"].min("algorithm"))
 
 
 def algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
-    """The same at some levels."""
+    """The steps of each algorithm to some levels, and its work over that of the cheapest."""
     rows = [{"algorithm": title} for title in NAMES.values()]
     for stop in LEVELS:
         here, level = at_level(crossed, H_over_h, stop), shown(stop, "10^")

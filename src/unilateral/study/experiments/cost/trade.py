@@ -19,22 +19,22 @@ from unilateral.study.tables import error_in
 
 Array = NDArray[np.float64]
 ENOUGH = 1.1
-"""An error that much larger than the discrete solution's is still good enough."""
+"""An error of this many times the discrete solution's is still good enough."""
 GAIN = 0.98
-"""Points of a front whose error is not below that part of the one before are left out."""
+"""Points of a front are left out if their error is not below this part of the error before."""
 SHOWN = 1e-6
-"""The level to which steps are compared: below it rounding changes Barzilai and Borwein's, at H = 2h."""
+"""Steps to this level are compared. Below it rounding changes those of Barzilai and Borwein, at H = 2h."""
 SIZES = 3
-"""So many H are needed for the growth of steps, and one more for a line of errors over work."""
+"""The growth of steps needs so many H, and a line of errors over work one more."""
 WORKS = 256
-"""At which lines of errors are compared."""
+"""Lines of errors are compared at so many values of the work."""
 
 
 class Price(NamedTuple):
-    """Of an error in a norm on the finest mesh: the level `stop` that is enough, h, the relative error.
+    """The price of an error in a norm on the finest mesh.
 
-    `operations` are Uzawa's, `over_setup` what they are over those of the set-up; `halving` is the fitted
-    factor of work for half of the error.
+    `stop` is the level that is enough, and `error` is relative. `operations` are Uzawa's, and `over_setup` is
+    their quotient by those of the set-up. `halving` is the fitted factor of work for half of the error.
     """
 
     stop: float
@@ -71,7 +71,7 @@ def excess(table: xr.Dataset, norm: str) -> xr.DataArray:
 
 
 def front(work: Array, error: Array) -> NDArray[np.intp]:
-    """(k,) the points that no cheaper one beats, with a gain each, by rising work; NaN takes no part."""
+    """(k,) the points that no cheaper one beats, each with a gain, by rising work; NaN takes no part."""
     kept, least = [], np.inf
     for i in np.lexsort((error, work)):
         if np.isfinite(work[i]) and error[i] < GAIN * least:
@@ -102,14 +102,14 @@ def enough(cases: xr.Dataset, norm: str, coarsest: float) -> float:
 
 
 def halving(work: Array, error: Array) -> float:
-    """The factor of work for half of the error ~ work^-p, p by least squares; inf where it does not fall."""
+    """The factor of work that halves the error ~ work^-p, p by least squares; inf if it does not fall."""
     known = np.isfinite(work) & np.isfinite(error)
     p = -float(np.polyfit(np.log(work[known]), np.log(error[known]), 1)[0])
     return 2 ** (1 / p) if p > 0 else np.inf
 
 
 def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
-    """Over (H_over_h, H), of the cheapest algorithm at that level: work, relative error and h."""
+    """The work, relative error and h of the cheapest algorithm at that level, over (H_over_h, H)."""
     at = crossed.sel(stop=stop)
     cheapest_one = at["operations"].fillna(np.inf).argmin("algorithm")
     found = xr.Dataset({"work": at["operations"], "error": relative(at, norm), "h": at["h"]})
@@ -117,10 +117,10 @@ def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
 
 
 def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
-    """Of each H/h the mean error at the same work over that of the best, of both over (H_over_h, H).
+    """The mean error of each H/h over that of the best one, at the same work.
 
-    Between meshes log error is linear in log work; its mean is over the works that all ratios reach with more
-    than SIZES H.
+    `error` and `work` are over (H_over_h, H). Between meshes log error is linear in log work; its mean is
+    over the works that all ratios reach with more than SIZES H.
     """
     lines: dict[float, tuple[Array, Array]] = {}
     for ratio in error["H_over_h"].values:
@@ -135,7 +135,7 @@ def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
 
 
 def price(runs: xr.Dataset, norm: str, stop: float, coarsest: float) -> Price:
-    """What an error costs, of runs over (H, stop) with H <= `coarsest`, at a level."""
+    """What an error costs at a level, by runs over (H, stop) with H <= `coarsest`."""
     at = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
     error, last = relative(at, norm), at.isel(H=-1)
     work = last["operations"].item()
@@ -164,7 +164,7 @@ def cheapest(crossed: xr.Dataset, norm: str, target: float) -> dict[str, float] 
 def breaks_even(algebra: xr.Dataset) -> Array:
     """(H,) the steps after which forming S has paid, against solves with A; the spectrum is not counted.
 
-    With A, too, rho and the guaranteed stop need it, and there it is taken as given.
+    With A, too, rho and the guaranteed stop need the spectrum, and there it is taken as given.
     """
     more = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
     cells = algebra["multipliers"].sel(algebra="S").values
@@ -176,7 +176,7 @@ def breaks_even(algebra: xr.Dataset) -> Array:
 def by_A_over_by_S(algebra: xr.Dataset, crossed: xr.Dataset, algorithm: str, H_over_h: float) -> xr.DataArray:
     """(H, stop) operations of a run whose steps solve with A over those of the same run with S.
 
-    Without the spectrum and checks of the bound, that is without the guarantee, in both.
+    Both are without the spectrum and the checks of the bound, that is, without the guarantee.
     """
     runs, of = crossed.sel(algorithm=algorithm, H_over_h=H_over_h), algebra.sel(algebra="A")
     spectrum = xr.apply_ufunc(operations.spectrum, runs["multipliers"])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from unilateral.formulas.formula import real
 
 REFRESH = 50
-"""Steps between two products in double precision of the refined way."""
+"""The refined way makes one product in double precision in so many."""
 
 
 class Variant(NamedTuple):

@@ -20,7 +20,7 @@ COLUMNS = (
     *("work", "error", "steps", "slope", "excess"),
 )
 UNFITTED = ("barzilai_borwein", "newton")
-"""Algorithms whose steps follow no power of H: they change with rounding, or are a few."""
+"""Algorithms whose steps follow no power of H: they change with rounding, or are few."""
 ALGORITHMS: dict[str, tuple[str, style.Look]] = {
     "uzawa": (r"Uzawa, $\rho=1.9/\lambda_{\max}(S)$", {"color": style.COLOURS[0], "marker": "o", "ms": 5.2}),
     "safe": (r"Uzawa, safe: $\rho=1.9\,\sigma_1$", {"color": style.COLOURS[6], "marker": "P", "ms": 3.4}),
@@ -44,7 +44,7 @@ LEFT, ACROSS, TALL = (1.35, 6.95, 12.55), 4.25, 4.3
 THIN: style.Look = {"lw": 0.9, "ms": 3.6}
 FRONT: style.Look = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
 LAST_STOP = 1e-5
-"""What is below it is drawn nowhere: all errors are then those of the discrete solution."""
+"""Levels below this one are not drawn: all errors are then those of the discrete solution."""
 
 
 def table(
@@ -150,7 +150,7 @@ def _line(axes: Axes, x: pd.Series, y: pd.Series, look: style.Look) -> None:
 
 
 def _steps(axes: Axes, rows: pd.DataFrame) -> None:
-    """With fitted exponents, if any, beside the finest points; one where lines coincide."""
+    """Draw the steps over H, and fitted exponents beside the finest points; one where lines coincide."""
     ends: list[float] = []
     place: style.Look = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
     for label, line in rows.groupby("label", sort=False):

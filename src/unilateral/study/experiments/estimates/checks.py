@@ -51,7 +51,7 @@ def keeps_falling(tables: Tables, scenes: Sequence[str], case: str, H_over_h: fl
 def decrease(
     tables: Tables, scenes: Sequence[str], cases: Sequence[str], H_over_h: float, most: float
 ) -> Evidence:
-    """||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
+    """The error ||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
     found = {}
     for name, errors in by_case(tables, "{scene}/errors", scenes, cases).items():
         lower, upper = (along_ratio(errors, f"hm12_error_{bound}", H_over_h) for bound in ("lower", "upper"))
@@ -62,7 +62,10 @@ def decrease(
 def projection(
     tables: Tables, scenes: Sequence[str], expected: Mapping[str, float], coarsest: float, tolerance: float
 ) -> Evidence:
-    """The least excess of the rates of ||lambda - Pi_H lambda||_{-1/2} over factors of 4, by case."""
+    """The least excess, over the expected rate of a case, of the rates of ||lambda - Pi_H lambda||_{-1/2}.
+
+    The rates are over factors of 4.
+    """
     found = {}
     for scene in scenes:
         norms = [gram for cells, gram in forms(tables, scene) if coarsest >= cells.H]
@@ -77,7 +80,7 @@ def projection(
 
 
 def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) -> Evidence:
-    """(4.5) with v = z_h and mu = Pi_H lambda: ||u-u_h||^2 over the right side, by Cauchy and Schwarz."""
+    """||u-u_h||^2 over the right side of (4.5), by Cauchy and Schwarz, for v = z_h and mu = Pi_H lambda."""
     found = {}
     for scene in scenes:
         table = tables[f"{scene}/errors"]
@@ -97,15 +100,16 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
 
 
 def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """(4.6) with the constants of its proof: the left side over the right one, see infsup.of_runs."""
+    """The left side of (4.6) over the right one, with the constants of its proof; see infsup.of_runs."""
     found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
     return worst(found, "the left side over the right one", 1.0, False)
 
 
 def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """(4.7) with the constants of its proof, 1 and C of (4.9), mu = Pi_H lambda: left side over right one.
+    """The left side of (4.7) over the right one, for mu = Pi_H lambda.
 
-    Everything on the right is taken from below. The lines have the c of (4.7) as printed.
+    The constants are those of its proof, 1 and C of (4.9). Everything on the right is taken from below. The
+    lines have the c of (4.7) as printed.
     """
     found, as_printed = {}, []
     for name, data, cells, gram in _runs(tables, scenes):
@@ -119,7 +123,7 @@ def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
 
 
 def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Dataset, Partition, Gram]]:
-    """Scenes' partitions: name, errors with lower bounds of ||lambda - Pi_H lambda||_{-1/2}, cells, forms."""
+    """Each partition: name, errors with lower bounds on ||lambda - Pi_H lambda||_{-1/2}, cells, forms."""
     for scene in scenes:
         names = tables[f"{scene}/dual_norm"]["case"].values
         for k, (cells, gram) in enumerate(forms(tables, scene)):
@@ -129,7 +133,10 @@ def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Datas
 
 
 def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """(4.7) with its constants: 1, and 1/beta_0 before H^{-1/2} (||u-u_h||_1 + inf ||lambda-mu||_{-1/2})."""
+    """The left side of (4.7) over the right one, with its constants.
+
+    These are 1, and 1/beta_0 before H^{-1/2} (||u-u_h||_1 + inf ||lambda-mu||_{-1/2}).
+    """
     found = {}
     for scene in scenes:
         table = tables[f"{scene}/errors"]
@@ -141,10 +148,11 @@ def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Evidence:
 
 
 def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evidence:
-    """(4.10), its infima over v_h and over one mu_H in Lambda_H, with c = 1 + 3/beta^2: left side over right.
+    """The left side of (4.10) over the right one, with c = 1 + 3/beta^2.
 
-    The error splits into a = ||u - z_h||_1 and D with D^2 <= m D + (m + D) a/beta + c for every mu_H, so that
-    D^2 <= 3 m^2 + 3 a^2/beta^2 + 2 c, m and c the two terms of the infimum. beta is taken from above, the
+    The infima are over v_h and over one mu_H in Lambda_H. The error splits into a = ||u - z_h||_1 and D with
+    D^2 <= m D + (m + D) a/beta + c for every mu_H, so that D^2 <= 3 m^2 + 3 a^2/beta^2 + 2 c, where m and c
+    are the two terms of the infimum. beta is taken from above, the
     infimum from below, on partitions of up to so many cells. The lines are the constants that were needed.
     """
     found, needed = {}, []
@@ -159,10 +167,10 @@ def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evi
 
 
 def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
-    """(c,) lower bounds of inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, of every case.
+    """(c,) lower bounds on inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, for every case.
 
-    A least-squares problem with mu >= 0, by the algorithm of Lawson and Hanson (1974); `table` has the gaps
-    on a finer partition.
+    Each is a least-squares problem with mu >= 0, solved by the algorithm of Lawson and Hanson (1974); `table`
+    has the gaps on a finer partition.
     """
     m, G, points = gram.n_cells, gram.p0.lower, table["points"].values
     gaps = table["gap_means"].values * np.diff(points)
@@ -177,7 +185,7 @@ def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
 
 
 def closed_form(tables: Tables, scene: str) -> Evidence:
-    """||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds."""
+    """The norm ||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds on it."""
     gram = Gram.of_table(tables[f"{scene}/dual_norm"])
     one = np.ones(gram.n_cells)
     exact = np.sqrt(8 + 4 / np.tanh(0.5))
@@ -190,7 +198,7 @@ def closed_form(tables: Tables, scene: str) -> Evidence:
 def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> Evidence:
     """C of ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H) times beta_0: at most 1, for V_h is a part of H^1.
 
-    C is that of the norm from below, so not too small. The lines are the constants.
+    C is computed with the norm's lower bound, and so is not too small. The lines are the constants.
     """
     found, constants = {}, []
     for scene in scenes:

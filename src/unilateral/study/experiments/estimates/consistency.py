@@ -20,7 +20,7 @@ from unilateral.problems.polar import Polar
 
 
 class Transition(NamedTuple):
-    """Where contact begins, at t in side lengths of a side, with both exponents."""
+    """The point where contact begins, t side lengths from the start of a side, and both exponents."""
 
     side: int
     t: float
@@ -33,7 +33,7 @@ class Transition(NamedTuple):
 
 
 def first_transition(case: Case) -> Transition:
-    """That of the case's harmonic atom. Raises InputError if it has none, or the gap no power there."""
+    """The transition at the case's harmonic atom. Raises InputError if there is none with a power as gap."""
     for atom in case.atoms:
         if isinstance(atom, Polar) and not atom.at_vertex:
             for t, gamma in case.gap_kinks[atom.side]:
@@ -43,7 +43,7 @@ def first_transition(case: Case) -> Transition:
 
 
 def leading(transition: Transition, partition: Partition) -> tuple[float, float]:
-    """The term of that transition alone, by the formula above, and theta."""
+    """The term of that transition alone, by the formula of this module, and theta."""
     polygon, (side, t, alpha, gamma) = partition.polygon, transition
     s = polygon.starts[side] + t * polygon.lengths[side]
     cell = int(np.searchsorted(partition.points, s, side="right")) - 1

@@ -103,7 +103,7 @@ def _means(axes: Axes, cells: pd.DataFrame) -> None:
 
 
 def _terms(axes: Axes, cells: pd.DataFrame) -> None:
-    """A marker per cell on a logarithmic scale, at whose foot stand those that are 0."""
+    """Draw a marker per cell on a logarithmic scale; those of terms that are 0 stand at its foot."""
     middles, positive = 0.5 * (cells["s"] + cells["end"]), cells["term"] > 0
     powers = np.floor(np.log10(cells.loc[positive, "term"]))
     ticks = 10.0 ** np.arange(powers.min() - 1, powers.max() + 2)

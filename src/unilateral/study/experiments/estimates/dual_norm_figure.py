@@ -18,7 +18,7 @@ from unilateral.study.sizes import normed
 
 FUNCTIONS = {"one": r"$\mu=1$", "alternating": r"$\mu=\pm 1$, cell by cell"}
 NEGLIGIBLE = 1e-12
-"""An error below that part of ||u||_1 is 0 up to rounding."""
+"""An error that is at most this multiple of ||u||_1 is 0 up to rounding."""
 COLUMNS = ["kind", "case", "h", "H", "h_over_H", "lower", "upper", "mean", "gap", "shortcut"]
 COMPARED = 2
 DASH = 2.6

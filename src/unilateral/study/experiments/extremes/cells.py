@@ -22,7 +22,10 @@ from unilateral.study.experiments.extremes.trial import Start, attempts, conditi
 
 
 def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """h/H on structured meshes, below 1/2 at the given H, else at the given h; S is singular from 1 on."""
+    """The axis is h/H on structured meshes, below 1/2 at the given H, else at the given h.
+
+    S is singular from 1 on.
+    """
 
     def problem(value: float) -> ExtremeProblem:
         edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
@@ -33,7 +36,7 @@ def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """H = h with an odd number of edges e: beta is like 1/e, so cond(S) ~ 1/(H beta^2) like e^3."""
+    """H = h, with an odd number e of edges: beta is like 1/e, and cond(S) ~ 1/(H beta^2) so like e^3."""
 
     def problem(edges: float) -> ExtremeProblem:
         counts = np.full(4, int(edges) // 4)
@@ -46,7 +49,7 @@ def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """H = h, the points inside the sides moved by that fraction of a cell: cond(S) ~ fraction^-2."""
+    """H = h, and points of T_H inside sides are moved by that fraction of a cell: cond(S) ~ fraction^-2."""
     mesh = structured_square(h)
 
     def problem(fraction: float) -> ExtremeProblem:
@@ -57,7 +60,7 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def short(values: Array, h: float, H: float, budget: Budget, start: Start = 0.0) -> Axis:
-    """One cell of that length, in units of a side, at a mesh vertex: lambda_min(S) is like it."""
+    """One cell at a mesh vertex has that length, in units of a side: lambda_min(S) is like that length."""
     mesh, points = structured_square(h), uniform(square(), H).points
 
     def problem(length: float) -> ExtremeProblem:
@@ -68,7 +71,7 @@ def short(values: Array, h: float, H: float, budget: Budget, start: Start = 0.0)
 
 
 def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same, with lambda^0 = 1/length on that cell and 0 on all others."""
+    """One short cell as in `short`, and lambda^0 = 1/length on that cell and 0 on all others."""
 
     def start(length: float, of: ExtremeProblem) -> Array:
         H_i = of.spaces.operator.H_i
@@ -78,7 +81,10 @@ def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Points of T_H inside the sides that far from mesh vertices: D changes by at most twice that over H."""
+    """Points of T_H inside the sides are that far from mesh vertices.
+
+    D changes by at most twice that distance over H.
+    """
     mesh, aligned = structured_square(h), uniform(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
     there = posed(mesh, aligned, waves).spaces.operator.D
@@ -94,7 +100,10 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """H = h of those values, g orthogonal to the kernel of S: how far another multiplier with this u_h is."""
+    """H = h takes those values, and g is orthogonal to the kernel of S.
+
+    The number tells how far another multiplier with the same u_h is.
+    """
 
     def distance(of: ExtremeProblem, found: Array) -> float:
         return of.distance(found, of.lambda_H)
@@ -103,7 +112,10 @@ def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """H = h, that gap on every other cell, so that lambda_H is unique: how far it is from a smooth one."""
+    """H = h, and that gap on every other cell makes lambda_H unique.
+
+    The number tells how far lambda_H is from a smooth multiplier.
+    """
 
     def distance(of: ExtremeProblem, found: Array) -> float:
         return of.distance(found, smoothed(of.lambda_H))

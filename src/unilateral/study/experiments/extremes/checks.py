@@ -12,7 +12,7 @@ LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measur
 
 
 def outcomes(tables: Tables, table: str) -> Evidence:
-    """How many points are called wrong, or are tried and have no finite bound that holds, allowance added."""
+    """How many points are called wrong, or are tried but have no finite bound plus allowance that holds."""
     data = tables[table]
     outcome, error, bound = (data[name].values for name in ("outcome", "true_error", "guaranteed"))
     allowed = bound + data["allowance"].values
@@ -25,7 +25,10 @@ def outcomes(tables: Tables, table: str) -> Evidence:
 
 
 def no_earlier(tables: Tables, table: str) -> Evidence:
-    """How many limits are met before the value up to which all was predicted to be right; NaN: everywhere."""
+    """How many limits are met before the value up to which all was predicted to be right.
+
+    NaN stands for a prediction that all is right everywhere.
+    """
     data, rows = tables[table], {}
     for name in data["axis"].values:
         values = data["value"].values[data["axis_of"].values == name]
@@ -37,9 +40,10 @@ def no_earlier(tables: Tables, table: str) -> Evidence:
 
 
 def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evidence:
-    """How many steps rho converge above the limit or fail below it; `nearest`: by axis, how near to try.
+    """How many steps rho converge above the limit or fail below it.
 
-    Raises Unjudged where no value at that relative distance was tried, on either side.
+    `nearest` has, by axis, the relative distance from the limit at which values have to be tried. Raises
+    Unjudged if on either side of a limit none was.
     """
     data, rows, untried = tables[table], {}, []
     for axis, distance in nearest.items():
@@ -63,7 +67,7 @@ def step_beyond(tables: Tables, table: str, axis: str, least: float) -> Evidence
 
 
 def power(tables: Tables, table: str, axis: str, below: float, exponent: float, most: float) -> Evidence:
-    """How far the slope of the numbers over the values, logarithms both, is from an exponent."""
+    """How far the slope of the numbers over the values, both as logarithms, is from an exponent."""
     data = tables[table]
     value, number = data["value"].values, data["measured"].values
     kept = (data["axis_of"].values == axis) & (value <= below) & np.isfinite(number)
@@ -77,7 +81,7 @@ def power(tables: Tables, table: str, axis: str, below: float, exponent: float, 
 def floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
     """How many numbers are beyond a factor of their predictions, and 1 if they grow no faster than these.
 
-    The numbers themselves are round-off, which another CPU has otherwise; they are among the lines.
+    The numbers themselves are round-off, which differs between CPUs; they are among the lines.
     """
     data = tables[table].isel(point=tables[table]["axis_of"].values == axis)
     value, number, expected = (data[name].values for name in ("value", "measured", "predicted"))

@@ -25,11 +25,14 @@ from unilateral.study.experiments.extremes.trial import attempts
 
 TOUCH = 1 / 3
 SCALES = 1e-10
-"""How far, relative, a multiplier may be from that of the data of size 1 times their size."""
+"""If the data are multiplied by a number, so has to be the multiplier, up to this relative difference."""
 
 
 def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """f and g multiplied by that: how far the active set's lambda_H is from that of 1, multiplied."""
+    """f and g are multiplied by the value.
+
+    The number tells how far the active set's lambda_H is from that of the value 1, multiplied alike.
+    """
 
     def change(problem: ExtremeProblem, found: Array) -> float:
         unit = problem.lambda_H.max()
@@ -46,9 +49,9 @@ def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """lambda^0 of that size everywhere, |boundary|^(1/2) times it in L2, refused if that is above DIVERGED.
+    """lambda^0 has that size everywhere, and |boundary|^(1/2) times it in L2.
 
-    Below it the steps grow like the size's logarithm.
+    It is refused if that is above DIVERGED; below it the steps grow like the size's logarithm.
     """
     problem = on_square(h, H, waves)
     rows = attempts(values, lambda _: problem, budget, _held, start=lambda size, _: size)
@@ -71,7 +74,7 @@ def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """lambda = 0 and a gap that is 0 in one point inside a cell, from lambda^0 = 1 there; over H.
+    """lambda = 0, and the gap is 0 at one point inside a cell, on which lambda^0 = 1; the axis is H.
 
     The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
     third of the cell from one of its ends.
@@ -93,7 +96,7 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """f = 0, g = -1 but for a hat of that width over H, 4 high: no cell is held from a width of H/2 on."""
+    """f = 0, and g = -1 but for a hat 4 high, of that width over H: from H/2 downwards no cell is held."""
     mesh, partition = structured_square(h), uniform(square(), H)
     D = mixed_spaces(condensed(mesh), partition).operator.D
     unit = square().area / square().perimeter
@@ -109,7 +112,7 @@ def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """Contact on two opposite sides, a gap on the others: transitions at all vertices; over H."""
+    """Contact on two opposite sides and a gap on the others: all vertices are transitions; the axis is H."""
 
     def contact(partition: Partition) -> tuple[Array, Array]:
         here = partition.side % 2 == 0
@@ -129,7 +132,7 @@ def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def _first_residual(problem: ExtremeProblem) -> float:
-    """Of plain Uzawa from 0: ||min(0, rho F(0))||_0."""
+    """The first residual of plain Uzawa from 0, ||min(0, rho F(0))||_0."""
     of = problem.spaces.operator
     rho = STEPS["uzawa"].share / of.lambda_max
     return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.discrete.offset)))

@@ -27,10 +27,11 @@ LEFT, STRIP_WIDTH = (0.35, 8.85), 7.8
 MARGIN = 0.07
 TICKS = 6
 STEPS = (1, 2, 3, 5, 10, 20, 50, 100)
-"""Powers of 10 between ticks."""
+"""The distances that ticks may have, in powers of 10."""
 EXACT = 1e-6
 CROWDED, APART = 0.03, 0.06
-"""Of an axis: points nearer than that are drawn one above the other, and ticks have that distance."""
+"""Two shares of an axis: points nearer than the first are drawn one above the other, and ticks on a short
+axis are farther apart than the second."""
 BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
 
 
@@ -112,7 +113,10 @@ def _ticks(values: Array) -> Array:
 
 
 def _heights(values: Array, broken: NDArray[np.bool_], near: float) -> Array:
-    """0, but in a run of near points what is right up and what is broken down, or up and down in turn."""
+    """The heights of points: 0, but in a run of near points right ones are up and broken ones down.
+
+    Where all in a run are alike they are up and down in turn.
+    """
     height, runs = np.zeros(len(values)), np.cumsum(np.abs(np.diff(values, prepend=values[0])) >= near)
     for run in np.unique(runs):
         here = np.flatnonzero(runs == run)

@@ -67,7 +67,7 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
 
 
 def _value(value: object, where: str) -> float:
-    """A number as it is, for the grammar of formulas has none beyond 1e301, or a fraction."""
+    """A number as it is, or the value of a fraction; the grammar of formulas has no numbers beyond 1e301."""
     return value if isinstance(value, float) else real(value, where)
 
 

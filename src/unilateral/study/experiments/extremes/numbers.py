@@ -16,7 +16,7 @@ from unilateral.study.formats import shown
 ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
 TOLD = {RESCUED: "by another algorithm only"}
 SPARE = 3
-"""A factor: digits of what is rounding are not reproducible."""
+"""The allowance for rounding is told with this factor, since the digits of rounding are not reproducible."""
 LAWS = ("odd", "shift", "short", "short_loaded", "scale_down", "scale_up", "angle", "slit", "side", "aspect")
 """The axes whose numbers are cond(S)."""
 

@@ -12,16 +12,16 @@ from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
 
 RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
 NO_TOOL = ""
-"""The library offers no such thing."""
+"""The outcome of the library's own choice where the library offers no such thing."""
 NOTHING = np.inf
 """The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
-    """||u(mu) - u_h||_1, the bound that is told of it, what is allowed for rounding, and what was asked for.
+    """The error ||u(mu) - u_h||_1, the bound that is told, the allowance for rounding, and the tolerance.
 
-    `u_norm` is ||u_h||_1. NaN for what is refused.
+    `u_norm` is ||u_h||_1. All are NaN for what is refused.
     """
 
     true_error: float = np.nan
@@ -32,15 +32,15 @@ class Numbers:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """By name."""
+        """The numbers by name."""
         return {field.name: getattr(self, field.name) for field in fields(Numbers)}
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict(Numbers):
-    """What the result of a run is, by its numbers; what is said of it; its lambda_H (m,), if not refused.
+    """The outcome of a run with its numbers; what is said of it; its lambda_H (m,), if it was not refused.
 
-    `algorithm` is the one that ran, none if it refused.
+    `algorithm` is the one that ran, empty if it refused.
     """
 
     outcome: str
@@ -59,7 +59,7 @@ class Verdict(Numbers):
 
 @dataclass(frozen=True)
 class Row(Numbers):
-    """A point of an axis: the outcomes of plain Uzawa and of the tool's choice, a number, its prediction.
+    """A point of an axis: the outcomes of plain Uzawa and of the library's choice, a number, its prediction.
 
     The numbers are those of the algorithm that is nearest to its bound, or beyond it.
     """
@@ -74,9 +74,10 @@ class Row(Numbers):
 
 @dataclass(frozen=True)
 class Axis:
-    """The rows, and up to where plain Uzawa and the tool are predicted to be right; NaN: everywhere.
+    """The rows, and the values up to which plain Uzawa and the library's choice are predicted to be right.
 
-    `local_limit` is up to where plain Uzawa converges from nearby; NaN where that is not asked for.
+    NaN stands for everywhere. `local_limit` is the value up to which plain Uzawa converges from nearby; it is
+    NaN where that is not asked for.
     """
 
     rows: list[Row]
@@ -93,22 +94,22 @@ class Budget:
     max_steps: int
 
     def tolerance(self, problem: ExtremeProblem) -> float:
-        """In ||.||_{-1/2,h}; relative to 1 where lambda_H is 0."""
+        """The tolerance in ||.||_{-1/2,h}; relative to 1 where lambda_H is 0."""
         return self.accuracy * (problem.size or 1.0)
 
     @property
     def condition(self) -> float:
-        """The condition number of S up to which plain Uzawa needs no more steps, rho = 1.9/lambda_max(S)."""
+        """The largest cond(S) for which plain Uzawa needs no more steps, with rho = 1.9/lambda_max(S)."""
         return 1.9 * self.max_steps / -np.log(self.accuracy)
 
     @property
     def accelerated(self) -> float:
-        """The same for Nesterov, with a contraction of 1 - cond(S)^{-1/2}."""
+        """The largest cond(S) for which Nesterov needs no more steps, contracting by 1 - cond(S)^{-1/2}."""
         return float((self.max_steps / np.log(self.accuracy)) ** 2)
 
 
 def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
-    """By the true error; a result that says more than is true, or nothing, is wrong, whatever its error."""
+    """The verdict by the true error. A result that says more than is true, or nothing, is always wrong."""
     error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
     outcome = RIGHT if result.converged else NOT_CONVERGED
     if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
@@ -146,7 +147,7 @@ def _judged_by_number(row: Row, slack: float) -> Row:
 
 
 def by_law(rows: Sequence[Row], values: Array, growth: Array, budget: Budget) -> Axis:
-    """cond(S) grows like that from the first row's; limits by the steps that it allows."""
+    """The axis with cond(S) predicted to grow like that from the first row's; its limits are by the steps."""
     numbers = rows[0].measured * growth
     limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
     return Axis(predicted(rows, numbers), *limits)

@@ -19,17 +19,20 @@ from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem,
 
 
 def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """In float32, over H with h in proportion: the floor of the error of lambda in L2, relative."""
+    """The axis is H, h in proportion; the number is the floor of lambda's relative L2 error in float32."""
     return _floors(values, h / H, budget, np.float32)
 
 
 def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same in float64."""
+    """The same as `single`, in float64."""
     return _floors(values, h / H, budget, np.float64)
 
 
 def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
-    """Judged by the bound of float64; predicted: epsilon cond(S), in L2, and the limit by the bound there."""
+    """The axis of a precision, judged by the bound in float64.
+
+    Predicted are the floor epsilon cond(S), in L2, and the limit by the bound there.
+    """
     rows, bounds, unit_roundoff = [], [], 0.5 * float(np.finfo(precision).eps)
     for size in values.tolist():
         problem = on_square(h_over_H * size, size, full)

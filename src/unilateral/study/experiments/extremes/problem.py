@@ -27,9 +27,9 @@ from unilateral.geometry.structured import structured
 Array = NDArray[np.float64]
 WAVES = 3
 LEAST = 1e-12
-"""A round number above the rounding of a few hundred operations."""
+"""`rounding` is at least this, a round number above the rounding of a few hundred operations."""
 Contact = Callable[[Partition], tuple[Array, Array]]
-"""lambda_H and the gap (m,) of a partition."""
+"""A function that gives lambda_H and the gap, (m,) each, of a partition."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class ExtremeProblem:
     def allowance(self) -> float:
         """What rounding may add to an error: to u(mu), and to the multiplier by way of A^{-1} f.
 
-        ||A^{-1} f||_1 <= ||u_h||_1 + ||lambda_H||_{-1/2,h}; both taken to lose what constants lose.
+        ||A^{-1} f||_1 <= ||u_h||_1 + ||lambda_H||_{-1/2,h}; both are taken to lose what constants lose.
         """
         return 2 * self.rounding * self.norm(self.u) + self.rounding * self.size
 
@@ -113,7 +113,7 @@ def posed(mesh: Mesh, partition: Partition, contact: Contact, times: float = 1.0
 
 
 def on_square(h: float, H: float, contact: Contact, times: float = 1.0) -> ExtremeProblem:
-    """The same on a structured mesh of the unit square and a uniform partition."""
+    """The problem with that contact on a structured mesh of the unit square and a uniform partition."""
     return posed(structured_square(h), uniform(square(), H), contact, times)
 
 
@@ -147,5 +147,5 @@ def waves(partition: Partition) -> tuple[Array, Array]:
 
 
 def full(partition: Partition) -> tuple[Array, Array]:
-    """The same with contact everywhere."""
+    """lambda_H and the gap, (m,) each, with contact everywhere."""
     return 1 + 0.5 * np.sin(2 * np.pi * WAVES * place(partition)), np.zeros(partition.n_cells)

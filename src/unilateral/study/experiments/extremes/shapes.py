@@ -20,11 +20,11 @@ from unilateral.study.experiments.extremes.problem import Array, Contact, Extrem
 from unilateral.study.experiments.extremes.trial import attempts, condition
 
 SLACK = 1e-12
-"""Relative changes below it are rounding."""
+"""Relative changes below this number are rounding."""
 
 
 def scaled(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The square with sides of that length, h and H in proportion, full contact: cond(S) ~ L^-2."""
+    """The square has sides of that length L, with h and H in proportion and full contact: cond(S) ~ L^-2."""
     return _thin(lambda L: Polygon(L * square().vertices, "square"), values, h, H, budget, full)
 
 
@@ -71,7 +71,10 @@ def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The square moved that far: the change of S, and the share of an edge by which rounding moves nodes."""
+    """The square is moved that far. The number is the change of S.
+
+    Its prediction is the share of an edge by which rounding moves nodes.
+    """
 
     def problem(distance: float) -> ExtremeProblem:
         polygon = Polygon(square().vertices + distance * np.array([1, -1]), "square")
@@ -95,9 +98,10 @@ def _thin(
     budget: Budget,
     contact: Contact,
 ) -> Axis:
-    """h and H in units of the longest side; cond(S) ~ |boundary|/(|Omega| min H_i), from the first one's.
+    """The axis of a family of polygons, with h and H in units of the longest side.
 
-    That is a law of its growth: where it would fall, nothing is predicted.
+    cond(S) is predicted to grow like |boundary|/(|Omega| min H_i) from its first value. Where that law would
+    have it fall below the first value, nothing is predicted.
     """
 
     @cache
@@ -111,7 +115,7 @@ def _thin(
         return posed(mesh(value), partition, contact)
 
     def lost(value: float) -> float:
-        """As `_rounding`; infinite where there is no mesh."""
+        """The number of `_rounding`; infinite where there is no mesh."""
         try:
             return _rounding(mesh(value))
         except InputError:
@@ -133,6 +137,6 @@ def _rounding(mesh: Mesh) -> float:
 
 
 def _law(polygon: Polygon, H: float) -> float:
-    """lambda_max(S) >= |boundary|/|Omega|, by constants, and lambda_min(S) ~ the shortest cell."""
+    """The law of cond(S): by constants lambda_max(S) >= |boundary|/|Omega|, and lambda_min(S) ~ min H_i."""
     shortest = uniform(polygon, H * polygon.lengths.max()).lengths.min()
     return polygon.perimeter / polygon.area / float(shortest)

@@ -30,19 +30,22 @@ def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same in partial contact; the half is proved as long as the clip is not active."""
+    """Contact on three intervals, printed index; the half is proved as long as the clip is not active."""
     problem = on_square(h, H, waves)
     return Axis(_as_printed(values, problem, budget), 0.5, local_limit=0.5 * local_limit(problem))
 
 
 def local_limit(problem: ExtremeProblem) -> float:
-    """lambda_max of S over that on the held cells, which alone decide once no other cell is loaded again."""
+    """lambda_max of S over lambda_max of S on the held cells.
+
+    The held cells alone decide once no other cell is loaded again.
+    """
     held, S = np.flatnonzero(problem.lambda_H), problem.spaces.operator.S
     return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(held, held)])[-1])
 
 
 def _as_meant(values: Array, problem: ExtremeProblem, budget: Budget) -> list[Row]:
-    """By every algorithm; the number is the error that plain Uzawa leaves after all steps, relative."""
+    """The rows by every algorithm; the number is the relative error left by plain Uzawa after all steps."""
 
     def left(share: float, *_: object) -> float:
         return problem.error(_last(problem, share, budget, VARIANTS[0])) / problem.size
@@ -54,7 +57,7 @@ def _as_meant(values: Array, problem: ExtremeProblem, budget: Budget) -> list[Ro
 
 
 def _as_printed(values: Array, problem: ExtremeProblem, budget: Budget) -> list[Row]:
-    """By the iteration itself, with the bound of its last iterate; the number is the same."""
+    """The rows by the iteration itself, with the bound and the relative error of its last iterate."""
     operator, tolerance, rows = problem.spaces.operator, budget.tolerance(problem), []
     for share in values.tolist():
         rho, mu = share * 2 / operator.lambda_max, _last(problem, share, budget, VARIANTS[1])

@@ -19,7 +19,7 @@ from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
 
 PLAIN, EXACT, TOOL = "uzawa", "active_set", "the tool"
 Measure = Callable[[ExtremeProblem, Array], float]
-"""A number of a problem and the active set's lambda_H (m,)."""
+"""A function that gives a number from a problem and the active set's lambda_H (m,)."""
 Start = float | Callable[[float, ExtremeProblem], float | Array]
 """lambda^0, on every cell or (m,); it may depend on the value on the axis and on the problem."""
 
@@ -32,10 +32,10 @@ def attempt(
     start: Start = 0.0,
     share: float | None = None,
 ) -> Row:
-    """Plain Uzawa from `start`, rho a share of 2/lambda_max(S); and all other algorithms.
+    """The row of plain Uzawa from `start`, with rho a share of 2/lambda_max(S), and of all other algorithms.
 
     Any wrong result makes the point wrong; only an InputError counts as refused. With a share there is no
-    outcome of the tool, which takes rho as it is given.
+    outcome of the library's own choice, which takes rho as it is given.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -75,7 +75,7 @@ def condition(problem: ExtremeProblem, _: Array) -> float:
 def _verdicts(
     problem: ExtremeProblem, budget: Budget, begin: Array, share: float | None
 ) -> dict[str, Verdict]:
-    """Of every algorithm by its name, and of the tool's choice, which is one of them with its own rho."""
+    """The verdicts on all algorithms by name, and on the library's choice, one of them with its own rho."""
     operator, offset, steps = problem.spaces.operator, problem.discrete.offset, budget.max_steps
     of = (operator, offset, budget.tolerance(problem))
     tool = _verdict(problem, partial(iterate, *of, Stop(max_steps=steps), begin), of[-1])

@@ -42,7 +42,7 @@ VIEW = {"elev": 30, "azim": -35}
 
 
 def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
-    """The solution with g = 0, by `kind`, and on the boundary also that on a finer mesh, its `reference`.
+    """The solution with g = 0, by `kind`; on the boundary also its `reference`, that on a finer mesh.
 
     `mesh`: u_h at the corners of the triangles, three rows each; `node`: u_h at the boundary nodes, a vertex
     once for either side; `cell`: lambda_H, from s to end, with the middle (x, y). The reference has H = 2h.
@@ -61,7 +61,7 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
 
 
 def _field(mesh: Mesh, cells: Partition, solution: DiscreteSolution) -> pd.DataFrame:
-    """The rows `mesh`."""
+    """The rows of the kind `mesh`."""
     corners = mesh.triangles.ravel()
     x, y = mesh.points[corners].T
     return pd.DataFrame(
@@ -72,7 +72,7 @@ def _field(mesh: Mesh, cells: Partition, solution: DiscreteSolution) -> pd.DataF
 def _along_boundary(
     polygon: Polygon, mesh: Mesh, cells: Partition, solution: DiscreteSolution
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The rows `node` and `cell`."""
+    """The rows of the kinds `node` and `cell`."""
     node = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]).ravel()
     position = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
     x, y = mesh.points[node].T
@@ -152,7 +152,7 @@ def _cells(data: pd.DataFrame, of: str) -> pd.DataFrame:
 
 
 def _contact(data: pd.DataFrame) -> pd.DataFrame:
-    """The middles of the reference's cells, those without a multiplier left out: x, y, s, NaN there."""
+    """x, y and s of the middles of the reference's cells, NaN where there is no multiplier."""
     cells = _cells(data, "reference")
     middle = cells.assign(s=(cells["s"] + cells["end"]) / 2)
     return middle[["x", "y", "s"]].where(cells["value"] > 0)

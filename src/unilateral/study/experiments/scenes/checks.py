@@ -18,7 +18,7 @@ def rate(
 ) -> Evidence:
     """The smallest asymptotic rate of the cases, against what the theorem proves less a tolerance.
 
-    Raises Unjudged where it is reached, but a rate is not judged to hold.
+    Raises Unjudged if it is reached, but some rate is not judged to hold.
     """
     judged = _judged(tables, scenes, cases, [norm], H_over_h)
     rows = {name: row for name, row in judged.items() if row["verdict"].item() != "exact"}
@@ -55,7 +55,7 @@ def _judged(
 
 
 def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
-    """Of rates that are not judged to hold, why not."""
+    """The reasons why rates are not judged to hold."""
     return [
         f"{name}: {row['why'].item() or row['verdict'].item()}"
         for name, row in rows.items()
@@ -72,7 +72,7 @@ def expected(
 ) -> Evidence:
     """The least excess of the observed rates over the expected ones, less a tolerance by norm.
 
-    Raises Unjudged where there is none below, but a rate is judged to fail, or cannot be judged.
+    Raises Unjudged if none is below 0, but a rate is judged to fail, or cannot be judged.
     """
     judged = _judged(tables, scenes, cases, tolerances, H_over_h)
     rows = {
@@ -124,12 +124,12 @@ def regularity(
 def rate_of(
     tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
 ) -> Evidence:
-    """The smallest rate over the last two pairs (a factor of 4) of something over meshes or partitions."""
+    """The smallest rate of a variable over the last two pairs (a factor of 4) of meshes or partitions."""
     return worst(_last_rates(tables, scenes, variable, cases), LAST, least, True)
 
 
 def slow(tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], most: float) -> Evidence:
-    """The largest of the same rates."""
+    """The largest rate of a variable over the last two pairs (a factor of 4) of meshes or partitions."""
     return worst(_last_rates(tables, scenes, variable, cases), LAST, most, False)
 
 

@@ -18,7 +18,7 @@ from unilateral.study.rates import ZERO
 
 Array = NDArray[np.float64]
 FIRST_S = 1.5
-"""Where the fit starts: the rate of P0 in H^{-1/2} for a smooth lambda."""
+"""The fit starts from this s, the rate of P0 in H^{-1/2} for a smooth lambda."""
 
 
 class Floor(NamedTuple):
@@ -33,7 +33,7 @@ class Floor(NamedTuple):
 
 
 def fit(h: Array, H: Array, error: Array) -> Floor:
-    """Least squares of the logarithms (k,) of errors at sizes h, H (k,).
+    """The fit of errors (k,) at sizes h, H (k,), by least squares of the logarithms.
 
     The uncertainty of s is its standard deviation, from the Jacobian and the residuals' variance. Raises
     InputError for fewer than four errors, or sizes that cannot tell the two terms apart.
@@ -62,9 +62,10 @@ def _misfit(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> 
 
 
 def floors(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float) -> xr.Dataset:
-    """The fits by case, over its asymptotic sizes, as rates are judged: h and H times that at most its start.
+    """The fits by case, over its asymptotic sizes.
 
-    Cases with lambda = 0 are left out: nothing of their error depends on H.
+    These are as for rates: h, and H times `judged_ratio`, are at most the case's start. Cases with lambda = 0
+    are left out, since no part of their error depends on H.
     """
     zero = errors["projection_error"].max("partition") <= ZERO * errors["u_norm"].max("mesh")
     cases = [str(case) for case in errors["case"].values if not zero.sel(case=case)]

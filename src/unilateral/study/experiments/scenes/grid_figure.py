@@ -19,7 +19,7 @@ from unilateral.study import style, tables
 WHITE_READS_BETTER = 0.179  # the luminance at which black and white contrast equally (WCAG 2.1, 1.4.3)
 DIAGONALS = (0.5, 1.0, 2.0)
 DASH = np.array([[-0.11, -0.11], [0.11, 0.11]])
-"""From the corner of a cell, along its diagonal."""
+"""The ends of a dash as seen from the corner of a cell, along its diagonal."""
 BLANK: style.Look = {"fc": "white", "ec": "0.8", "hatch": "////"}
 
 

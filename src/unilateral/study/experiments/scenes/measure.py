@@ -107,7 +107,7 @@ def sweep(
 
 
 def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
-    """The dual norm on the partition; where S is singular beta is 0, and none is needed."""
+    """The dual norm on the partition; None where S is singular, as beta is 0 and no norm is needed."""
     if spaces.operator.singular:
         return None
     if gram is None:

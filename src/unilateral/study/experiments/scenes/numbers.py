@@ -48,7 +48,7 @@ def _rate(of: xr.Dataset) -> str:
 
 
 def rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
-    """Per case, the smallest rates of all scenes; none of a case that is nowhere judged."""
+    """Per case, the smallest rates of all scenes; a case that is nowhere judged has no row."""
     rows = []
     for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
         of = {
@@ -95,7 +95,7 @@ INDICES = {
 
 
 def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
-    """Guaranteed total errors over the true ones on the coarsest and finest level."""
+    """The guaranteed bounds on total errors, over the true errors, on the coarsest and the finest level."""
     rows = []
     for name, table in scenes.items():
         for case, (variable, title) in itertools.product(table["case"].values, INDICES.items()):
@@ -109,6 +109,6 @@ def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
 
 
 def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:
-    """On how many meshes totals are bounded; at the re-entrant vertex lambda's bound over its error."""
+    """The number of meshes with bounds on totals; lambda's bound over its error at the re-entrant vertex."""
     index = corners["total_index_lambda"].sel(case="reentrant").values
     return {"meshes": len(index), "reentrant": {"coarsest": float(index[0]), "finest": float(index[-1])}}

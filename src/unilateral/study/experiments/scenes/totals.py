@@ -1,4 +1,4 @@
-"""The guaranteed total errors of a scene's solutions, over the true errors."""
+"""The guaranteed bounds on the total errors of a scene's solutions, over the true errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from unilateral.study.tables import error_in
 
 Array = NDArray[np.float64]
 ZERO = 1e-12
-"""Relative to ||u||_1: an error below it is that of an exact lambda_H."""
+"""An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
 NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u", "local_index_lambda")
 
 
@@ -30,9 +30,9 @@ def totals(
 ) -> xr.Dataset:
     """Bounds over errors at one H/h, one level long in `mesh`, of what `measure.sweep` solved there.
 
-    `total_index_u` and `total_index_lambda` are the sharp bounds', `local_index_...` those of the cheap ones;
-    of lambda they are against the upper bound of the error, NaN where lambda_H is exact. `total_index_v`
-    takes the sharp bound of ||u - v||_1 for one of ||u - u_h||_1, which it is not.
+    `total_index_u` and `total_index_lambda` belong to the sharp bounds, `local_index_...` to the cheap ones.
+    Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
+    takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
     condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))

@@ -43,7 +43,7 @@ def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
 
 
 def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
-    """(case, mesh) for m = ||lambda - mu||_{-1/2}, (case,); NaN where beta or D is 0."""
+    """(case, mesh) D over the bound, for m = ||lambda - mu||_{-1/2}, (case,); NaN where beta or D is 0."""
     D, c, H = runs["discrete_error"], runs["consistency"], float(runs["H"])
     known = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > ZERO)
     beta, beta_0 = (runs[name].where(known) for name in ("beta_upper", "beta_0"))
@@ -53,7 +53,7 @@ def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
 
 
 def theorem_2(tables: Tables, table: str, tolerance: float) -> Evidence:
-    """The least excess of D's rates over all levels of H over min(3/2, 1 + alpha), alpha > 0, every gamma."""
+    """The least excess, over min(3/2, 1 + alpha), of D's rates over all levels; alpha > 0, every gamma."""
     data = tables[table].sel(norm="discrete")
     rate = surfaces.over_all_levels(tables[table], "discrete")
     quantity = "the rate of D over all levels of H, less min(3/2, 1 + alpha)"
@@ -61,10 +61,10 @@ def theorem_2(tables: Tables, table: str, tolerance: float) -> Evidence:
 
 
 def beyond_consistency(tables: Tables, table: str, tolerance: float) -> Evidence:
-    """The least excess of these rates over min(3/2, 1 + alpha, (1 + alpha + gamma)/2).
+    """The least excess, over min(3/2, 1 + alpha, (1 + alpha + gamma)/2), of D's rates over all levels of H.
 
-    That is what mu = Pi_H lambda gives. Members count for which it is smaller than min(3/2, 1 + alpha) by
-    twice the tolerance.
+    That minimum is what mu = Pi_H lambda gives. Members count for which it is smaller than
+    min(3/2, 1 + alpha) by twice the tolerance.
     """
     data = tables[table].sel(norm="discrete")
     rate = surfaces.over_all_levels(tables[table], "discrete")
@@ -76,7 +76,8 @@ def beyond_consistency(tables: Tables, table: str, tolerance: float) -> Evidence
 def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Evidence:
     """The least excess over the predicted rate, with the tolerance of its norm, on the two finest pairs.
 
-    Of the largest error over gamma, for the theorem's constant does not depend on it; alpha > 0.
+    The rates are those of the largest error over gamma, for the theorem's constant does not depend on gamma;
+    alpha > 0.
     """
     rows: dict[str, float] = {}
     for norm, tolerance in tolerances.items():
@@ -86,7 +87,10 @@ def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Ev
 
 
 def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance: float) -> Evidence:
-    """The largest excess of the same on the finest pair, for 0 < alpha <= `largest` of the norm."""
+    """The largest excess, over the predicted rate, of the rates as in `theorem_4` on the finest pair.
+
+    It is for 0 < alpha <= `largest` of the norm.
+    """
     rows: dict[str, float] = {}
     for norm, alpha in largest.items():
         excess = _of_largest(tables[table], norm).isel(pair=-1)
@@ -96,9 +100,9 @@ def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance
 
 
 def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> Evidence:
-    """The largest error of a position over that for the smallest gamma; there no position is held.
+    """The largest error of a position over that for the smallest gamma, for which no position is held.
 
-    On the two finest levels, for alpha > 0.
+    It is taken on the two finest levels, for alpha > 0.
     """
     data, rows = tables[table].isel(level=slice(-2, None)), dict[str, float]()
     freest = data.sel(gamma=data["gamma"].min(), drop=True)
@@ -114,9 +118,9 @@ def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> E
 
 
 def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
-    """The least excess of the rates of t over min(3/2, 1 + alpha), its logarithm allowed for, alpha > 0.
+    """The least excess of the rates of t over min(3/2, 1 + alpha), for alpha > 0 on the two finest pairs.
 
-    On the two finest pairs.
+    Its logarithm is allowed for.
     """
     data = tables[table]
     power = xr.DataArray(logarithm(data["alpha"].values), dims="alpha")
@@ -133,7 +137,7 @@ def proposition_3(
 ) -> Evidence:
     """The least excess of the rates of ||u - z_h||_0 on the boundary over min(2, 3/2 + nu), nu by case.
 
-    Over the last factor of 4, the logarithm allowed for.
+    The rates are over the last factor of 4, and the logarithm is allowed for.
     """
     found = {}
     for name, run in by_case(tables, "{scene}/errors", scenes, exponents).items():

@@ -1,8 +1,9 @@
 """How sharp estimates are within a family: lambda ~ s_+^alpha and a gap ~ s_-^gamma at a transition.
 
 The transition is put at n places (k + 1/2)/n of a cell, the same on every level, and errors are averaged over
-them: a rate between levels is then not one of the position. u is a harmonic atom whose cutoff ends contact;
-on the exponents depends what the hypotheses (j) and (jj) say. Levels are of h and H together, or of H alone.
+them: a rate between levels is then not one of the position. u is a harmonic atom whose cutoff ends contact.
+Whether the hypotheses (j) and (jj) hold depends on the exponents. Levels are of h and H together, or of H
+alone.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from unilateral.solvers.stop import Stop
 
 START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
 END = sympy.Rational(3, 2)
-"""Of the gap beyond the cutoff, where lambda ends like s^4: that transition adds nothing of lower order."""
+"""The exponent of the gap beyond the cutoff. Since lambda ends there like s^4, that transition adds nothing
+of lower order."""
 MEASURED = (
     "h1_error",
     "hm12_error_lower",
@@ -93,7 +95,7 @@ def seen(
     at: Sequence[sympy.Expr],
     exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]],
 ) -> SeenFamily:
-    """Of the transitions at these places."""
+    """The family with its transitions at these places, as seen from a partition."""
     alphas, gammas = exponents
     members = [[transitions(partition.polygon, x, alpha, gammas) for x in at] for alpha in alphas]
     means = [[cell_means_of_gaps(cases, partition) for cases in row] for row in members]

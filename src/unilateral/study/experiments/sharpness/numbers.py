@@ -18,8 +18,8 @@ HELD = "positions with a multiplier in the transition's cell"
 def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFrame:
     """Where, for alpha > 0, rates of the multiplier on the finest levels miss those predicted.
 
-    In brackets what they would lack of a rate with the factor (1 + ln 1/H)^(1/2); and how many positions of
-    the transition have a multiplier in its cell on the finest level.
+    In brackets is what they would lack of a rate with the factor (1 + ln 1/H)^(1/2). A last column tells how
+    many positions of the transition have a multiplier in its cell on the finest level.
     """
     missing = (found["predicted"] - found["rate"].isel(pair=-1)).where(found["alpha"] > 0, drop=True)
     taken, held, rows = 0.5 * taken_by_logarithm(found["H"].values)[-1], found["held"].isel(level=-1), []

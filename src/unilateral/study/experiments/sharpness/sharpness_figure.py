@@ -28,7 +28,7 @@ COLUMNS = ["kind", "norm", "alpha", "gamma", "rate", "before", "jj"]
 HEIGHT = 15.3
 PLACES = {"discrete": (1.2, 9.75), "hm12": (9.8, 9.75), "l2": (1.2, 3.15), "consistency": (9.8, 3.15)}
 STEP = 1.7
-"""Points between markers of different gamma at one alpha, which else would hide each other."""
+"""The distance in points between markers of several gamma at one alpha, which else would hide each other."""
 PREDICTED: style.Look = {"color": "black", "lw": 0.9}
 LEFT: style.Look = {"lw": 0.9, "ls": (0, (3, 2))}
 PROVED: style.Look = {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt"}
@@ -37,12 +37,12 @@ FAILS: style.Look = {"fc": "0.93", "lw": 0}
 
 
 def table(rates: style.FilePath, fixed: style.FilePath) -> pd.DataFrame:
-    """Rows by `kind`, of D over H at a fixed h, and at H = 2h of lambda's errors and the consistency term.
+    """Rows by `kind`, for D over H at a fixed h, and for lambda's errors and the consistency term at H = 2h.
 
-    `measured`: the finest pair's rate with that of the pair `before`, of D that over all levels, per alpha
-    and gamma, and whether (jj) holds; `predicted`: points of the predicted lines, a line per gamma for the
-    consistency term; `left`: of what the choice Pi_H lambda leaves of D; `proved`: ends of Theorem 4.1's
-    line; `attained`: where predicted lines meet it.
+    `measured`: the finest pair's rate with that of the pair `before`, for D the rate over all levels, per
+    alpha and gamma, and whether (jj) holds; `predicted`: points of the predicted lines, a line per gamma for
+    the consistency term; `left`: points of what the choice Pi_H lambda leaves of D; `proved`: ends of Theorem
+    4.1's line; `attained`: where predicted lines meet it.
     """
     found, parts = tables.load(rates), []
     for norm in TITLES:

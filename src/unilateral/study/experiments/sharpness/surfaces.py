@@ -1,7 +1,7 @@
 """Rates over the exponents (alpha, gamma) of a transition: measured, predicted, and what the proof leaves.
 
 Errors are r.m.s. means over the positions of the transition in its cell, in H^{-1/2} those of the mean of
-the bounds; of the consistency term, which bounds a square, the mean is taken. Beside the norms of `NORMS`
+the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `NORMS`
 there is `discrete`, D = ||z_h - u_h||_1 = ||lambda - lambda_H||_{-1/2,h}.
 """
 
@@ -19,15 +19,16 @@ from unilateral.study.tables import error_in
 Array = NDArray[np.float64]
 MEASURED = (*NORMS, "discrete")
 BEST = {"h1": (1.0, 1.0), "hm12": (1.5, 1.0), "l2": (1.0, 0.5), "discrete": (1.5, 1.0)}
-"""The rate by Theorems 2 and 4 is min(first, alpha + second): of P1 or P0, and of the regularity."""
+"""The rate by Theorems 2 and 4 is min(first, alpha + second). The first is that of P1 or P0, and
+alpha + second that of the regularity."""
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5, "discrete": 1.0, "consistency": 2.0}
-"""By Theorem 4.1 and (4.16), for alpha > 0 and gamma >= 1."""
+"""The rates by Theorem 4.1 and (4.16), for alpha > 0 and gamma >= 1."""
 INVERSE = {"h1": 0.0, "hm12": 0.0, "l2": 0.5, "discrete": 0.0}
-"""What the inverse estimate from H^{-1/2}, (4.7), takes from the rate of the consistency term's root."""
+"""The inverse estimate from H^{-1/2}, (4.7), takes so much from the rate of the consistency term's root."""
 
 
 def predicted(norm: str, alpha: ArrayLike) -> Array:
-    """The rate by Theorem 4, that of the best approximation of u (h1) or lambda; of D in H by Theorem 2."""
+    """The rate by Theorem 4, that of the best approximation of u (h1) or lambda; for D in H by Theorem 2."""
     most, smoothness = BEST[norm]
     return np.minimum(most, np.asarray(alpha, dtype=float) + smoothness)
 
@@ -38,7 +39,7 @@ def of_consistency(alpha: ArrayLike, gamma: ArrayLike) -> Array:
 
 
 def left_by_proof(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
-    """The same or, where smaller, the rate of the root of <Pi_H lambda, u - g>, as (4.10) adds them."""
+    """The predicted rate or, where smaller, that of the root of <Pi_H lambda, u - g>: (4.10) adds both."""
     return np.minimum(predicted(norm, alpha), of_consistency(alpha, gamma) / 2 - INVERSE[norm])
 
 
@@ -140,7 +141,7 @@ def _rates(error: Array, H: Array) -> Array:
 
 
 def _share(errors: xr.Dataset, norm: str) -> Array:
-    """As rates are judged: the bound turned into that norm, over the error's lower bound."""
+    """The share as rates are judged: the bound turned into that norm, over the error's lower bound."""
     beta, lambda_min = errors["beta_lower"], errors["lambda_min"]
     one = xr.ones_like(beta)
     to_norm = {"h1": one, "hm12": beta, "l2": lambda_min**0.5, "discrete": one}[norm]

@@ -26,7 +26,7 @@ PER_PAIR = [
     "beta_upper",
 ]
 PLACES = {"uniform": (1.25, 5.35, 0.1), "local": (7.3, 4.55, 6.95), "worst": (12.3, 4.55, 11.95)}
-"""Centimetres: where the axes begin, how wide they are, where the key of a kind begins."""
+"""The left ends of the axes, their widths, and the left ends of the keys, by kind, in cm."""
 TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
 UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(style.COLOURS) if i != 1)
 WORST_MARKERS = ("x", "+", (6, 2, 0), "1", "2", "3")
@@ -117,7 +117,7 @@ def _uniform(axes: Axes, data: pd.DataFrame, looks: dict[str, style.Look]) -> No
 
 
 def _all_kinds(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, style.Look]], x: str) -> None:
-    """The others as markers at the lower bounds, with bars up to the upper ones, on the uniform lines."""
+    """The other kinds as markers at the lower bounds, with bars up to the upper ones, over uniform lines."""
     uniform = data[data["kind"] == "uniform"].sort_values(x, kind="stable")
     for _, line in uniform.groupby(["label", "H"], sort=False):
         axes.plot(line[x], line["beta_lower"], **BACKGROUND)
@@ -146,7 +146,7 @@ def _ratio_axis(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def _delta_axis(axes: Axes) -> None:
-    """From 0 to 1/2, with the bound of claim T.node."""
+    """The axis of delta from 0 to 1/2, with the bound of claim T.node."""
     delta = np.linspace(0, 0.5)
     axes.plot(delta, 2 * delta * (1 - delta), color="0.25", lw=0.8, ls=(0, (4, 2)), zorder=1)
     axes.text(0.24, 0.29, r"$2\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)

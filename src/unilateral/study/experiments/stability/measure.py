@@ -28,7 +28,7 @@ class Grams:
         self.known: dict[tuple[bytes, bytes], Bracket] = {}
 
     def of(self, partition: Partition) -> Bracket:
-        """(m, m) each."""
+        """The lower and the upper Gram matrix of a partition, (m, m) each."""
         alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
         if alike not in self.known:
             self.known[alike] = dual_norm(partition).gram().p0
@@ -76,7 +76,7 @@ def survey(
 
 
 def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[NDArray[np.intp]]:
-    """Of a structured mesh of the square and a uniform partition: half a turn, and x and y exchanged."""
+    """Half a turn, and x and y exchanged, on a structured mesh and uniform cells of the square; else none."""
     is_square = np.array_equal(mesh.polygon.vertices, square().vertices)
     uniform = np.ptp(partition.lengths) <= 1e-12 * partition.H
     if not (is_square and uniform and spec.get("kind") == "structured"):

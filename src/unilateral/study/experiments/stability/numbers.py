@@ -16,7 +16,7 @@ MEASURES = {
     "cell_over_edge": "smallest $H_i$ over the longest edge at it",
 }
 ROUNDED = 1e-4
-"""Relative, of the numbers in a committed table."""
+"""The relative tolerance for numbers in a committed table, which are rounded."""
 
 
 def least(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
@@ -47,7 +47,7 @@ def correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
 
 
 def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> dict[str, Any]:
-    """How many pairs keep the rule; the worst with flat triangles, and, of a search, by edges alone."""
+    """How many pairs keep the rule; the worst pairs with flat triangles, and by edges alone from a search."""
     few = cell_over_edge * (1 - ROUNDED)
     flat_ones, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
     searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
