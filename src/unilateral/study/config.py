@@ -26,7 +26,7 @@ Place = tuple[str | int, ...]
 def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     """All files' fields, and the file of each.
 
-    Raises InputError for a file that has no fields, or one that an earlier file has, too.
+    Raises InputError for a file without fields, and for a field that an earlier file has, too.
     """
     study: Fields = {}
     sources: dict[str, str] = {}
@@ -179,7 +179,7 @@ def _case_fault(name: str, domain: str, side: int) -> str:
 
 
 def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: cases that no expected rates are given for, though a scene or `deep` has them."""
+    """Faults: cases of a scene, or of `deep`, for which no expected rates are declared."""
     for name, scene in {**study["scenes"], "deep": study["deep"]}.items():
         for wanted in scene["cases"]:
             if wanted not in study["rates"]["cases"]:
