@@ -26,7 +26,7 @@ Place = tuple[str | int, ...]
 def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     """All files' fields, and the file of each.
 
-    Raises InputError for a file that has no fields, or one that an earlier file has, too.
+    Raises InputError for a file without fields, and for a field that an earlier file has, too.
     """
     study: Fields = {}
     sources: dict[str, str] = {}

@@ -73,7 +73,7 @@ def _letters(text: str) -> str:
 
 
 def _observed(record: Mapping[str, Any]) -> str:
-    """Three digits, but none of what is round-off, or a thousand times what is required."""
+    """Three digits, but none of what is round-off, or eleven times what is required."""
     value = record["observed"]
     if abs(value) <= ROUND_OFF:
         return "0"

@@ -130,7 +130,7 @@ def ledger() -> tuple[Claim, ...]:
 
 
 FORMS = frozenset({"verdict", "check", "reads", "source", "control"}), frozenset({"unmeasured"})
-"""The fields of a measured claim besides id, section, title, statement and where, and those of another."""
+"""Besides id, section, title, statement and where, a claim has the first fields or, unmeasured, the last."""
 
 
 def declared(entry: Mapping[str, Any]) -> Claim:

@@ -69,7 +69,8 @@ def smallest_share(fails: Callable[[float], bool]) -> float:
 def told(control: Mapping[str, Any], share: float) -> str:
     """A share of a control in words: a factor where the control is one, else a part of it.
 
-    Where the table holds `rounding`, which differs between processors, it is only the power of ten above.
+    Where the table holds `rounding`, which differs between processors, only the power of ten above the share
+    is told.
     """
     if control.get("rounding") and share < 0.99:
         return f"below {100 * 10.0 ** math.ceil(math.log10(share)):g} % of the control"

@@ -18,7 +18,7 @@ ORIGINS = {
     "before": "set before values were known",
     "after": "set after values had been seen",
 }
-"""Where a required number comes from, by a short name. A claim's source begins so, up to a colon."""
+"""The origin of a required number, by a short name; a claim's source begins with such a text and a colon."""
 LEAST, PLENTY = 1e-4, 10.0
 """A margin below the first number or above the second is told as lying below or above it."""
 

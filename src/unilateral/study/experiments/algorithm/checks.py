@@ -81,7 +81,7 @@ def economy(tables: Tables, table: str, least: float) -> Evidence:
 
 
 def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, most: float) -> Evidence:
-    """The largest over the smallest of H times plain Uzawa's steps over the tolerance's logarithm: O(1/H)."""
+    """The largest over the smallest of H steps / log(1/tolerance) for plain Uzawa, whose steps are O(1/H)."""
     table = tables[f"{scene}/errors"].sel(case=case)
     iterations, tolerance, sizes = (
         along_ratio(table, name, H_over_h) for name in ("iterations", "tolerance", "H")

@@ -53,7 +53,7 @@ def safe_step(tables: Tables, most: float, finest: float) -> Evidence:
 
 
 def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most: float) -> Evidence:
-    """The largest relative excess, of any H/h, of the error at a level over the discrete solution's."""
+    """The largest relative excess, for any H/h, of the error at a level over the discrete solution's."""
     cases = tables["cost/case"]
     fine = cases.sel(H=cases["H"] <= coarsest)
     excess = trade.excess(fine, norm).sel(stop=stop)
@@ -95,7 +95,10 @@ def exceptions_are(tables: Tables, norm: str, stop: float, coarsest: float, case
 
 
 def pays(tables: Tables, many: str, few: str, H_over_h: float, stop: float) -> Evidence:
-    """Work by A over that by S on the finest mesh, for many steps; its inverse for the algorithm of few."""
+    """The work by A over that by S for the algorithm of many steps, and its inverse for that of few.
+
+    Both are on the finest mesh.
+    """
     share = {
         name: float(
             trade.by_A_over_by_S(tables["cost/algebra"], tables["cost/algorithm"], name, H_over_h)

@@ -79,7 +79,7 @@ class History:
         return energy_norm(S, R, size) + size * self.per_residual
 
     def with_solves(self, y: Array, F: Array, R: Array) -> None:
-        """Observe as the history itself, and count the solve on the cells in contact, y > R, that follows."""
+        """Observe a step as the history itself does, and count the solve on the cells in contact, y > R."""
         self(y, F, R)
         self.solving += newton_solve(int(np.count_nonzero(y > R)))
 

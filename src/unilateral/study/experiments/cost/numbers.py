@@ -12,7 +12,7 @@ from unilateral.study.experiments.cost import tables, trade
 from unilateral.study.experiments.cost.variants import REFRESH
 
 LARGEST_RATIO = 4.0
-"""The growth of steps is found for H/h up to this; there are enough sizes for it."""
+"""The growth of steps is found for H/h up to this number, for which there are enough sizes."""
 
 
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:

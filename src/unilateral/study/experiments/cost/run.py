@@ -33,14 +33,14 @@ Errors = tuple[float, float, float, float]
 Made = TypeVar("Made")
 SAFE = 1.9
 METHODS = {"safe": "uzawa", "optimal": "uzawa"}
-"""The methods of algorithms that are another one with a step of their own."""
+"""The methods of the algorithms that have a step rho of their own, and no other difference."""
 EXACT, MOST_NEWTON = 1e-10, 100
 """The tolerance, as a share of ||u - z_h||_1, of the discrete solution that the levels refer to, and its most
 steps."""
 
 
 class Costs(NamedTuple):
-    """The operations of the set-up, of a residual, of the step from there, and of a check of the bound."""
+    """Operations of the set-up, a residual, the step from there, and a check of the guaranteed bound."""
 
     setup: float
     residual: float
@@ -57,7 +57,8 @@ class Costs(NamedTuple):
 class Measured:
     """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`.
 
-    `alone` are A's factors where the interior is not eliminated; `of_A` has their counts by a step's matrix.
+    `alone` are the factors of A for steps without elimination of the interior; `of_A` has the counts of A's
+    factors, by the matrix of a step.
     """
 
     exact: Exact

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from unilateral.formulas.formula import real
 
 REFRESH = 50
-"""The refined way makes one product in double precision in so many."""
+"""The refined way makes one of so many products in double precision."""
 
 
 class Variant(NamedTuple):

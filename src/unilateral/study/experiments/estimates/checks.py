@@ -152,8 +152,8 @@ def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evi
 
     The infima are over v_h and over one mu_H in Lambda_H. The error splits into a = ||u - z_h||_1 and D with
     D^2 <= m D + (m + D) a/beta + c for every mu_H, so that D^2 <= 3 m^2 + 3 a^2/beta^2 + 2 c, where m and c
-    are the two terms of the infimum. beta is taken from above, the
-    infimum from below, on partitions of up to so many cells. The lines are the constants that were needed.
+    are the two terms of the infimum. beta is taken from above, the infimum from below, on partitions of up to
+    so many cells. The lines are the constants that were needed.
     """
     found, needed = {}, []
     for name, data, cells, gram in _runs(tables, scenes):

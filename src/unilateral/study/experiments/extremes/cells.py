@@ -36,7 +36,7 @@ def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 
 def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """H = h, with an odd number e of edges: beta is like 1/e, and cond(S) ~ 1/(H beta^2) so like e^3."""
+    """H = h and an odd number e of edges: beta is like 1/e, so that cond(S) ~ 1/(H beta^2) is like e^3."""
 
     def problem(edges: float) -> ExtremeProblem:
         counts = np.full(4, int(edges) // 4)

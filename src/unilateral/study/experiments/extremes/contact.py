@@ -51,7 +51,7 @@ def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda^0 has that size everywhere, and |boundary|^(1/2) times it in L2.
 
-    It is refused if that is above DIVERGED; below it the steps grow like the size's logarithm.
+    It is refused if its norm in L2 is above DIVERGED; below that the steps grow like the size's logarithm.
     """
     problem = on_square(h, H, waves)
     rows = attempts(values, lambda _: problem, budget, _held, start=lambda size, _: size)

@@ -147,7 +147,10 @@ def _judged_by_number(row: Row, slack: float) -> Row:
 
 
 def by_law(rows: Sequence[Row], values: Array, growth: Array, budget: Budget) -> Axis:
-    """The axis with cond(S) predicted to grow like that from the first row's; its limits are by the steps."""
+    """The axis on which cond(S) is predicted to grow like `growth` from that of the first row.
+
+    Its limits follow from the steps that the budget allows.
+    """
     numbers = rows[0].measured * growth
     limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
     return Axis(predicted(rows, numbers), *limits)
