@@ -1,5 +1,6 @@
 """The ledger: every claim judged on the stored results, every control seen to fail, and the arithmetic."""
 
+import copy
 import hashlib
 import json
 import os
@@ -21,7 +22,7 @@ from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
 from unilateral.study import tables
 from unilateral.study.documents import marks, verdicts
-from unilateral.study.ledger import claims, controls, printed, records
+from unilateral.study.ledger import claims, controls, entries, printed, records
 from unilateral.study.ledger import results as of_study
 from unilateral.study.ledger.claims import Judgement
 from unilateral.study.ledger.evidence import Evidence
@@ -66,6 +67,28 @@ def test_the_ledger_has_every_statement_once():
     assert len(ids) == len(set(ids))
     assert set(STATEMENTS) <= set(ids)
     assert all(records.holds(claim.verdict) for claim in LEDGER.values())
+
+
+@pytest.mark.parametrize("change", ["in no section", "in two sections", "declared twice", "declared nowhere"])
+def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, change):
+    """Control: as they are, all are accepted."""
+
+    def own(file):
+        found = copy.deepcopy(read(file))
+        if file.name == "sections.yaml" and change == "in no section":
+            found["theorems"].remove("T.D")
+        if file.name == "sections.yaml" and change == "in two sections":
+            found["cost"].append("T.D")
+        if file.parent.name == "sharpness" and change.startswith("declared"):
+            one = next(each for each in found["claims"] if each["id"] == "T.D")
+            (found["claims"].append if change == "declared twice" else found["claims"].remove)(one)
+        return found
+
+    read = entries.own
+    assert len(entries.entries()) > 100
+    monkeypatch.setattr(entries, "own", own)
+    with pytest.raises(InputError, match=r"ledger, claim 'T\.D': it has to be declared once"):
+        entries.entries()
 
 
 GENERAL = ("id", "section", "title", "statement", "where")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from typing import Any
 
 from unilateral.errors import InputError
 from unilateral.study import registry
 from unilateral.system.declarations import own
 
-STUDY = resources.files("unilateral.study")
 FILE = "claims.yaml"
 """The file in an experiment's folder that declares its claims."""
 
@@ -17,13 +15,12 @@ FILE = "claims.yaml"
 def entries() -> list[dict[str, Any]]:
     """The claims as they are declared, each with its section, section by section.
 
-    Raises InputError for a claim that no section or several of them name, or that is declared twice or not at
-    all.
+    Raises InputError unless every claim is declared once and named once in sections.yaml.
     """
     declared = [entry for file in files().values() for entry in own(file)["claims"]]
-    sections = own(STUDY / "ledger" / "sections.yaml")
+    sections = own(registry.STUDY / "ledger" / "sections.yaml")
     known, named = [entry["id"] for entry in declared], [each for ids in sections.values() for each in ids]
-    for each in {*known, *named}:
+    for each in dict.fromkeys([*known, *named]):
         if known.count(each) != 1 or named.count(each) != 1:
             raise InputError(
                 f"ledger, claim '{each}': it has to be declared once, in the {FILE} of an experiment, and "
@@ -35,5 +32,5 @@ def entries() -> list[dict[str, Any]]:
 
 def files() -> dict[str, Any]:
     """The files of the experiments' claims, by the experiments' names."""
-    folders = {name: STUDY.joinpath(*package.split(".")) for name, package in registry.experiments().items()}
-    return {name: folder / FILE for name, folder in folders.items() if (folder / FILE).is_file()}
+    found = {name: registry.STUDY / "experiments" / name / FILE for name in registry.experiments()}
+    return {name: file for name, file in found.items() if file.is_file()}

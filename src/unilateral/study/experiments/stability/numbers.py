@@ -15,8 +15,8 @@ MEASURES = {
     "edges_per_cell": "fewest boundary edges in a cell",
     "cell_over_edge": "smallest $H_i$ over the longest edge at it",
 }
-ROUNDED = 1e-4
-"""The relative tolerance for numbers in a committed table, which are rounded."""
+ROUNDED = 5e-4
+"""Numbers in a committed table have four digits: each is off by at most this times itself."""
 
 
 def least(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
