@@ -24,8 +24,8 @@ from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems.certificate import certify
 from unilateral.study import tables
-from unilateral.study.experiments.benchmarks import numbers as benchmark_tables
 from unilateral.study.experiments.benchmarks import ratios as judge
+from unilateral.study.experiments.benchmarks import side_by_side as benchmark_tables
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 N = 16

@@ -14,8 +14,7 @@ from one_node import missing, one_node
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
 PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
 TARGET = "results/quick/dual_norm.nc"
-SCRIPT = "workflow/scripts/measure_dual_norm.py"
-MAIN = "def main(scene, name, dual_norm):\n"
+SCRIPT, CALL = "workflow/scripts/job.py", "            getattr("
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +32,12 @@ def snakemake(project, environment, *arguments):
 
 
 def spoilt(tmp_path, line):
-    """A copy of the project whose script for the dual norm begins with that line."""
+    """A copy of the project whose jobs begin with that line."""
     project = copy_project(tmp_path)
     script = project / SCRIPT
     text = script.read_text()
-    assert MAIN in text
-    script.write_text(text.replace(MAIN, f"{MAIN}    {line}\n"))
+    assert text.count(CALL) == 1
+    script.write_text(text.replace(CALL, f"            {line}\n{CALL}"))
     return project
 
 

@@ -25,6 +25,7 @@ def described(job):
     named = {name: files if isinstance(files, str) else list(files) for name, files in job.input.items()}
     described = {"rule": job.rule.name, "named": named, "params": dict(job.params.items())}
     asked = {"mem_mb": job.resources.get("mem_mb"), "log": list(map(str, job.log))}
+    asked["unnamed"] = [value for value in job.params if value not in described["params"].values()]
     return described | asked | {"input": list(map(str, job.input)), "output": list(map(str, job.output))}
 
 

@@ -15,16 +15,18 @@ SCRIPTS = ROOT / "workflow/scripts"
 
 
 def ended(statements, folder, given=(), config=None):
-    """How a script ends whose `main` consists of these statements, and its log.
+    """How a job ends that calls a function of these statements, and its log.
 
     Its rule is named `made`; its input is `given`, and the configuration is `config`.
     """
     log, files = folder / "job.log", [str(file) for file in given]
     code = "import os, signal, warnings; from types import SimpleNamespace; from job import run\n"
-    code += "from unilateral import errors\nclass Input(list): items = lambda _: []\n"
-    code += f"def main():\n    {statements}\n"
-    code += f"job = SimpleNamespace(input=Input({files}), output={{}}, params={{}}, log=[{str(log)!r}])\n"
-    code += f"job.rule, job.config = 'made', {config or {}}\nrun(main, job)"
+    code += "from unilateral import errors, study\nclass Input(list): items = lambda _: []\n"
+    code += f"def function():\n    {statements}\n"
+    code += f"job = SimpleNamespace(input=Input({files}), output={{}}, log=[{str(log)!r}])\n"
+    code += f"job.rule, job.config, job.params = 'made', {config or {}}, {{'job': 'manifest.function'}}\n"
+    code += "study.manifest.function = function\nrun(job)"
+    code = "from unilateral.study import manifest\n" + code
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
     assert found.stdout == ""
@@ -70,7 +72,7 @@ def test_cases_of_a_scene_are_certified(tmp_path):
 
 
 def test_a_damaged_mesh_says_how_it_is_made_anew(tmp_path):
-    """An emptied one, as bound_totals.py reads it."""
+    """An emptied one, as `bound_totals` reads it."""
     (tmp_path / "mesh.vtu").write_text("")
     read = f"scenes.stored_mesh({str(tmp_path / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
     found, _ = ended(f"from unilateral.study import scenes; {read}", tmp_path)
@@ -80,7 +82,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(tmp_path):
 
 
 def test_a_job_stamps_its_tables_and_refuses_those_of_another_configuration(tmp_path):
-    """It refuses before `main` begins. Control: it takes the same table with the configuration as it was."""
+    """It refuses before its function begins. Control: it takes the table with the configuration as it was."""
     table, source = tmp_path / "square/errors.nc", tmp_path / "source.yaml"
     table.parent.mkdir()
     source.write_text("u: x")

@@ -32,7 +32,8 @@ def written(tmp_path, monkeypatch):
 
     def write(study):
         made = {"solve": ["results/errors.nc", "results/timings.nc"], "claims": ["results/claims.json"]}
-        manifest.write(made, study, tmp_path / "results/manifest.json", tmp_path / "results/SHA256SUMS")
+        paths = {"manifest": tmp_path / "results/manifest.json", "sums": tmp_path / "results/SHA256SUMS"}
+        manifest.write_manifest(study, **paths, **made)
         return (tmp_path / "results/manifest.json").read_bytes()
 
     return write

@@ -10,7 +10,7 @@ from conftest import ROOT, copy_project
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-from unilateral.study.documents import provenance
+from unilateral.study.documents import pages
 
 SECONDS = 30
 
@@ -131,7 +131,7 @@ def test_what_a_page_of_provenance_tells(tmp_path):
     sizes = {"solve": (1_500_000, 500_000), "rates": (2_000,)}
     files = [{"rule": rule, "bytes": size} for rule, all_of in sizes.items() for size in all_of]
     manifest = {"versions": {"numpy": "2.0"}, "parameters": "abc", "files": files}
-    told = provenance.blocks(manifest, [str(parameters)])
+    told = pages.provenance(manifest, [str(parameters)])
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in told["files"].splitlines()]
     assert rows[2:] == [["solve", "2", "2"], ["rates", "1", "0.002"]]
     assert "| numpy" in told["versions"]

@@ -167,9 +167,10 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
     code = (
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
         "import job, types, xarray; from unilateral.study import tables\n"
-        f"def main(): tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')\n"
-        "job.run(main, types.SimpleNamespace(input={}, output={}, params={}, rule='', config={},"
-        " log=['/dev/null']))"
+        f"path, table = {str(tmp_path / 'errors.nc')!r}, xarray.Dataset({{'x': [1.0]}})\n"
+        "tables.made = lambda: tables.save(table, path, 'scene')\n"
+        "given = {'input': {}, 'output': {}, 'params': {'job': 'tables.made'}, 'log': ['/dev/null']}\n"
+        "job.run(types.SimpleNamespace(**given, rule='', config={}))"
     )
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)

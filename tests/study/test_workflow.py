@@ -1,12 +1,11 @@
-"""The pipeline: what a target plans, what its jobs read, write and are given, the shape of its scripts.
+"""The pipeline: what a target plans, what its jobs read, write and are given, and what its rules name.
 
-One process plans all jobs. What Snakemake does with them is tested in `test_snakemake.py`, and how a script
-runs as a job in `test_jobs.py`.
+One process plans all jobs. What Snakemake does with them is tested in `test_snakemake.py`, and how a job
+runs in `test_jobs.py`.
 """
 
 import ast
 import copy
-import importlib.util
 import inspect
 import json
 import re
@@ -14,6 +13,7 @@ import subprocess
 import sys
 from collections import Counter
 from functools import cache, reduce
+from importlib import import_module
 from pathlib import Path
 
 import grimp
@@ -23,16 +23,21 @@ from conftest import ROOT, copy_project
 from unilateral.errors import InputError
 from unilateral.study import config as configuration
 from unilateral.study import registry
+from unilateral.study.documents import marks
 from unilateral.study.ledger import claims
 
 WORKFLOW = ROOT / "workflow"
-SCRIPTS = sorted((WORKFLOW / "scripts").glob("*.py"))
 LIBRARY = ROOT / "src/unilateral"
 GIVEN, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
-FIGURE = WORKFLOW / "scripts/make_figure.py"
-"""The script that imports the module of a figure by its name."""
-STARTS = [(script, "") for script in SCRIPTS if script != FIGURE]
-STARTS += [(FIGURE, module) for module in registry.figures().values()]
+
+
+def rules():
+    return "".join(file.read_text() for file in sorted((WORKFLOW / "rules").glob("*.smk")))
+
+
+def jobs():
+    """The functions that rules call, such as manifest.write_manifest."""
+    return re.findall(r'^        job="([\w.]+)",$', rules(), re.MULTILINE)
 
 
 def checked(study):
@@ -209,7 +214,7 @@ def test_a_job_is_given_the_fields_of_the_configuration_that_are_its_own(planned
         wanted = {name: field(path.format(**given)) for name, path in PARAMS[job["rule"]].items()}
         assert {name: given[name] for name in wanted} == wanted, job["output"]
         rest = given.keys() - wanted.keys()
-        assert rest <= {"name", "number", "scene", "h", "study", "predicted"}, job["rule"]
+        assert rest <= {"job", "name", "number", "scene", "h", "study", "predicted"}, job["rule"]
 
 
 def test_surveys_write_their_tables_in_their_order(planned):
@@ -242,29 +247,18 @@ def test_jobs_of_the_study_of_cost_are_those_of_the_configuration(planned):
     }
 
 
-def test_documents_tell_the_numbers_of_the_tables_that_they_name(planned):
+def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):
+    """Those of `scenes` are of all judged scenes, and of those with totals."""
     (job,) = of_rules(planned, ["numbers"])
     judged = [name for name, scene in STUDY["scenes"].items() if scene["judged"]]
-    names = "algorithm", "case", "scene", "algebra", "precision"
-    assert job["named"] == {
-        **{name: f"results/cost/{name}.nc" for name in names},
-        "claims": "results/claims.json",
-        "rates": [f"results/{scene}/rates.nc" for scene in judged],
-        "pairs": "figures/infsup.csv",
-        "floors": "results/square/floors.nc",
-        "sharpness": "results/sharpness/rates.nc",
-        "cells": "results/cells/errors.nc",
-        "alternating": "results/cells/alternating.nc",
-        "adapted": "results/adaptive/errors.nc",
-        "adapted_rates": "results/adaptive/rates.nc",
-        "adapted_beta": "results/adaptive/infsup.nc",
-        "totals": [f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]],
-        "extremes": "results/extremes/extremes.nc",
-        "benchmarks": "benchmarks/results.nc",
-        "scores": "benchmarks/scores.csv",
-        "commands": "benchmarks/commands.json",
-        "whole": "benchmarks/whole.json",
-    }
+    wanted = {f"results/{scene}/rates.nc" for scene in judged}
+    wanted |= {f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]}
+    wanted |= {"results/claims.json", "results/square/floors.nc", "figures/infsup.csv"}
+    wanted |= {"benchmarks/whole.json"}
+    for experiment in ("adaptive", "benchmarks", "cells", "cost", "extremes", "sharpness"):
+        module = import_module(f"unilateral.study.experiments.{experiment}.numbers")
+        wanted |= {*module.READS.values()}
+    assert {file for file in job["input"] if not file.startswith(("src/", "workflow/"))} == wanted
 
 
 def test_the_ledger_is_judged_by_all_tables_that_its_claims_read(planned):
@@ -324,7 +318,7 @@ def common(monkeypatch):
 
 @pytest.fixture
 def code(common):
-    """The rules' function that lists the files that a script's imports lead to."""
+    """The rules' function that lists the files that a job's imports lead to."""
     return common["code"]
 
 
@@ -339,59 +333,61 @@ def file_of(module):
     return str((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).relative_to(ROOT))
 
 
-def imported(script):
-    """The modules that a script and its neighbours import, by Python's own parser."""
-    names = set()
-    for node in ast.walk(ast.parse(script.read_text())):
-        if isinstance(node, ast.ImportFrom):
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        elif isinstance(node, ast.Import):
-            assert not any("unilateral" in alias.name for alias in node.names), script
-    neighbours = [other for other in SCRIPTS if other.stem in names and other != script]
-    return names | {name for other in neighbours for name in imported(other)}
+def imports(modules):
+    """All modules that these modules of the library import, by import-linter's graph, and their packages."""
+    found = {f"unilateral.{module}" for module in modules}
+    found |= {each for module in found for each in graph().find_upstream_modules(module)}
+    return found | {".".join(each.split(".")[:k]) for each in found for k in range(1, each.count(".") + 2)}
 
 
-@pytest.mark.parametrize(("script", "module"), STARTS, ids=lambda start: getattr(start, "stem", start))
-def test_a_rule_depends_on_all_that_its_script_imports_and_on_no_more(code, script, module):
-    """And on its figure's module, if it draws one."""
-    name = f"study.{module}" if module else ""
-    used = imported(script) & graph().modules | ({f"unilateral.{name}"} if module else set())
-    used |= {each for module in used for each in graph().find_upstream_modules(module)}
-    used |= {".".join(each.split(".")[:k]) for each in used for k in range(1, each.count(".") + 2)}
-    found = {file for file in code(script.stem, name) if file.endswith(".py") and "scripts" not in file}
-    assert found == {file_of(each) for each in used}
+def imported(source):
+    """The modules of the library that a source file imports itself, by Python's own parser."""
+    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)]
+    names = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names}
+    names |= {node.module for node in nodes}
+    return {name.removeprefix("unilateral.") for name in names & graph().modules}
+
+
+JOB = (WORKFLOW / "scripts/job.py").read_text()
+"""The script of every rule."""
+
+
+MODULES = [job.rpartition(".")[0] for job in jobs()]
+
+
+@pytest.mark.parametrize("module", [*MODULES, *registry.figures().values()])
+def test_a_rule_depends_on_all_that_its_job_imports_and_on_no_more(code, module):
+    found = {file for file in code(module) if file.endswith(".py")}
+    wanted = imports({f"study.{module}", *imported(JOB)})
+    assert found == {*map(file_of, wanted), "workflow/scripts/job.py"}
 
 
 @pytest.mark.parametrize("module", registry.figures().values())
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
-    found = [
-        file
-        for file in code(FIGURE.stem, f"study.{module}")
-        if file.endswith(f"{registry.FIGURE}.py") and "make_" not in file
-    ]
+    found = [file for file in code("figure_entries", module) if file.endswith(f"{registry.FIGURE}.py")]
     assert found == [f"src/unilateral/study/{module.replace('.', '/')}.py"]
 
 
-def test_the_verdicts_depend_on_the_checks_of_all_experiments(code):
+def test_the_verdicts_depend_on_the_checks_of_all_experiments(planned):
     """Which are imported by their names."""
     used = {claim.check.partition(".")[0] for claim in claims.ledger() if claim.check}
     assert used == set(registry.checks())
-    assert 'f"study.{module}") for module in registry.checks().values()' in rules()
-    found = code("judge_claims", "study.experiments.estimates.checks")
-    assert "src/unilateral/study/experiments/estimates/checks.py" in found
+    (job,) = of_rules(planned, ["claims"])
+    files = {f"src/unilateral/study/{module.replace('.', '/')}.py" for module in registry.checks().values()}
+    assert files <= set(job["input"])
 
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
-    data = {Path(file).name for file in code("judge_claims") if file.endswith(".yaml")}
+    data = {Path(file).name for file in code("ledger.printed") if file.endswith(".yaml")}
     assert data == {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"}
 
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
-    found = code("solve_scene")
+    found = code("experiments.scenes.measure")
     assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
     assert not [file for file in found if "_figure" in file or "cli" in file]
-    assert "src/unilateral/solvers/uzawa.py" not in code(FIGURE.stem, "study.experiments.scenes.rates_figure")
+    assert "src/unilateral/solvers/uzawa.py" not in code("figure_entries", "experiments.scenes.rates_figure")
 
 
 PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
@@ -423,14 +419,15 @@ def test_jobs_that_ask_for_too_little_are_noticed(planned):
 
 
 def each_rule():
-    """The text of each rule that runs a script, and the script."""
+    """The text of each rule that runs a job, and the function that it names."""
     texts = re.split(r"^rule ", rules(), flags=re.MULTILINE)[1:]
-    return [(text, re.search(r'"\.\./scripts/(\w+)\.py"', text)[1]) for text in texts]
+    return list(zip(texts, jobs(), strict=True))
 
 
-def test_each_rule_depends_on_its_own_script_and_has_a_log_of_its_name():
-    for text, script in each_rule():
-        assert re.search(r'code\("(\w+)"', text)[1] == script
+def test_each_rule_depends_on_its_own_job_and_has_a_log_of_its_name():
+    for text, job in each_rule():
+        assert re.search(r'code\("([\w.]+)"', text)[1] == job.rpartition(".")[0]
+        assert '"../scripts/job.py"' in text
         name = text.partition(":")[0]
         assert re.search(rf'^    log:\n        "results/logs/{name}(/.*)?\.log",$', text, re.MULTILINE), name
 
@@ -452,22 +449,18 @@ def given(text):
     return {name or "**" for name in names}
 
 
-def taken(script):
-    """The arguments of the function that a script runs; `**` where it takes others, too."""
-    function = re.search(r"^    run\((\w+), snakemake\)$", script.read_text(), re.MULTILINE)[1]
-    spec = importlib.util.spec_from_file_location(script.stem, script)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    parameters = inspect.signature(getattr(module, function)).parameters.values()
-    return {"**" if each.kind is each.VAR_KEYWORD else each.name for each in parameters}
+def taken(job):
+    """The arguments of the function that a job calls, and `job` itself; `**` where it takes others, too."""
+    module, _, name = job.rpartition(".")
+    function = getattr(import_module(f"unilateral.study.{module}"), name)
+    parameters = inspect.signature(function).parameters.values()
+    return {"job", *("**" if each.kind is each.VAR_KEYWORD else each.name for each in parameters)}
 
 
-def test_a_rule_s_names_are_the_arguments_of_its_script(monkeypatch):
-    monkeypatch.syspath_prepend(WORKFLOW / "scripts")
-    for text, script in each_rule():
-        wanted = taken(WORKFLOW / f"scripts/{script}.py")
-        assert wanted <= given(text), script
-        assert "**" in wanted or wanted == given(text), script
+def test_a_rule_s_names_are_the_arguments_of_its_job():
+    for text, job in each_rule():
+        assert taken(job) <= given(text), job
+        assert "**" in taken(job) or taken(job) == given(text), job
 
 
 def test_the_names_of_a_rule_are_found():
@@ -476,45 +469,12 @@ def test_the_names_of_a_rule_are_found():
     assert given(text) == {"**", "d", "f"}
 
 
-def rules():
-    return "".join(file.read_text() for file in sorted((WORKFLOW / "rules").glob("*.smk")))
-
-
-def guard(tree):
-    return [node for node in tree.body if isinstance(node, ast.If) and "__name__" in ast.unparse(node.test)]
-
-
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_uses_snakemake_under_its_main_guard_only(script):
-    tree = ast.parse(script.read_text())
-    assert ast.get_docstring(tree)
-    guarded = [id(node) for top in guard(tree) for node in ast.walk(top)]
-    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "snakemake"]
-    assert all(id(node) in guarded for node in names)
-    assert bool(names) == (script.name != "job.py")
-    allowed = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.If, ast.Expr)
-    assert all(isinstance(node, allowed) for node in tree.body)
-    assert len(guard(tree)) == sum(isinstance(node, ast.If) for node in tree.body)
-
-
-def parameters(source):
-    """The numbers in a source file that are not 0 or 1."""
-    constants = [node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant)]
-    return [value for value in constants if isinstance(value, int | float) and value not in (0, 1)]
-
-
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_holds_no_parameter_and_no_path(script):
-    text = script.read_text()
-    assert parameters(text) == []
-    assert not re.search(r"""["'](/|~|\.\./|results|figures)""", text)
-
-
-def test_a_hidden_parameter_would_be_found():
-    """Control."""
-    assert parameters("h = [1 / 8, x[-1], -0.5]") == [8, 0.5]
-
-
 def test_no_absolute_path_in_the_workflow():
     for file in [ROOT / "Snakefile", *WORKFLOW.rglob("*.smk"), *WORKFLOW.rglob("*.yaml")]:
         assert not re.search(r"""(^|[\s"'])(/[a-z]\w*/|~/)""", file.read_text()), file
+
+
+def test_an_edited_document_is_filled_anew(planned):
+    """It is an output, and so newer than what it is made from; but its rule is given its digest."""
+    (job,) = of_rules(planned, ["documents"])
+    assert job["unnamed"] == [[marks.written(ROOT / name) for name in STUDY["documents"]]]

@@ -5,7 +5,7 @@ ADAPTIVE = config["adaptive"]
 
 rule adaptive:
     input:
-        code("measure_adaptive"),
+        code("experiments.adaptive.measure"),
         [case_files(scene["cases"]) for scene in ADAPTIVE["scenes"]],
         examples=[f"examples/{name}.yaml" for name in ADAPTIVE["examples"]],
     output:
@@ -20,9 +20,10 @@ rule adaptive:
     resources:
         **SOLVES,
     params:
+        job="experiments.adaptive.measure.measure_adaptive",
         study=ADAPTIVE,
         stop=config["stop"],
     message:
         "adaptive: all problems on uniform and on adapted meshes"
     script:
-        "../scripts/measure_adaptive.py"
+        "../scripts/job.py"

@@ -3,7 +3,7 @@
 
 rule cells:
     input:
-        code("measure_cells"),
+        code("experiments.cells.measure"),
         case_files(config["cells"]["cases"]),
     output:
         errors="results/cells/errors.nc",
@@ -13,9 +13,10 @@ rule cells:
     resources:
         **SOLVES,
     params:
+        job="experiments.cells.measure.measure_cells",
         study=config["cells"],
         stop=config["stop"],
     message:
         "cells: infinitely many transitions, on cells of many sizes"
     script:
-        "../scripts/measure_cells.py"
+        "../scripts/job.py"

@@ -3,7 +3,7 @@
 
 rule algorithm:
     input:
-        code("try_algorithm"),
+        code("experiments.algorithm.tables"),
         case_files(config["algorithm"]["cases"]),
     output:
         steps="results/algorithm/steps.nc",
@@ -19,17 +19,17 @@ rule algorithm:
     resources:
         **SOLVES,
     params:
+        job="experiments.algorithm.tables.try_algorithm",
         study=config["algorithm"],
     message:
         "Uzawa's algorithm with steps inside and outside its range"
     script:
-        "../scripts/try_algorithm.py"
+        "../scripts/job.py"
 
 
 rule claims:
     input:
-        code("judge_claims"),
-        [code("judge_claims", f"study.{module}") for module in registry.checks().values()],
+        code("ledger.printed", *registry.checks().values()),
         [f"src/unilateral/study/experiments/{name}/claims.yaml" for name in files()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
@@ -38,7 +38,9 @@ rule claims:
         "results/logs/claims.log",
     resources:
         **TELLS,
+    params:
+        job="ledger.printed.judge_claims",
     message:
         "The ledger: every statement judged"
     script:
-        "../scripts/judge_claims.py"
+        "../scripts/job.py"

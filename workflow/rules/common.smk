@@ -3,7 +3,8 @@ from functools import cache
 from pathlib import Path
 
 from unilateral.study import registry
-from unilateral.study.figure_entries import drawings, shown
+from unilateral.study.documents import contents, marks
+from unilateral.study.figure_entries import drawings
 from unilateral.study.ledger.entries import entries, files
 from unilateral.study.sizes import normed
 
@@ -17,15 +18,15 @@ wildcard_constraints:
 
 
 @cache
-def code(script, module=""):
-    """A script, what it imports of this project, what that imports, and the data files that are named there.
+def code(*modules):
+    """Modules of the study such as manifest, what they import, what that imports, and data files named there.
 
-    A change of these files reruns the script's rule only. A script that imports a module of the library by
-    its name, such as study.ledger.verdict_figure, depends on that module too.
+    The script that runs them is among them. A change of these files reruns the rule's jobs only.
     """
-    package, _, name = module.rpartition(".")
-    files, waiting = set(), [Path("workflow/scripts", f"{script}.py")]
-    waiting += imports(f"from unilateral.{package} import {name}") if module else []
+    files, waiting = set(), [Path("workflow/scripts/job.py")]
+    for module in modules:
+        package, _, name = f"unilateral.study.{module}".rpartition(".")
+        waiting += imports(f"from {package} import {name}")
     while waiting:
         file = waiting.pop()
         if file not in files:
@@ -49,11 +50,10 @@ is_there = cache(Path.is_file)
 def imports(source):
     """Where the modules can be that a source file imports, at its top or inside functions."""
     found = []
-    for module, names in re.findall(r"^\s*from ([\w.]+) import (\([^)]*\)|.+)$", source, re.MULTILINE):
-        inside, *parts = module.split(".")
-        if inside != "unilateral":
-            found.append(Path("workflow/scripts", f"{inside}.py"))
-            continue
+    for module, names in re.findall(
+        r"^\s*from unilateral([\w.]*) import (\([^)]*\)|.+)$", source, re.MULTILINE
+    ):
+        parts = module.split(".")[1:]
         folder = Path("src/unilateral", *parts)
         packages = [Path("src/unilateral", *parts[:k]) for k in range(len(parts) + 1)]
         inside = [folder / name for name in re.findall(r"\w+", names)]

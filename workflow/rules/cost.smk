@@ -12,7 +12,7 @@ wildcard_constraints:
 
 rule cost_runs:
     input:
-        code("measure_cost"),
+        code("experiments.cost.measure"),
         lambda wildcards: case_files(SCENES[job_of(wildcards)["scene"]]["cases"]),
         norm=lambda wildcards: f"results/{job_of(wildcards)['scene']}/dual_norm.nc",
     output:
@@ -23,6 +23,7 @@ rule cost_runs:
     resources:
         **SOLVES,
     params:
+        job="experiments.cost.measure.measure_cost",
         scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
         number="{job}",
         of_job=job_of,
@@ -30,12 +31,12 @@ rule cost_runs:
     message:
         "cost: the runs of job {wildcards.job}"
     script:
-        "../scripts/measure_cost.py"
+        "../scripts/job.py"
 
 
 rule cost:
     input:
-        code("collect_cost"),
+        code("experiments.cost.collected"),
         runs=expand("results/cost/runs/{job}.nc", job=JOBS),
         timed=expand("results/cost/runs/{job}_timings.nc", job=JOBS),
     output:
@@ -47,9 +48,10 @@ rule cost:
     resources:
         **TELLS,
     params:
+        job="experiments.cost.collected.collect_cost",
         study=RUNS,
         axes=AXES,
     message:
         "cost: all runs"
     script:
-        "../scripts/collect_cost.py"
+        "../scripts/job.py"

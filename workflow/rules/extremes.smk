@@ -3,7 +3,7 @@
 
 rule extremes:
     input:
-        code("try_extremes"),
+        code("experiments.extremes.measure"),
     output:
         extremes="results/extremes/extremes.nc",
     log:
@@ -13,8 +13,9 @@ rule extremes:
     resources:
         **SOLVES,
     params:
+        job="experiments.extremes.measure.try_extremes",
         study=config["extremes"],
     message:
         "extremes: all axes"
     script:
-        "../scripts/try_extremes.py"
+        "../scripts/job.py"

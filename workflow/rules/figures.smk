@@ -10,7 +10,7 @@ wildcard_constraints:
 
 rule figure:
     input:
-        lambda wildcards: code("make_figure", f"study.{DRAWN[wildcards.figure].module}"),
+        lambda wildcards: code("figure_entries", DRAWN[wildcards.figure].module),
         lambda wildcards: case_files(DRAWN[wildcards.figure].cases),
         unpack(lambda wildcards: DRAWN[wildcards.figure].reads),
     output:
@@ -29,9 +29,10 @@ rule figure:
     resources:
         **TELLS,
     params:
+        job="figure_entries.make_figure",
         module=lambda wildcards: DRAWN[wildcards.figure].module,
         arguments=lambda wildcards: DRAWN[wildcards.figure].arguments,
     message:
         "The figure figures/{wildcards.figure}.svg and its table"
     script:
-        "../scripts/make_figure.py"
+        "../scripts/job.py"

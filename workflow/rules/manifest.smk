@@ -23,7 +23,7 @@ MADE = {
 
 rule manifest:
     input:
-        code("write_manifest"),
+        code("manifest"),
         **MADE,
     output:
         manifest="results/manifest.json",
@@ -33,8 +33,9 @@ rule manifest:
     resources:
         **TELLS,
     params:
+        job="manifest.write_manifest",
         study=config,
     message:
         "The manifest of all results"
     script:
-        "../scripts/write_manifest.py"
+        "../scripts/job.py"

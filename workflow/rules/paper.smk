@@ -9,7 +9,7 @@ wildcard_constraints:
 
 rule typeset:
     input:
-        code("typeset_paper"),
+        code("documents.typesetting"),
         lambda wildcards: pictures(f"{wildcards.paper}.md"),
         "paper.bib",
         expand("{paper}.md", paper=PAPERS),
@@ -24,7 +24,9 @@ rule typeset:
         "results/logs/typeset/{paper}.log",
     resources:
         **TELLS,
+    params:
+        job="documents.typesetting.typeset",
     message:
         "The {wildcards.paper} as HTML and PDF"
     script:
-        "../scripts/typeset_paper.py"
+        "../scripts/job.py"

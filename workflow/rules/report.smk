@@ -13,7 +13,7 @@ PAGES = {
 
 rule pages:
     input:
-        code("typeset_pages"),
+        code("documents.pages"),
         numbers="results/numbers.json",
         blocks="results/blocks.json",
         claims="results/claims.json",
@@ -31,7 +31,9 @@ rule pages:
         "results/logs/pages.log",
     resources:
         **TELLS,
+    params:
+        job="documents.pages.typeset_pages",
     message:
         "The pages of the report"
     script:
-        "../scripts/typeset_pages.py"
+        "../scripts/job.py"

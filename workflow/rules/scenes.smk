@@ -3,7 +3,7 @@
 
 rule dual_norm:
     input:
-        code("measure_dual_norm"),
+        code("experiments.estimates.forms"),
         cases_of,
     output:
         dual_norm="results/{scene}/dual_norm.nc",
@@ -12,17 +12,18 @@ rule dual_norm:
     resources:
         **SOLVES,
     params:
+        job="experiments.estimates.forms.measure_dual_norm",
         scene=scene_of,
         name="{scene}",
     message:
         "{wildcards.scene}: the dual norm"
     script:
-        "../scripts/measure_dual_norm.py"
+        "../scripts/job.py"
 
 
 rule solve:
     input:
-        code("solve_scene"),
+        code("experiments.scenes.measure"),
         cases_of,
         norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
@@ -38,18 +39,19 @@ rule solve:
     resources:
         **SOLVES,
     params:
+        job="experiments.scenes.measure.solve_scene",
         scene=scene_of,
         name="{scene}",
         stop=config["stop"],
     message:
         "{wildcards.scene}: all cases on all levels"
     script:
-        "../scripts/solve_scene.py"
+        "../scripts/job.py"
 
 
 rule rates:
     input:
-        code("judge_rates"),
+        code("rates_table"),
         cases_of,
         errors="results/{scene}/errors.nc",
     output:
@@ -59,18 +61,19 @@ rule rates:
     resources:
         **TELLS,
     params:
+        job="rates_table.judge_rates",
         name="{scene}",
         study=config["rates"],
         judged=lambda wildcards: scene_of(wildcards)["judged"],
     message:
         "{wildcards.scene}: rates, judged"
     script:
-        "../scripts/judge_rates.py"
+        "../scripts/job.py"
 
 
 rule totals:
     input:
-        code("bound_totals"),
+        code("experiments.scenes.totals"),
         cases_of,
         mesh="results/{scene}/mesh.vtu",
         solutions="results/{scene}/solutions.nc",
@@ -81,6 +84,7 @@ rule totals:
     resources:
         **SOLVES,
     params:
+        job="experiments.scenes.totals.bound_totals",
         scene=scene_of,
         name="{scene}",
         levels=config["totals"]["levels"],
@@ -89,12 +93,12 @@ rule totals:
     message:
         "{wildcards.scene}: the guaranteed total errors"
     script:
-        "../scripts/bound_totals.py"
+        "../scripts/job.py"
 
 
 rule floors:
     input:
-        code("fit_floors"),
+        code("experiments.scenes.floors"),
         cases_of,
         errors="results/{scene}/errors.nc",
     output:
@@ -104,9 +108,10 @@ rule floors:
     resources:
         **TELLS,
     params:
+        job="experiments.scenes.floors.fit_floors",
         name="{scene}",
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the floors that h and H leave in H1"
     script:
-        "../scripts/fit_floors.py"
+        "../scripts/job.py"

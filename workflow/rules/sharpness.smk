@@ -3,7 +3,7 @@
 
 rule sharpness:
     input:
-        code("measure_sharpness"),
+        code("experiments.sharpness.measure"),
     output:
         errors="results/sharpness/errors.nc",
         rates="results/sharpness/rates.nc",
@@ -16,9 +16,10 @@ rule sharpness:
     resources:
         **SOLVES,
     params:
+        job="experiments.sharpness.measure.measure_sharpness",
         study=config["sharpness"],
         stop=config["stop"],
     message:
         "sharpness: all exponents and positions on all levels"
     script:
-        "../scripts/measure_sharpness.py"
+        "../scripts/job.py"

@@ -3,7 +3,7 @@
 
 rule surveys:
     input:
-        code("survey_infsup"),
+        code("experiments.stability.measure"),
     output:
         tables=expand("results/{survey}/infsup.nc", survey=SURVEYS),
     log:
@@ -13,9 +13,10 @@ rule surveys:
     resources:
         **SOLVES,
     params:
+        job="experiments.stability.measure.survey_infsup",
         study=SURVEYS,
         finds=config["finds"],
     message:
         "surveys: beta"
     script:
-        "../scripts/survey_infsup.py"
+        "../scripts/job.py"

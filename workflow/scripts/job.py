@@ -1,9 +1,13 @@
-"""How a script runs as a job of its rule: what it is given, where it speaks, and how it ends."""
+"""A job of any rule: it calls the function that the parameter `job` names, such as manifest.write_manifest.
+
+The function is one of unilateral.study. It is given what its rule names: input, output and the other params.
+"""
 
 import os
 import sys
 import traceback
 from contextlib import suppress
+from importlib import import_module
 from time import perf_counter
 
 from unilateral.errors import InputError
@@ -12,8 +16,8 @@ from unilateral.system.memory import peak_mb
 from unilateral.system.signals import cleaning_up
 
 
-def run(main, job):
-    """Call `main` with the named input, output and params of its rule; `job` is Snakemake's object.
+def run(job):
+    """Call the function of a job, which is Snakemake's object.
 
     Tables among the input have to be those of their places, made with the present configuration and files.
     What is said goes to the job's log. A failure is told on the terminal, too, in one sentence: an InputError
@@ -23,7 +27,9 @@ def run(main, job):
     try:
         with cleaning_up(), origin.made_by(job.rule, job.input):
             _check([file for file in job.input if file.endswith(".nc")], job.config)
-            main(**dict(job.input.items()), **dict(job.output.items()), **dict(job.params.items()))
+            names = {**dict(job.input.items()), **dict(job.output.items()), **dict(job.params.items())}
+            module, _, function = names.pop("job").rpartition(".")
+            getattr(import_module(f"unilateral.study.{module}"), function)(**names)
         print(f"done in {perf_counter() - start:.1f} s, with at most {peak_mb():.0f} MB")
         return
     except InputError as error:
@@ -55,3 +61,7 @@ def _speak_into(log):
             os.dup2(file.fileno(), stream.fileno())
             stream.reconfigure(line_buffering=True)
     return terminal
+
+
+if __name__ == "__main__":
+    run(snakemake)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import reduce
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from unilateral.study import registry
+from unilateral.study.tables import save_csv
 
 Fields = Mapping[str, Any]
 Place = tuple[str | int, ...]
@@ -29,6 +31,13 @@ class Drawing(NamedTuple):
     reads: dict[str, str | list[str]]
     arguments: dict[str, Any]
     cases: list[str]
+
+
+def make_figure(module: str, arguments: Mapping[str, Any], csv: str, svg: str, **reads: Any) -> None:
+    """Write a figure's table and, drawn from that, the figure, by its module."""
+    figure = import_module(f"unilateral.study.{module}")
+    save_csv(figure.table(**reads, **arguments), csv)
+    figure.draw(csv, svg)
 
 
 def drawings(study: Fields) -> dict[str, Drawing]:

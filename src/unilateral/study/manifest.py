@@ -17,16 +17,16 @@ from unilateral.study.origin import OF_THE_MACHINE
 from unilateral.system.files import replacing
 
 
-def write(
-    made: Mapping[str, Iterable[str]],
+def write_manifest(
     study: Mapping[str, Any],
     manifest: str | os.PathLike[str],
     sums: str | os.PathLike[str],
+    **made: Iterable[str],
 ) -> None:
     """Write the manifest (JSON) of the files that each rule made, and their sums for `sha256sum -c`.
 
-    `study` is the configuration. Files that depend on the machine are left out, so that two runs with the
-    same results have the same manifest.
+    `study` is the configuration, and `made` the files by rule. Files that depend on the machine are left
+    out, so that two runs with the same results have the same manifest.
     """
     files = [
         {"path": path, "rule": rule, **_content(Path(path))}

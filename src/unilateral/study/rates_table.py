@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.rates import JudgedRates
+from unilateral.formulas.formula import real
+from unilateral.problems.case import declared
+from unilateral.study import tables
+from unilateral.study.rates import JudgedRates, judge_all
 
 INDEX = ["case", "norm", "h_over_H"]
 OF_PAIRS = ("h_coarse", "h_fine", "rate", "asymptotic")
+
+
+def judge_rates(errors: str, name: str, study: Mapping[str, Any], judged: bool, rates: str) -> None:
+    """Write and print the rates of a scene, judged as `study`, the table of expected rates, says."""
+    table = tables.load(errors)
+    asymptotic = {each: declared(each)[0]["asymptotic"] for each in table["case"].values}
+    ratio = real(study["judged_ratio"], "judged_ratio")
+    found = collect(judge_all(table, study, asymptotic), ratio if judged else None)
+    tables.save(found, rates, name, {"rates": study, f"scenes.{name}.judged": judged})
+    print(summary(found, ratio))
 
 
 def collect(

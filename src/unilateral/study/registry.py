@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 from functools import cache
 from importlib import resources
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 STUDY = resources.files("unilateral.study")
 EXTREMES = "experiments.extremes"
@@ -40,6 +40,11 @@ def experiments() -> dict[str, str]:
     return {name: f"experiments.{name}" for name in sorted(folder.name for folder in folders)}
 
 
+def having(module: str) -> list[str]:
+    """The packages of the experiments that have such a module."""
+    return [package for package in experiments().values() if module in modules(package)]
+
+
 @cache
 def figures() -> dict[str, str]:
     """The figures by their names, each with its module, such as experiments.cost.work_precision_figure."""
@@ -59,13 +64,26 @@ def checks() -> dict[str, str]:
     return {name: f"{package}.checks" for name, package in packages.items() if "checks" in modules(package)}
 
 
+def constant(module: str, name: str) -> Any:
+    """The value of a constant of a module of the study, which has to be written as a literal."""
+    (found,) = [
+        each.value
+        for each in _statements(module)
+        if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == name
+    ]
+    return ast.literal_eval(found)
+
+
 @cache
 def functions(module: str) -> dict[str, Arguments]:
     """The functions of a module of the study."""
-    *package, name = module.split(".")
-    source = STUDY.joinpath(*package, f"{name}.py").read_text(encoding="utf-8")
-    found = [each for each in ast.parse(source).body if isinstance(each, ast.FunctionDef)]
+    found = [each for each in _statements(module) if isinstance(each, ast.FunctionDef)]
     return {each.name: _arguments(each.args) for each in found}
+
+
+def _statements(module: str) -> list[ast.stmt]:
+    *package, name = module.split(".")
+    return ast.parse(STUDY.joinpath(*package, f"{name}.py").read_text(encoding="utf-8")).body
 
 
 def _arguments(given: ast.arguments) -> Arguments:

@@ -1,7 +1,6 @@
 """The committed documents are what the pipeline writes from the stored results; tables in Markdown."""
 
 import re
-from functools import cache
 from pathlib import Path
 
 import documents
@@ -11,8 +10,9 @@ from conftest import ROOT
 
 from unilateral.errors import InputError
 from unilateral.norms.resolution import RULE
-from unilateral.study import config, figure_entries
-from unilateral.study.documents import blocks, marks, numbers, sources, verdicts
+from unilateral.study import config
+from unilateral.study.documents import contents, marks, verdicts
+from unilateral.study.ledger import records
 
 CONFIG = [
     f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")
@@ -23,41 +23,19 @@ DOCUMENTS = [
     "supplement.md",
     *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md")),
 ]
-COST = ("algorithm", "case", "scene", "algebra", "precision")
 
 
-@cache
+@pytest.fixture(scope="module")
 def told():
     """The numbers, the blocks and the claims that hold, by the stored results."""
-    study, read = config.read([str(ROOT / file) for file in CONFIG])
-    config.check(study, read, str(ROOT / "workflow/schemas/study.schema.yaml"))
-    scenes = [name for name, scene in study["scenes"].items() if scene["judged"]]
-    bounded, results = list(study["totals"]["scenes"]), ROOT / "results"
-    paths = {name: results / f"cost/{name}.nc" for name in COST} | {
-        "claims": results / "claims.json",
-        "rates": [results / scene / "rates.nc" for scene in scenes],
-        "totals": [results / scene / "totals.nc" for scene in bounded],
-        "pairs": ROOT / "figures/infsup.csv",
-        "floors": results / "square/floors.nc",
-        "sharpness": results / "sharpness/rates.nc",
-        "cells": results / "cells/errors.nc",
-        "alternating": results / "cells/alternating.nc",
-        "adapted": results / "adaptive/errors.nc",
-        "adapted_rates": results / "adaptive/rates.nc",
-        "adapted_beta": results / "adaptive/infsup.nc",
-        "extremes": results / "extremes/extremes.nc",
-        "benchmarks": ROOT / "benchmarks/results.nc",
-        "scores": ROOT / "benchmarks/scores.csv",
-        "commands": ROOT / "benchmarks/commands.json",
-        "whole": ROOT / "benchmarks/whole.json",
-    }
-    given = {name: study["rates"][name] for name in ("judged_ratio", "norms")}
-    given |= {"judged": scenes, "bounded": bounded, "figures": figure_entries.shown(study)}
-    try:
-        found = sources.read(paths, {**study, **given})
-    except InputError as missing:
-        pytest.fail(str(missing).replace(f"{ROOT}/", ""), pytrace=False)
-    return numbers.collect(found), blocks.collect(found), verdicts.holding(found.claims)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        study, read = config.read(CONFIG)
+        config.check(study, read, "workflow/schemas/study.schema.yaml")
+        try:
+            return *contents.collect(study), verdicts.holding(records.read("results/claims.json"))
+        except InputError as missing:
+            pytest.fail(str(missing), pytrace=False)
 
 
 def text(document):
@@ -70,18 +48,20 @@ def test_every_document_is_filled_by_the_study():
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_a_document_is_what_the_pipeline_writes(tmp_path, document):
+def test_a_document_is_what_the_pipeline_writes(tmp_path, document, told):
     copy = tmp_path / Path(document).name
     copy.write_text(text(document), encoding="utf-8")
-    marks.fill(copy, *told())
-    assert copy.read_text(encoding="utf-8") == text(document), f"{document} is not up to date; run 'make'"
+    marks.fill(copy, *told)
+    assert copy.read_text(encoding="utf-8") == text(document), (
+        f"{document} is not up to date; run 'snakemake -j2 -f documents'"
+    )
 
 
-def test_another_number_would_be_noticed(tmp_path):
+def test_another_number_would_be_noticed(tmp_path, told):
     """Control."""
     copy = tmp_path / "README.md"
     copy.write_text(text("README.md"), encoding="utf-8")
-    found, tables, holding = told()
+    found, tables, holding = told
     marks.fill(copy, {**found, "claims.S.edges.observed": 0.25}, tables, holding)
     assert "-->0.25<!--/-->" in copy.read_text(encoding="utf-8")
     assert copy.read_text(encoding="utf-8") != text("README.md")
@@ -96,10 +76,10 @@ GUARDED = sorted(set.union(*map(guards, DOCUMENTS)))
 
 
 @pytest.mark.parametrize("claim", GUARDED)
-def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim):
+def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim, told):
     """For one, that `natural` is the only case for which a tenth is not enough."""
     resting = [document for document in DOCUMENTS if claim in guards(document)]
-    found, tables, holding = told()
+    found, tables, holding = told
     for document in resting:
         copy = tmp_path / Path(document).name
         copy.write_text(text(document), encoding="utf-8")
@@ -113,16 +93,16 @@ def test_the_recommendation_rests_on_the_claim_of_its_exception():
     assert "but `natural`,<!--/-->" in text("README.md").partition("<!--?5.K-->")[2]
 
 
-def test_the_rule_for_beta_that_documents_state_is_the_library_s():
+def test_the_rule_for_beta_that_documents_state_is_the_library_s(told):
     """By which `local_rule` judges it and `unilateral infsup` tells who breaks it."""
-    found, _, _ = told()
+    found, _, _ = told
     for name, value in RULE._asdict().items():
         assert found[f"study.infsup.rule.{name}"] == value
 
 
-def test_every_table_is_shown_and_every_group_of_numbers_used():
+def test_every_table_is_shown_and_every_group_of_numbers_used(told):
     """Of parameters and claims, which have numbers by one rule, only some are."""
-    found, tables, _ = told()
+    found, tables, _ = told
     everything = "".join(text(document) for document in DOCUMENTS)
     assert set(tables) == set(re.findall(r"^<!-- ([\w-]+): begin -->$", everything, re.MULTILINE))
     used = re.findall(r"<!--=([\w.]+)", everything)
@@ -138,14 +118,14 @@ def test_links_to_other_pages_lead_somewhere():
 
 def test_columns_are_aligned_unless_the_table_is_wide():
     narrow = pd.DataFrame({"a": ["1.50", "10"], "b|": ["x", "$\\|y\\|$"]})
-    lines = blocks.markdown(narrow).splitlines()
+    lines = contents.markdown(narrow).splitlines()
     assert lines[2:] == ["| 1.50 | x       |", "| 10   | $\\|y\\|$ |"]
     wide = pd.DataFrame({"a": ["1.50", "10"], "b": ["x", "y" * 200]})
-    assert blocks.markdown(wide).splitlines()[2:] == ["| 1.50 | x |", f"| 10 | {'y' * 200} |"]
+    assert contents.markdown(wide).splitlines()[2:] == ["| 1.50 | x |", f"| 10 | {'y' * 200} |"]
 
 
 def test_names_lead_through_groups():
-    assert numbers.flat({"a": {"b": 1, "c": {"d": "x"}}, "e": 2.0, "f": [3]}) == {
+    assert contents.flat({"a": {"b": 1, "c": {"d": "x"}}, "e": 2.0, "f": [3]}) == {
         "a.b": 1,
         "a.c.d": "x",
         "e": 2.0,

@@ -54,6 +54,20 @@ def test_a_number_is_set_in_its_format_and_its_marks_stay(page):
     assert marks.without_marks(found) == "It is 0.19, h = 1/16, worst found.\n"
 
 
+def test_an_edit_is_told_from_what_is_filled_in(page, tmp_path):
+    """By the digest of what people wrote, of which a block and a number between their marks are no part."""
+    given = f"β = <!--=beta.worst:.2g-->9<!--/-->\n{BEGIN}\nold\n{END}\n"
+    edits = [given.replace("β", "γ"), given.replace("worst", "best"), given.replace(".2g", ".3g"), ""]
+    filled = page(given)
+    assert filled != given
+    digests = []
+    for text in (given, filled, *edits):
+        (tmp_path / "page.md").write_text(text, encoding="utf-8")
+        digests.append(marks.written(tmp_path / "page.md"))
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 5
+
+
 def test_a_sentence_whose_claim_holds_is_kept_with_the_numbers_in_it(page):
     found = page("If <!--?S.local-->edges are short,\nβ ≥ <!--=beta.worst:down.2f-->?<!--/-->.<!--/--> So.\n")
     assert (

@@ -12,11 +12,14 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 
 from unilateral.errors import InputError, shown
 from unilateral.study import formats
+from unilateral.study.documents import verdicts
+from unilateral.study.ledger import records
 from unilateral.system.files import replacing
 
 NUMBER = re.compile(r"<!--=(?P<name>[\w.]+)(?::(?P<spec>[^\n>]*?))?-->[^<\n]*<!--/-->")
@@ -25,6 +28,13 @@ ANY = re.compile(r"<!--[=?/].*?(?:-->|$)", re.MULTILINE)
 AT_START = re.compile(r"^[ \t]*(?:(?:[-*+>]|\d+[.)])[ \t]+)?(<!--[=?/])", re.MULTILINE)
 BLOCK_MARK = re.compile(r"^<!-- ([\w-]+): (begin|end) -->$", re.MULTILINE)
 BLOCK = re.compile(r"^(<!-- ([\w-]+): begin -->\n).*?^(<!-- \2: end -->)$", re.DOTALL | re.MULTILINE)
+
+
+def fill_documents(numbers: str, blocks: str, claims: str, documents: Sequence[str]) -> None:
+    """Fill in all documents, from the files of numbers, of blocks and of claims."""
+    holding = verdicts.holding(records.read(claims))
+    for document in documents:
+        fill(document, records.read(numbers), records.read(blocks), holding)
 
 
 def fill(
@@ -57,6 +67,16 @@ def filled(
     text = _numbers(str(path), given, numbers)
     _check(str(path), text, claims)
     return _blocks(str(path), text, blocks)
+
+
+def written(path: str | Path) -> str:
+    """The SHA-256 of what people wrote in a document, without what is filled in. Empty if it is no text."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+    kept = NUMBER.sub(lambda mark: mark[0].partition("-->")[0], BLOCK.sub(r"\1\3", text))
+    return sha256(kept.encode()).hexdigest()
 
 
 def without_marks(text: str) -> str:

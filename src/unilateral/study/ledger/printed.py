@@ -1,14 +1,18 @@
-"""The ledger for the terminal: a line per claim, or everything about one."""
+"""The ledger judged and stored; and for the terminal, a line per claim, or everything about one."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
-from unilateral.study.ledger.claims import Judgement
+from unilateral.study.ledger.claims import Judgement, judge
 from unilateral.study.ledger.evidence import Evidence
 from unilateral.study.ledger.records import percent
+from unilateral.study.ledger.results import Results
+from unilateral.system.files import replacing
 
 LETTERS = {
     r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
@@ -19,6 +23,14 @@ LETTERS = {
     r"\cdot": "·", r"\partial": "∂", r"\nu": "ν", r"\pi": "π", r"\omega": "ω", r"\sqrt": "√", r"\,": " ",
     "$": "",
 }  # fmt: skip
+
+
+def judge_claims(tables: Sequence[str], claims: str) -> None:
+    """Write and print the judgements of all claims, by the tables that lie in folders beside their file."""
+    found = judge(Results(Path(claims).parent))
+    with replacing(claims) as temporary:
+        temporary.write_text(json.dumps([each.record() for each in found], indent=1) + "\n", encoding="utf-8")
+    print(summary(found))
 
 
 def plain(text: str) -> str:

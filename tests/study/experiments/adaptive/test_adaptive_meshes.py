@@ -17,7 +17,6 @@ from unilateral.norms.infsup import infsup
 from unilateral.solvers.stop import Stop
 from unilateral.study.experiments.adaptive import measure as adaptive
 from unilateral.study.experiments.adaptive import numbers as adaptive_tables
-from unilateral.study.experiments.adaptive.rates import rates_over
 from unilateral.study.tables import VARIABLES
 
 LIMITS = adaptive.MostUnknowns(100, 50)
@@ -102,7 +101,7 @@ def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
 
 def test_tables_are_described_and_put_together(measured):
     errors = measured[0]
-    rates = rates_over(adaptive.together([errors], "case", ["thirds"]), 3)
+    rates = adaptive.rates_over(adaptive.together([errors], "case", ["thirds"]), 3)
     written = {name for table in (*measured, rates) for name in table.variables}
     assert written - {"case", "kind", "level"} <= set(VARIABLES)
     both = adaptive.together([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
@@ -127,18 +126,18 @@ N = np.array([10.0, 20.0, 40.0, 100.0, np.nan])
 def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
     """From 10 to 40, from 20 to 100, and no further; the error is N^-1/2, but 4 times that at 40."""
     error = N**-0.5 * [1, 1, 4, 1, 1]
-    found = rates_over(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
+    found = adaptive.rates_over(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
     assert_allclose(found["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
     assert_allclose(found["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
     assert found["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
     assert_allclose(found["index"], 2 * N**-0.25 / error)
     assert_allclose(found["share"].dropna("level"), 0.01)
-    every = rates_over(levels(N, error, error, 0), 3).isel(case=0, kind=0)["error_rate"]
+    every = adaptive.rates_over(levels(N, error, error, 0), 3).isel(case=0, kind=0)["error_rate"]
     assert_allclose(every[:2], [0.5 - 1, 0.5])
 
 
 def test_of_a_case_without_a_start_nothing_is_asymptotic():
-    found = rates_over(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
+    found = adaptive.rates_over(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
     assert not found["asymptotic"].any()
     assert found["error_rate"].isnull().all()
     assert_allclose(found["bound_rate"][:2], [1, 1])
@@ -147,7 +146,7 @@ def test_of_a_case_without_a_start_nothing_is_asymptotic():
 def test_the_table_has_the_finest_level_of_each_kind():
     errors = levels(N, N**-0.5, 2 * N**-0.5, 10)
     errors["unknowns"][0, 0, 3] = np.nan
-    rows = adaptive_tables.finest(errors, rates_over(errors, 3))
+    rows = adaptive_tables.finest(errors, adaptive.rates_over(errors, 3))
     assert rows["problem"].tolist() == ["`c`"] * 2
     assert rows["meshes"].tolist() == ["uniform", "adapted"]
     assert rows["unknowns"].tolist() == ["40", "100"]
@@ -155,7 +154,7 @@ def test_the_table_has_the_finest_level_of_each_kind():
     assert rows["over the error"].tolist() == ["2.00", "2.00"]
     assert rows["rate of the error"].tolist() == ["0.50", "0.50"]
     unknown = levels(N, N * np.nan, 1 / N, np.nan)
-    assert set(adaptive_tables.finest(unknown, rates_over(unknown, 3))["‖u−u_h‖₁"]) == {"–"}
+    assert set(adaptive_tables.finest(unknown, adaptive.rates_over(unknown, 3))["‖u−u_h‖₁"]) == {"–"}
 
 
 def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():

@@ -18,8 +18,7 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.certificate import certify
 from unilateral.solvers.stop import Stop
-from unilateral.study.experiments.cells.alternating import alternating
-from unilateral.study.experiments.cells.measure import measure
+from unilateral.study.experiments.cells.measure import alternating, measure
 
 STOP = Stop(fraction=0.01, max_steps=200_000, algorithm="nesterov")
 CASES = [load("cantor_2"), load("violates_jj_jjj")]

@@ -26,6 +26,7 @@ from unilateral.study import operations
 from unilateral.study.experiments.cost import history, trade
 from unilateral.study.experiments.cost import measure as cost
 from unilateral.study.experiments.cost import tables as cost_tables
+from unilateral.study.experiments.cost.collected import along
 from unilateral.study.experiments.cost.variants import REFRESH, Variant, plan
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
@@ -304,7 +305,7 @@ def measured(costly_steps=50):
 
 def test_the_last_level_has_the_errors_of_the_solution():
     """`solve` measures by other means: from the solution's u_h and lambda_H."""
-    table = trade.along(measured()[0], BASE, ["algorithm", "H_over_h"])
+    table = along(measured()[0], BASE, ["algorithm", "H_over_h"])
     solution = solve(problem("thirds", 16, 2), Stop(tolerance=1e-13))
     for algorithm in table["algorithm"].values:
         at = table.sel(algorithm=algorithm, H_over_h=2, H=1 / 8, stop=1e-10)
@@ -316,7 +317,7 @@ def test_the_last_level_has_the_errors_of_the_solution():
 
 def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
     table, timings = measured()
-    algebra = trade.along(table, BASE, ["algebra"]).sel(H=1 / 8)
+    algebra = along(table, BASE, ["algebra"]).sel(H=1 / 8)
     steps = algebra["steps"]
     for name in ("A", "A_3"):
         met = np.isfinite(steps.sel(algebra=name))

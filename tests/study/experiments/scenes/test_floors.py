@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.study.experiments.scenes.floors import fit, floors
+from unilateral.study.experiments.scenes.floors import by_case, fit
 from unilateral.study.tables import VARIABLES
 
 SIZES = [a.ravel() for a in np.meshgrid(2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9), indexing="ij")]
@@ -76,12 +76,12 @@ def table():
 
 
 def test_only_asymptotic_sizes_count_and_lambda_must_not_be_0():
-    found = floors(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
+    found = by_case(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
     assert list(found["case"].values) == ["made_up"]
     of = found.sel(case="made_up")
     assert [float(of[name]) for name in ("C1", "C2", "s")] == pytest.approx([0.3, 2.0, 1.25], rel=1e-6)
     assert int(of["pairs"]) == 5 * 6 - 1
     assert float(of["start"]) == 1 / 16
     assert set(found.variables) - {"case"} <= set(VARIABLES)
-    wrong = floors(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
+    wrong = by_case(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
     assert abs(float(wrong["s"]) - 1.25) > 0.1

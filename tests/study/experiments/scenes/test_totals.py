@@ -11,7 +11,7 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.study.experiments.scenes import numbers as error_tables
 from unilateral.study.experiments.scenes.measure import sweep
-from unilateral.study.experiments.scenes.totals import totals
+from unilateral.study.experiments.scenes.totals import over_errors
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def solved():
 
 @pytest.fixture(scope="module")
 def found(solved):
-    return totals(*solved)
+    return over_errors(*solved)
 
 
 def test_the_bounds_hold_and_are_sharp(found):

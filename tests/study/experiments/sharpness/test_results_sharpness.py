@@ -171,5 +171,5 @@ def test_floors():
     ritz = (errors["ritz_error"] / errors["h"]).isel(mesh=-1).sel(case=found["case"])
     assert np.all(np.abs(found["C1"] / ritz - 1) <= 0.05)
     ratio = real(config("rates")["rates"]["judged_ratio"], "judged_ratio")
-    spoilt = floors.floors(errors.assign(h1_error=1.1 * errors["h1_error"]), starts, ratio)
+    spoilt = floors.by_case(errors.assign(h1_error=1.1 * errors["h1_error"]), starts, ratio)
     assert not np.any(np.abs(spoilt["C1"] / ritz - 1) <= 0.05)

@@ -1,4 +1,4 @@
-"""Errors and bounds on uniform meshes and on adapted ones, level by level, and beta on the adapted ones.
+"""Errors and bounds on uniform meshes and on adapted ones, their rates, and beta on the adapted ones.
 
 Both kinds start from one mesh, with two boundary edges in each cell, and are solved in one way; they differ
 in which triangles are refined. From one level to the next u_h, the active cells and what is known of f are
@@ -7,14 +7,15 @@ carried over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from time import process_time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from unilateral.arrays import Index
+from unilateral.arrays import Array, Index
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.multilevel import refinements
 from unilateral.fem.condense import condense
@@ -28,9 +29,11 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.ritz import h1_distance
+from unilateral.problems import problem_file
 from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
+from unilateral.study import scenes, tables
 from unilateral.study.beta import constants
 
 Row = dict[str, float]
@@ -41,6 +44,28 @@ class MostUnknowns(NamedTuple):
 
     unknowns: int
     of_beta: int
+
+
+def measure_adaptive(
+    examples: Sequence[str],
+    study: Mapping[str, Any],
+    stop: Mapping[str, Any],
+    errors: str,
+    infsup: str,
+    timings: str,
+    rates: str,
+) -> None:
+    """Write the tables of all cases, and of the problems in the files `examples`."""
+    problems: list[Case | Problem] = [*chain.from_iterable(map(scenes.cases, study["scenes"]))]
+    problems += map(problem_file.load, examples)
+    h, limits, found = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
+    for problem in problems:
+        found.append(measure(problem, h, limits, Stop(**stop)))
+        print(f"{problem.name} measured")
+    names, given = [problem.name for problem in problems], {"adaptive": study, "stop": stop}
+    for parts, path in zip(zip(*found, strict=True), (errors, infsup, timings), strict=True):
+        tables.save(together(parts, "case", names), path, "adaptive", given)
+    tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive", given)
 
 
 def every(solution: DiscreteSolution) -> Index:
@@ -135,3 +160,32 @@ def _levels(rows: list[Row]) -> xr.Dataset:
     names = dict.fromkeys(name for row in rows for name in row)
     values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
     return xr.Dataset(values, coords={"level": np.arange(len(rows))})
+
+
+def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
+    """Rates from each level to the first with at least `factor` times its unknowns; NaN where there is none.
+
+    `asymptotic` is 1 where the case declares errors on meshes of that size asymptotic; rates of errors are
+    given from there on. `index` is the bound over the error, and `share` the algebraic bound over the error.
+    """
+    errors = errors.transpose("case", "kind", "level")
+    N, order = errors["unknowns"].values, ("case", "kind", "level")
+    later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
+    rates = {name: (order, _rate(N, errors[name].values, later)) for name in ("h1_error", "h1_bound")}
+    found = xr.Dataset(rates, coords=errors.coords)
+    asymptotic = errors["unknowns"] >= errors["asymptotic_from"]
+    return xr.Dataset(
+        {
+            "error_rate": found["h1_error"].where(asymptotic),
+            "bound_rate": found["h1_bound"],
+            "asymptotic": asymptotic.astype(float),
+            "index": errors["h1_bound"] / errors["h1_error"],
+            "share": errors["algebraic_bound"] / errors["h1_error"],
+        }
+    )
+
+
+def _rate(N: Array, values: Array, later: Index) -> Array:
+    """(case, kind, level) rates: the fall of values against the growth of N; NaN where `later` is 0."""
+    fall, growth = (np.log(np.take_along_axis(of, later, axis=-1) / of) for of in (values, N))
+    return np.where(later > 0, -fall / np.where(later > 0, growth, 1.0), np.nan)

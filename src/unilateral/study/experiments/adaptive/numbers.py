@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from unilateral.norms.resolution import RULE
 from unilateral.study.formats import shown
 
+READS = {
+    "errors": "results/adaptive/errors.nc",
+    "rates": "results/adaptive/rates.nc",
+    "infsup": "results/adaptive/infsup.nc",
+}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
 NONE = "–"
 COLUMNS = {
     "unknowns": ("unknowns", "space"),
@@ -21,7 +31,14 @@ COLUMNS = {
     "rate of the error": ("error_rate", ".2f"),
     "rate of the bound": ("bound_rate", ".2f"),
 }
-RATES = ("error_rate", "bound_rate")
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    return {"adapted": beta(of["infsup"], RULE.smallest_angle)}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {"adapted": finest(of["errors"], of["rates"]), "adapted-savings": savings(of["errors"])}
 
 
 def finest(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:

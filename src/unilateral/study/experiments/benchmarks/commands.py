@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from unilateral.study.experiments.benchmarks.numbers import NAMES, two_digits
+from unilateral.study.experiments.benchmarks.side_by_side import NAMES, two_digits
 from unilateral.study.formats import shown
 
 OURS, LARGE = "unilateral", 1024

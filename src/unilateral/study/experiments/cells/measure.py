@@ -1,16 +1,19 @@
-"""What the size of the cells alone does: cases on one mesh, on cells of the size H and a period below.
+"""What the size of the cells alone does, on one mesh, where there are many transitions.
 
-A Cantor set looks the same on scales a factor of `period` apart, and errors on its transitions follow that:
-rates are formed over one period. The cases have one u and differ in g, so that what depends on u
-alone is found once.
+At a Cantor set there are infinitely many. It looks the same on scales a factor of `period` apart, and so
+rates are formed over one period, from each of several sizes of the cells. Theorem 1 is sharp where each cell
+has a transition: contact on one half and a gap on the other. Cases with one u differ in g, so that what
+depends on u alone is found once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import sympy
 import xarray as xr
 
 from unilateral.arrays import Array
@@ -18,15 +21,37 @@ from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.formulas.symbolic import number_of, pos
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import Exact, cell_means_of_gaps
 from unilateral.norms.ritz import RitzProjection, ritz_projection
+from unilateral.problems.atoms import T
 from unilateral.problems.cantor import Cantor
 from unilateral.problems.case import Case
+from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.stop import Stop
+from unilateral.study import scenes, tables
 
 MEASURED = ("discrete_error", "consistency", "algebraic_bound", "quadrature_share", "converged")
+INSET = sympy.Rational(1, 4)
+"""Alternating contact lies on side 0 between this share of it and one minus this share."""
+
+
+def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, alternating: str) -> None:
+    """Write the errors at a Cantor set, and those with a transition in each cell."""
+    domain, chosen = scenes.domain(study), Stop(**stop, algorithm=study["algorithm"])
+    given, of = {"cells": study, "stop": stop}, study["alternating"]
+    mesh, sizes = structured(domain, real(study["h"], "cells.h")), [real(H, "cells.H") for H in study["H"]]
+    table = measure(mesh, scenes.cases(study), sizes, study["period"], chosen)
+    tables.save(table, errors, "cells", given)
+    mesh, where = structured(domain, real(of["h"], "cells.alternating.h")), "cells.alternating"
+    exact, gammas = ([number_of(x, where) for x in of[name]] for name in ("H", "gammas"))
+    table = measure_alternating(mesh, exact, number_of(of["alpha"], where), gammas, chosen)
+    tables.save(table, alternating, "cells", given)
 
 
 def measure(mesh: Mesh, cases: Sequence[Case], sizes: Sequence[float], period: int, stop: Stop) -> xr.Dataset:
@@ -77,3 +102,38 @@ def on_partition(
         solved = (result.bound, errors.quadrature_share, float(result.converged))
         found.append((errors.hm12_discrete, cells.consistency, *solved))
     return np.array(found)
+
+
+def alternating(
+    polygon: Polygon, H: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
+) -> list[Case]:
+    """Cases with one u on side 0, and a gap for each exponent; H divides 1/4, in side lengths.
+
+    Between t = 1/4 and 3/4 lambda = s^alpha (1 - (s/l)^2)_+^4 on one half of each cell, l = H/2. The gap is
+    like s^gamma on the other half, so that u and g change with H. Their norms in H^alpha and in H^gamma stay
+    bounded, and the consistency term is like H^{alpha + gamma}.
+    """
+    starts = [INSET + k * H for k in range(int((1 - 2 * INSET) / H))]
+    atoms = tuple(harmonic(polygon, 0, start, alpha, H / 2) for start in starts)
+    found = []
+    for gamma in gammas:
+        tents = [pos((T - a - H / 2) * (a + H - T), gamma) / (H / 2) ** gamma for a in starts]
+        gap = sympy.Add(pos(INSET - T, gamma), pos(T - 1 + INSET, gamma), *tents)
+        gaps = (gap, *[INSET**gamma] * (polygon.n_sides - 1))
+        found.append(Case(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
+    return found
+
+
+def measure_alternating(
+    mesh: Mesh, sizes: Sequence[sympy.Expr], alpha: sympy.Expr, gammas: Sequence[sympy.Expr], stop: Stop
+) -> xr.Dataset:
+    """Errors over (partition, gamma), on one mesh."""
+    condensed, found = condense(mesh), []
+    for H in sizes:
+        cases = alternating(mesh.polygon, H, alpha, gammas)
+        ritz = ritz_projection(cases[0], condensed)
+        found.append(on_partition(condensed, cases, ritz, uniform(mesh.polygon, float(H)), stop))
+    values = np.array(found)
+    table = {name: (("partition", "gamma"), values[..., k]) for k, name in enumerate(MEASURED)}
+    coords = {"gamma": [float(each) for each in gammas], "h": mesh.h, "alpha": float(alpha)}
+    return xr.Dataset(table, coords=coords | {"H": ("partition", [float(H) for H in sizes])})

@@ -15,12 +15,16 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.problems.case import Case
+from unilateral.study import scenes, tables
+from unilateral.study.experiments.cost.collected import along_runs
 from unilateral.study.experiments.cost.history import Reached
 from unilateral.study.experiments.cost.run import Measured, Shared, method_of
-from unilateral.study.experiments.cost.variants import Variant
+from unilateral.study.experiments.cost.variants import Variant, plan
 from unilateral.system.memory import forget_peak, peak_mb
 
 LONGER = 2
@@ -47,6 +51,28 @@ class StepLimits(NamedTuple):
     stops: Sequence[float]
     max_steps: int
     costly_steps: int
+
+
+def measure_cost(
+    norm: str,
+    scene: Mapping[str, Any],
+    number: str,
+    of_job: Mapping[str, Any],
+    study: Mapping[str, Any],
+    runs: str,
+    timings: str,
+) -> None:
+    """Write counts and seconds of every run on the meshes of one job, which has that number in the study."""
+    name, gram = of_job["scene"], Gram.of_table(tables.load(norm))
+    planned = [variant for variant in plan(study) if variant.scene == name]
+    limits = StepLimits(study["stops"], study["max_steps"], study["costly_steps"])
+    cases, sizes = scenes.cases(scene), [real(H, "cost.H") for H in study["H"]]
+    meshes = [structured(scenes.domain(scene), real(h, "cost.jobs.h")) for h in of_job["h"]]
+    found = [measure(mesh, cases, gram, planned, sizes, limits) for mesh in meshes]
+    given = {f"scenes.{name}": scene, f"cost.jobs.{number}": of_job}
+    given |= {f"cost.{field}": value for field, value in study.items()}
+    for parts, path in zip(zip(*found, strict=True), (runs, timings), strict=True):
+        tables.save(along_runs(parts, planned), path, "cost", given)
 
 
 def measure(
@@ -142,12 +168,3 @@ def _dataset(rows: Sequence[Mapping[str, Any]], stops: Sequence[float]) -> xr.Da
     typed = {name: each.astype(object if each.dtype.kind == "U" else float) for name, each in columns.items()}
     table = {name: (("run", "stop")[: column.ndim], column) for name, column in typed.items()}
     return xr.Dataset(table, coords={"stop": list(stops)})
-
-
-def along_runs(parts: Sequence[xr.Dataset], variants: Sequence[Variant]) -> xr.Dataset:
-    """One table from those of several meshes: by variant, in that order, and from coarse to fine."""
-    table = xr.concat(parts, "run", combine_attrs="drop")
-    places = {variant: k for k, variant in enumerate(variants)}
-    fields = zip(*(table[name].values for name in Variant._fields), strict=True)
-    place = np.array([places[Variant(*each)] for each in fields])
-    return table.isel(run=np.lexsort((-table["h"].values, place)))

@@ -3,16 +3,59 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
+from unilateral.formulas.formula import real
 from unilateral.study.experiments.cost import tables, trade
 from unilateral.study.experiments.cost.variants import REFRESH
 
+READS = {
+    "algorithm": "results/cost/algorithm.nc",
+    "case": "results/cost/case.nc",
+    "scene": "results/cost/scene.nc",
+    "algebra": "results/cost/algebra.nc",
+    "precision": "results/cost/precision.nc",
+}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
 LARGEST_RATIO = 4.0
 """The growth of steps is found for H/h up to this number, for which there are enough sizes."""
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    H_over_h, coarsest = _base(study)
+    return {
+        "cost": recommended(of["case"], H_over_h, coarsest)
+        | {
+            "enough_times": trade.ENOUGH,
+            "newton_adds": newton_adds(of["algorithm"], H_over_h),
+            "plain": plain(of["algorithm"], H_over_h),
+            "growth": growth(of["algorithm"], coarsest),
+            "elimination": elimination(of["algorithm"], of["algebra"], H_over_h),
+            "precision": in_precision(of["precision"]),
+        }
+    }
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    H_over_h, coarsest = _base(study)
+    return {
+        "ratios": tables.ratios(of["case"], coarsest),
+        "prices": tables.price_table(of["case"], of["scene"], H_over_h, coarsest),
+        "expected": tables.expected(of["case"], H_over_h, coarsest),
+        "algorithms": tables.algorithms(of["algorithm"], H_over_h),
+        "targets": tables.targets(of["algorithm"], study["cost"]["targets"]),
+    }
+
+
+def _base(study: Mapping[str, Any]) -> tuple[float, float]:
+    """H/h of the runs that are recommended, and the largest H of fits."""
+    cost = study["cost"]
+    return real(cost["base"]["H_over_h"], "cost.base.H_over_h"), real(cost["fitted_from"], "cost.fitted_from")
 
 
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:

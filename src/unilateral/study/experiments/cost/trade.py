@@ -5,16 +5,13 @@ Errors are relative to ||u||_1, ||lambda||_{-1/2}, ||lambda||_0; in H^{-1/2} the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.study import operations
-from unilateral.study.experiments.cost.variants import Variant
 from unilateral.study.tables import error_in
 
 Array = NDArray[np.float64]
@@ -43,20 +40,6 @@ class Price(NamedTuple):
     operations: float
     over_setup: float
     halving: float
-
-
-def along(table: xr.Dataset, base: Variant, axes: Sequence[str]) -> xr.Dataset:
-    """The runs that differ from the base in these fields only, over them, H and the stopping level."""
-    others = [name for name in Variant._fields if name not in axes]
-    kept = np.logical_and.reduce([table[name].values == getattr(base, name) for name in others])
-    runs = table.isel(run=np.flatnonzero(kept))
-    labels = {name: pd.unique(runs[name].values) for name in axes} | {"H": np.unique(runs["H"])[::-1]}
-    index = pd.MultiIndex.from_arrays([runs[name].values for name in labels], names=[*labels])
-    places = xr.Coordinates.from_pandas_multiindex(index, "run")
-    found = runs.drop_vars([*Variant._fields, "H"]).assign_coords(places).unstack("run").reindex(labels)
-    variables = found.transpose(*labels, "stop").data_vars.items()
-    coords = {**labels, "stop": table["stop"].values}
-    return xr.Dataset({name: each.variable for name, each in variables}, coords)
 
 
 def relative(table: xr.Dataset, norm: str) -> xr.DataArray:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import xarray as xr
 
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, common_refinement
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
+from unilateral.study import scenes, tables
+from unilateral.study.sizes import normed
 
 
 def dual_forms(partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
@@ -17,3 +20,10 @@ def dual_forms(partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
     forms = dual_norm(partition, cases).gram(cases).table(cases)
     gaps = [cell_means(case, partition).gap_means for case in cases]
     return forms.assign(gap_means=(("case", "cell"), gaps))
+
+
+def measure_dual_norm(scene: Mapping[str, Any], name: str, dual_norm: str) -> None:
+    """Write the forms of a scene on the common refinement of the partitions on which the norm is measured."""
+    partitions = scenes.partitions(scene)
+    finest = common_refinement([partitions[k] for k in normed(scene)])
+    tables.save(dual_forms(finest, scenes.cases(scene)), dual_norm, name, {f"scenes.{name}": scene})

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.formulas.formula import real
-from unilateral.study import registry
+from unilateral.study import registry, tables
 from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps
 from unilateral.study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
@@ -31,6 +31,13 @@ COLUMNS = (
     "message",
 )
 LIMITS = ("predicted_limit", "predicted_tool_limit", "local_limit", "measured_limit", "measured_tool_limit")
+
+
+def try_extremes(study: Mapping[str, Any], extremes: str) -> None:
+    """Write the table of all axes."""
+    h, H = (real(study[name], f"extremes.{name}") for name in ("h", "H"))
+    budget = Budget(study["accuracy"], study["max_steps"])
+    tables.save(survey(study["axes"], h, H, budget), extremes, "extremes", {"extremes": study})
 
 
 def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:

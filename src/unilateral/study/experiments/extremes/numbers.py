@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,22 @@ import xarray as xr
 from unilateral.study.experiments.extremes.kinds import RESCUED, kinds
 from unilateral.study.formats import shown
 
+READS = {"extremes": "results/extremes/extremes.nc"}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
 ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
 TOLD = {RESCUED: "by another algorithm only"}
 SPARE = 3
 """The allowance for rounding is told with this factor, since the digits of rounding are not reproducible."""
 LAWS = ("odd", "shift", "short", "short_loaded", "scale_down", "scale_up", "angle", "slit", "side", "aspect")
 """The axes whose numbers are cond(S)."""
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    return {"extremes": outcomes(of["extremes"])}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {"extremes-limits": limits(of["extremes"]), "extremes-unlimited": unlimited(of["extremes"])}
 
 
 def limits(table: xr.Dataset) -> pd.DataFrame:

@@ -14,11 +14,23 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from unilateral.errors import InputError
+from unilateral.formulas.formula import real
+from unilateral.problems import case
+from unilateral.study import tables
 from unilateral.study.rates import ZERO
 
 Array = NDArray[np.float64]
 FIRST_S = 1.5
 """The fit starts from this s, the rate of P0 in H^{-1/2} for a smooth lambda."""
+
+
+def fit_floors(errors: str, name: str, ratio: object, floors: str) -> None:
+    """Write the fits of a scene's errors, for asymptotic sizes as the cases declare them."""
+    table = tables.load(errors)
+    declared = {each: case.declared(each)[0]["asymptotic"]["h1"]["from"] for each in table["case"].values}
+    starts = {each: real(start, f"case '{each}', asymptotic.h1.from") for each, start in declared.items()}
+    found = by_case(table, starts, real(ratio, "judged_ratio"))
+    tables.save(found, floors, name, {"rates.judged_ratio": ratio})
 
 
 class Floor(NamedTuple):
@@ -61,7 +73,7 @@ def _misfit(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> 
     return np.asarray(model - log_error)
 
 
-def floors(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float) -> xr.Dataset:
+def by_case(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float) -> xr.Dataset:
     """The fits by case, over its asymptotic sizes.
 
     These are as for rates: h, and H times `judged_ratio`, are at most the case's start. Cases with lambda = 0

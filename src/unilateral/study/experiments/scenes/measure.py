@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,13 +14,16 @@ from unilateral.discrete.condensed import solve, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
-from unilateral.norms.infsup import InfSup, infsup
+from unilateral.norms.infsup import InfSup, infsup, of_runs
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
+from unilateral.study import scenes, tables
+from unilateral.study.sizes import limits
 from unilateral.system.memory import forget_peak, peak_mb
 
 PER_RUN = (
@@ -41,6 +45,36 @@ PER_RUN = (
 PER_PAIR = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
 PER_CELLS = ("projection_error", "consistency", "consistency_elsewhere")
 PER_CASE = ("u_norm", "interpolation_error", "ritz_error", "ritz_boundary_error")
+
+
+def solve_scene(
+    norm: str | None,
+    scene: Mapping[str, Any],
+    name: str,
+    stop: Mapping[str, Any],
+    mesh: str,
+    solutions: str,
+    errors: str,
+    infsup: str,
+    timings: str,
+) -> None:
+    """Write the tables of every case on every partition, on the coarsest mesh and on its refinements.
+
+    `norm` is the file of the dual norm's forms, if errors are measured in it anywhere.
+    """
+    gram = Gram.of_table(tables.load(norm)) if norm else None
+    cases, partitions, levels = scenes.cases(scene), scenes.partitions(scene), []
+    coarsest = scenes.coarsest_mesh(scene)
+    write(coarsest, mesh)
+    for refined in scenes.refinements(coarsest, scene["mesh"]["levels"]):
+        levels.append(sweep(refined, cases, partitions, gram, limits(scene), Stop(**stop)))
+        print(f"h = {refined.h:.4g} solved")
+    solved, timed = (tables.along_mesh(each) for each in zip(*levels, strict=True))
+    given = {f"scenes.{name}": scene, "stop": stop}
+    tables.save(solved, solutions, name, given)
+    tables.save(solved.drop_vars("lambda_H"), errors, name, given)
+    tables.save(of_runs(solved), infsup, name, given)
+    tables.save(timed, timings, name, given)
 
 
 def sweep(

@@ -10,11 +10,38 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from unilateral.formulas.formula import real
 from unilateral.study.formats import SPACES, TITLES, cells, shown
 from unilateral.study.rates import NORMS
 from unilateral.study.rates_table import smallest_rate
 
+READS = {
+    "rates": "results/{judged}/rates.nc",
+    "totals": "results/{bounded}/totals.nc",
+    "floors": "results/square/floors.nc",
+}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
 NOTHING = "–"
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """The rate of u without (j) and without (jj); bounds on totals."""
+    at = {"norm": "h1", "h_over_H": real(study["rates"]["judged_ratio"], "judged_ratio")}
+    without = {
+        case: smallest_rate(of["rates"][scene].sel(case=case, **at))
+        for scene, case in (("corners", "violates_j"), ("irregular", "violates_jj"))
+    }
+    return {"rates": without, "totals": totals_of_corners(of["totals"]["corners"])}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    ratio = real(study["rates"]["judged_ratio"], "judged_ratio")
+    return {
+        "rates": rates(of["rates"], ratio),
+        "rates-by-case": rates_by_case(of["rates"], ratio),
+        "floors": floors(of["floors"]),
+        "totals": totals(of["totals"]),
+    }
 
 
 def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:

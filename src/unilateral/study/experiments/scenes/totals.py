@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,9 +15,11 @@ from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import coupling, load
+from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
+from unilateral.study import scenes, tables
 from unilateral.study.tables import error_in
 
 Array = NDArray[np.float64]
@@ -25,7 +28,30 @@ ZERO = 1e-12
 NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u", "local_index_lambda")
 
 
-def totals(
+def bound_totals(
+    mesh: str,
+    solutions: str,
+    scene: Mapping[str, Any],
+    name: str,
+    levels: int,
+    wanted: Sequence[str],
+    ratio: object,
+    totals: str,
+) -> None:
+    """Write the table of the wanted cases on a scene's coarser levels, at the judged h/H."""
+    H_over_h, solved = 1 / real(ratio, "judged_ratio"), tables.load(solutions)
+    partitions = scenes.partitions(scene)
+    cases = [case for case in scenes.cases(scene) if case.name in wanted]
+    meshes = scenes.refinements(scenes.stored_mesh(mesh, scene), levels)
+    found = [
+        over_errors(each, partitions, cases, solved.isel(mesh=[level]), H_over_h)
+        for level, each in enumerate(meshes)
+    ]
+    given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": wanted}
+    tables.save(tables.along_mesh(found), totals, name, given | {"rates.judged_ratio": ratio})
+
+
+def over_errors(
     mesh: Mesh, partitions: Sequence[Partition], cases: Sequence[Case], solved: xr.Dataset, H_over_h: float
 ) -> xr.Dataset:
     """Bounds over errors at one H/h, one level long in `mesh`, of what `measure.sweep` solved there.

@@ -8,8 +8,10 @@ alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import sympy
@@ -17,11 +19,12 @@ import xarray as xr
 
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed
+from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.symbolic import pos
-from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Polygon
+from unilateral.formulas.symbolic import number_of, pos
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import Polygon, named
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram, dual_norm
 from unilateral.norms.exact_errors import CellMeans, Exact, cell_means_of_gaps
 from unilateral.norms.infsup import infsup
@@ -30,6 +33,8 @@ from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
 from unilateral.problems.harmonic import harmonic
 from unilateral.solvers.stop import Stop
+from unilateral.study import tables
+from unilateral.study.experiments.sharpness.surfaces import along_levels, rates_over
 
 START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
 END = sympy.Rational(3, 2)
@@ -138,3 +143,45 @@ def measure(condensed: Condensed, of: SeenFamily, stop: Stop) -> xr.Dataset:
     coords = {"alpha": [float(x) for x in alphas], "gamma": [float(x) for x in gammas]}
     sizes = {"h": mesh.h, "H": partition.H, "beta_lower": beta, "lambda_min": spaces.operator.lambda_min}
     return xr.Dataset(table, coords=coords).assign({name: ((), value) for name, value in sizes.items()})
+
+
+def measure_sharpness(
+    study: Mapping[str, Any],
+    stop: Mapping[str, Any],
+    errors: str,
+    rates: str,
+    fixed_errors: str,
+    fixed_rates: str,
+) -> None:
+    """Write errors and rates along h/H, and along H at one h. A pair that both have is solved once."""
+    domain, fixed = named(study["polygon"]), study["fixed"]
+    alphas, gammas = (
+        [number_of(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")
+    )
+    chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"sharpness": study, "stop": stop}
+
+    @cache
+    def on_mesh(h: sympy.Expr) -> Condensed:
+        return condense(structured(domain, float(h)))
+
+    @cache
+    def on_partition(H: sympy.Expr) -> SeenFamily:
+        return seen(uniform(domain, float(H)), places(H, study["positions"]), (alphas, gammas))
+
+    @cache
+    def level(h: sympy.Expr, H: sympy.Expr) -> xr.Dataset:
+        found = measure(on_mesh(h), on_partition(H), chosen)
+        print(f"h = {h}, H = {H} solved")
+        return found
+
+    def save(levels: Sequence[xr.Dataset], to_errors: str, to_rates: str) -> None:
+        table = along_levels(levels)
+        tables.save(table, to_errors, "sharpness", given)
+        tables.save(rates_over(table), to_rates, "sharpness", given)
+
+    ratio = number_of(study["h_over_H"], "sharpness.h_over_H")
+    sizes = [number_of(H, "sharpness.H") for H in study["H"]]
+    save([level(ratio * H, H) for H in sizes], errors, rates)
+    h = number_of(fixed["h"], "sharpness.fixed.h")
+    sizes = [number_of(H, "sharpness.fixed.H") for H in fixed["H"]]
+    save([level(h, H) for H in sizes], fixed_errors, fixed_rates)

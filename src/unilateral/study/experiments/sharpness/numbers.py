@@ -12,7 +12,18 @@ import xarray as xr
 from unilateral.study.experiments.sharpness.surfaces import taken_by_logarithm
 from unilateral.study.formats import TITLES
 
+READS = {"rates": "results/sharpness/rates.nc", "claims": "results/claims.json"}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
 HELD = "positions with a multiplier in the transition's cell"
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    return {"theorems": theorems({each["id"]: each["observed"] for each in of["claims"]})}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    tolerances = {norm: study["rates"]["norms"][norm]["tolerance"] for norm in ("hm12", "l2")}
+    return {"exceptions": exceptions(of["rates"], tolerances)}
 
 
 def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFrame:

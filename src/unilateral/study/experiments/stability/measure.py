@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -14,11 +14,35 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import SINGULAR, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import worst_multiplier
 from unilateral.study.beta import OF_PAIR, constants
-from unilateral.study.experiments.stability.families import Spec, meshes_of
+from unilateral.study.experiments.stability.families import Spec, meshes_of, partition_of
+from unilateral.study.tables import save
+
+
+def survey_infsup(study: Mapping[str, Any], finds: Sequence[Spec], tables: Sequence[str]) -> None:
+    """Write the tables of all families in `study`; `finds` are the pairs of the search for the worst."""
+    grams = Grams()
+    for (name, family), path in zip(study.items(), tables, strict=True):
+        of = {"finds": finds} if family["kind"] == "worst" else {}
+        found = survey(*pairs(name, family, **of), grams)
+        save(found, path, name, {f"surveys.{name}": family} | of)
+        print(f"{name} measured")
+
+
+def pairs(
+    name: str, family: Mapping[str, Any], finds: Sequence[Spec] = ()
+) -> tuple[list[Partition], list[Spec], Sequence[object]]:
+    """The partitions of a family, the mappings of their meshes, and the sizes of these."""
+    where = family["polygon"]
+    domain = named(where) if isinstance(where, str) else Polygon(where, name)
+    if finds:
+        cells = [partition_of(domain, {"points": find["points"]}) for find in finds]
+        return cells, [{"nodes": find["nodes"]} for find in finds], [1]
+    cells = [partition_of(domain, spec) for spec in family["partitions"]]
+    return cells, [family["mesh"]] * len(cells), family.get("deltas") or family["edges_per_cell"]
 
 
 class Grams:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from unilateral.formulas.formula import real
+from unilateral.norms.resolution import RULE
 from unilateral.study.formats import shown
 
+READS = {"pairs": "figures/infsup.csv"}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
 MEASURES = {
     "h_over_H": "h/H",
     "edges_per_cell": "fewest boundary edges in a cell",
@@ -17,6 +21,19 @@ MEASURES = {
 }
 ROUNDED = 5e-4
 """Numbers in a committed table have four digits: each is off by at most this times itself."""
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    pairs = of["pairs"]
+    return {"beta": beta(pairs, *RULE) | uniform_beta(pairs) | inner_nodes(pairs)}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    ratios = [real(each, "uniform_ratios") for each in study["infsup"]["uniform_ratios"]]
+    return {
+        "beta": least(of["pairs"], ratios),
+        "correlations": correlations(of["pairs"], RULE.smallest_angle),
+    }
 
 
 def least(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:

@@ -1,0 +1,47 @@
+"""The tables of Uzawa's algorithm: on one mesh, and what its steps cost on several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from unilateral.formulas.formula import real
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.structured import structured
+from unilateral.study import scenes, tables
+from unilateral.study.experiments.algorithm import certificates as trials
+from unilateral.study.experiments.algorithm import measure
+from unilateral.study.experiments.algorithm.formulation import formulation as statements
+
+
+def try_algorithm(
+    study: Mapping[str, Any],
+    steps: str,
+    certificates: str,
+    singular: str,
+    uniqueness: str,
+    unique: str,
+    elimination: str,
+    split: str,
+    formulation: str,
+) -> None:
+    """Write all of them. Those of two files differ in H: that of the configuration, and h, where beta = 0."""
+    polygon, cases = scenes.domain(study), scenes.cases(study)
+    h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
+    mesh, cells, finest = structured(polygon, h), uniform(polygon, H), uniform(polygon, h)
+    shares, recorded = [float(share) for share in study["shares"]], study["recorded_steps"]
+    sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
+    meshes = [structured(polygon, size) for size in sizes]
+    partitions = [uniform(polygon, size * H / h) for size in sizes]
+    found = {
+        steps: measure.algorithm(mesh, cells, cases, shares, study["steps"]),
+        certificates: trials.certificates(mesh, cells, cases, recorded),
+        singular: trials.certificates(mesh, finest, cases, recorded),
+        uniqueness: trials.uniqueness(mesh, finest),
+        unique: trials.uniqueness(mesh, cells),
+        elimination: trials.elimination(meshes, partitions, study["compared_steps"]),
+        split: trials.split(mesh, cells, cases),
+        formulation: statements(mesh, cells, cases),
+    }
+    for path, table in found.items():
+        tables.save(table, path, "algorithm", {"algorithm": study})
