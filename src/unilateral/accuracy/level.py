@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.halvings import evenness
-from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.flux_residuals import underflow
+from unilateral.bounds.flux_residuals import SUMS, underflow
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import unilateral as ul
-from unilateral.bounds import feasible_p2
+from unilateral.bounds import feasible
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.geometry.structured import structured
 from unilateral.problems import piecewise
@@ -21,10 +21,7 @@ WAVES = {
 def on_edges(text, n=4):
     """The constraint on all edges of a mesh of the unit square."""
     problem, mesh = ul.Problem(SQUARE, f=0, g=text), structured(ul.Problem(SQUARE, f=0, g=0).polygon, 1 / n)
-    nb = len(mesh.boundary)
-    start = np.arange(nb)
-    unknowns = np.column_stack([start, (start + 1) % nb, nb + start])
-    return constraint(problem.enclosed_obstacle, mesh, unknowns, 2 * nb, np.ones(nb, dtype=bool))
+    return constraint(problem.enclosed_obstacle, mesh, np.ones(len(mesh.boundary), dtype=bool))
 
 
 @pytest.mark.parametrize("text", WAVES)
@@ -52,8 +49,8 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
     nb = len(g.mesh.boundary)
     every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
-    missing = feasible_p2.missing(g, v, every, g.mesh.boundary_triangles, np.ones((nb, 2)))
-    assert missing.added[g.mesh.boundary] == pytest.approx(1e-3)
+    missing = feasible.missing(g, v, every, np.ones((nb, 2)))
+    assert missing.added == pytest.approx(1e-3)
     assert missing.product == pytest.approx(8e-3)
 
 
@@ -62,10 +59,9 @@ def short_of(g, rng):
     nb = len(g.unknowns)
     v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
     contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
-    triangle = g.mesh.boundary_triangles
-    v, touching = feasible_p2.raised(g, v, contact, triangle, flux, rng.random(nb))
+    v, touching = feasible.raised(g, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible_p2.missing(g, v, touching, triangle, flux), g.near(v, touching)]
+    return [v, touching, *feasible.missing(g, v, touching, flux), g.near(v, touching)]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -13,11 +13,11 @@ import scipy.sparse.linalg as sla
 import sympy
 from mpmath import mp, mpf
 
-from unilateral.bounds import edge_flux, sharp_bounds
+from unilateral.bounds import local_bounds, sharp_bounds
+from unilateral.bounds.boundary_flux import given
 from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.flux_residuals import defects, misfit
 from unilateral.bounds.forces import forces
-from unilateral.bounds.given_flux import given
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
@@ -304,9 +304,9 @@ def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
     cells = partitions.uniform(polygon, 1)
     given = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), ()
     if not refused:
-        edge_flux.check(*given)
+        local_bounds.check(*given)
         return
     with pytest.raises(InputError, match=r"no bound is guaranteed .* may change the shape of triangle \d at"):
-        edge_flux.check(*given)
+        local_bounds.check(*given)
     with pytest.raises(InputError, match="as short as rounding allows"):
         meshes.refine(coarse)

@@ -9,8 +9,8 @@ from scipy.integrate import quad
 from scipy.sparse.linalg import spsolve
 
 import unilateral as ul
-from unilateral.bounds import given_flux as module
-from unilateral.bounds.given_flux import given, nothing
+from unilateral.bounds import boundary_flux as module
+from unilateral.bounds.boundary_flux import given, nothing
 from unilateral.fem.condense import matrix
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes

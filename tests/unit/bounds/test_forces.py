@@ -9,9 +9,7 @@ from test_sharp_bounds import CASES, pair
 
 import unilateral as ul
 from unilateral.bounds import forces as of_forces
-from unilateral.bounds import small_mesh
-from unilateral.bounds.forces import forces
-from unilateral.bounds.small_mesh import extended
+from unilateral.bounds.forces import extended, forces
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
@@ -182,7 +180,7 @@ def test_errors_of_all_sizes(bound):
 
 def test_without_a_small_mesh_w_is_a_constant(monkeypatch):
     """1 or 0, with the root of the area, 1, as its norm."""
-    monkeypatch.setattr(small_mesh, "condense", refused)
+    monkeypatch.setattr(of_forces, "condense", refused)
     mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
     whole, side = forces(mesh, cells, np.ones(cells.n_cells), 0.1, [range(4), [0]])
     assert whole == pytest.approx((4, 3.9, 4.1), rel=1e-8)

@@ -16,8 +16,8 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.bounds import local_bounds, source
+from unilateral.bounds.boundary_flux import given as given_flux
 from unilateral.bounds.forces import forces
-from unilateral.bounds.given_flux import given as given_flux
 from unilateral.discrete.choice import condensed
 from unilateral.discrete.multilevel import after
 from unilateral.fem.condense import condense

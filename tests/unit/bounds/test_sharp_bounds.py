@@ -13,8 +13,8 @@ from skfem.quadrature import get_quadrature_tri
 from test_dual import POLYGONS
 from test_oscillation import WEDGE
 
-from unilateral.bounds import balanced_function, feasible_p2, lifting, source
 from unilateral.bounds import constraint as constraints
+from unilateral.bounds import feasible, source
 from unilateral.bounds import sharp_bounds as bounds
 from unilateral.bounds.constraint import constraint
 from unilateral.bounds.local_bounds import local_bound
@@ -249,7 +249,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     of_source, flux = enclosed(mesh, problem), bounds.edge_flux(mesh, cells, lambda_H)
     spaces, every = quadratic(mesh), np.ones(len(mesh.boundary), dtype=bool)
     away = bounds._away(spaces, of_source, u_h, flux.ends)
-    lift, found = lifting.lifting(mesh, problem.enclosed(), u_h, flux, every), []
+    lift, found = feasible.lifting(mesh, problem.enclosed(), u_h, flux, every), []
     load_of_v = spaces.load(of_source.f_h)
     for most in (1, 50):
         monkeypatch.setattr(bounds, "MOST_STEPS", most)
@@ -300,7 +300,7 @@ def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
     found = sharp_bound(*moved)
     assert found.eta == pytest.approx(exact.eta, rel=0.01)
     assert of.h1_error <= found.u + 0.1 * of.h1_error
-    monkeypatch.setattr(balanced_function, "SHARE", np.inf)
+    monkeypatch.setattr(bounds, "UNBALANCED", np.inf)
     assert sharp_bound(*moved).eta > 2 * exact.eta
 
 
@@ -335,8 +335,8 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, unknowns_on(mesh), 6, every)
-    missing = feasible_p2.missing(g, g.at_unknowns, every, mesh.boundary_triangles, np.ones((3, 2)))
+    g = constraint(problem.enclosed(), mesh, every)
+    missing = feasible.missing(g, g.at_unknowns, every, np.ones((3, 2)))
     s, squares = sympy.Symbol("s"), 0.0
     for i in range(3):
         a, b, c = np.roll(points, -i, axis=0)
@@ -577,7 +577,7 @@ def test_what_the_linear_part_of_f_leaves_out():
 def shortfall(case, mesh, v, flux):
     """||w||_1 and <q.n, v + w - g> for w from r = (g - v)_+, by sums over 20000 points of every edge."""
     x, squares, slack = (np.arange(20_000) + 0.5) / 20_000, 0.0, 0.0
-    foot, height = feasible_p2._vertex_off_edge(mesh, mesh.boundary_triangles)
+    foot, height = feasible._vertex_off_edge(mesh)
     shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
     for e, length in enumerate(np.diff(mesh.s)):
         start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
@@ -601,11 +601,11 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     d = discrete(name, 8, 4)
     mesh, case = d.mesh, d.exact.ritz.case
     on = np.ones(len(mesh.boundary), dtype=bool)
-    g = constraint(case.enclosed_obstacle, mesh, unknowns_on(mesh), 2 * len(on), on)
+    g = constraint(case.enclosed_obstacle, mesh, on)
     v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
-    found = feasible_p2.missing(g, v, ~on, mesh.boundary_triangles, flux)
+    found = feasible.missing(g, v, ~on, flux)
     norm, slack = shortfall(case, mesh, v, flux)
     assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
     assert (1 - 1e-3) * slack <= found.product <= 1.3 * slack
@@ -613,7 +613,7 @@ def test_what_is_missing_is_not_less_than_it_is(name):
 
 
 def nothing_is_missing(g, v, *_):
-    return feasible_p2.Missing(np.zeros(1), np.zeros(1), np.zeros(g.mesh.n_nodes))
+    return feasible.Missing(np.zeros(1), np.zeros(1), np.zeros(len(g.mesh.boundary)))
 
 
 def nothing_is_raised(g, v, *_):
@@ -623,10 +623,10 @@ def nothing_is_raised(g, v, *_):
 def test_without_feasibility_the_bound_is_too_small(monkeypatch):
     """Control: lambda_H = 0 with the v of that flux, below g, pretends to be exact."""
     assert judged("full_contact", 8, crude="zero").holds
-    monkeypatch.setattr(lifting, "in_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
+    monkeypatch.setattr(feasible, "in_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
     assert judged("full_contact", 8, crude="zero").holds
-    monkeypatch.setattr(lifting, "raised", nothing_is_raised)
-    monkeypatch.setattr(lifting, "missing", nothing_is_missing)
+    monkeypatch.setattr(feasible, "raised", nothing_is_raised)
+    monkeypatch.setattr(feasible, "missing", nothing_is_missing)
     assert not judged("full_contact", 8, crude="zero").holds
 
 
@@ -696,11 +696,11 @@ def test_the_constants_on_squares_cannot_be_smaller():
 def test_the_slack_counts_twice(monkeypatch):
     """By the identity eta^2 has 2 <q.n, v - g> in it, as has R + D^2: a slack of 1/2 adds 1 to both."""
     problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    cells, own, found = partitions.uniform(square(), 1 / 2), feasible_p2.missing, []
+    cells, own, found = partitions.uniform(square(), 1 / 2), feasible.missing, []
     lambda_H = cell_means(problem, cells).lambda_means
     monkeypatch.setattr(bounds, "ENOUGH", 0.0)  # or there would be fewer steps
     for more in np.array([[0.0], [0.5]]) / len(mesh.boundary):
-        monkeypatch.setattr(lifting, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s))
+        monkeypatch.setattr(feasible, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s))
         found.append(bound_on(problem, mesh, cells, lambda_H)[0])
     assert found[1].eta ** 2 - found[0].eta ** 2 == pytest.approx(1, rel=1e-8)
     R_and_D = [(each.u - each.data) ** 2 + max(each.lifting - each.eta, 0) ** 2 for each in found]
@@ -736,25 +736,22 @@ def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
     on = np.array([True, True])
     unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
-    at, rise, jumps = constraints._at_ends(on_edges, unknowns, 5, on)
+    at, rise, jumps = constraints._at_ends(on_edges, unknowns, on)
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
     np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
     on_edges[1, 0] += 1e-11
-    assert constraints._at_ends(on_edges, unknowns, 5, on)[2].tolist() == [True, False]
+    assert constraints._at_ends(on_edges, unknowns, on)[2].tolist() == [True, False]
 
 
 def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
     mesh = structured(square(), 1 / 2)
     problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, unknowns_on(mesh), 16, every)
+    g = constraint(problem.enclosed(), mesh, every)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
     v = np.maximum(steep, g.at_unknowns)
     flux = np.ones((8, 2))
-    doubt = [
-        feasible_p2.missing(g, each, every, mesh.boundary_triangles, flux).added.max()
-        for each in (v, np.maximum(0, g.at_unknowns))
-    ]
+    doubt = [feasible.missing(g, each, every, flux).added.max() for each in (v, np.maximum(0, g.at_unknowns))]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]

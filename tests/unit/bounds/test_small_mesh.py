@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from unilateral.bounds import small_mesh
-from unilateral.bounds.small_mesh import LIGHT, MOST
+from unilateral.bounds import forces
+from unilateral.bounds.forces import LIGHT, MOST
 from unilateral.fem.p1 import coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -15,7 +15,7 @@ KITE = np.array([[0, 0], [1, 0], [1, 0.7], [0, 1.3]])
 
 
 def small(mesh, cells, load):
-    return small_mesh.small_mesh(mesh, cells, load)
+    return forces.small_mesh(mesh, cells, load)
 
 
 @pytest.mark.parametrize("kind", ["structured", "unstructured"])
@@ -83,7 +83,7 @@ def test_many_sides_leave_it_small():
     polygon = Polygon(np.column_stack([np.cos(angle), np.sin(angle)]), "many")
     cells = partitions.uniform(polygon, 1.0)
     mesh = meshes.with_boundary(polygon, partitions.refine(cells, 2).points[:-1], 0.2)
-    assert mesh.n_nodes > small_mesh.LARGE
+    assert mesh.n_nodes > forces.LARGE
     found = small(mesh, cells, np.full(400, 1e9))
     assert len(found.boundary) <= MOST
     assert found.n_nodes < mesh.n_nodes
@@ -94,6 +94,6 @@ def test_it_is_not_halved_where_rounding_shows(place):
     """Far from the origin, on slanted sides, and on such between dyadic places, whose nodes are exact."""
     polygon = Polygon((KITE if place != 2.0**30 else np.round(KITE)) + place, "far")
     cells = partitions.uniform(polygon, 1 / 2)
-    of, space = small_mesh.condensed(meshes.unstructured(polygon, 1 / 4), cells, np.full(cells.n_cells, 1e6))
+    of, space = forces.condensed(meshes.unstructured(polygon, 1 / 4), cells, np.full(cells.n_cells, 1e6))
     assert space is not None
     assert of.growth < 1 + 1e-4

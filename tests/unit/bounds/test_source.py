@@ -10,14 +10,14 @@ import sympy
 from scipy.special import jn_zeros
 from skfem.helpers import dot, grad
 
-from unilateral.bounds import source, source_jumps
+from unilateral.bounds import source
 from unilateral.bounds import source_pieces as pieces_of
 from unilateral.bounds.source import J, enclosed, poincare
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import Atom, atoms_in
 from unilateral.formulas.formula import compile_numpy, parse
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.curves import Kink
+from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
@@ -184,7 +184,7 @@ def test_areas_in_a_disc():
     """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
     rng = np.random.default_rng(1)
     vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))
-    found = source_jumps.area_in_disc(vertices, 0.8)
+    found = area_in_disc(vertices, 0.8)
     u = rng.random((250_000, 2))
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
     for triangle, area in zip(vertices, found, strict=True):
@@ -193,8 +193,8 @@ def test_areas_in_a_disc():
         whole = 0.5 * abs(np.linalg.det(edges))
         assert area == pytest.approx(whole * np.mean(np.hypot(*points.T) < 0.8), abs=4e-3 * whole + 1e-12)
     shape = np.array([[[-1, -1], [1, -1], [0, 1.0]]])
-    assert source_jumps.area_in_disc(10 * shape, 0.8) == pytest.approx(np.pi * 0.64, rel=1e-13)
-    assert source_jumps.area_in_disc(0.1 * shape, 0.8) == pytest.approx(0.02, rel=1e-13)
+    assert area_in_disc(10 * shape, 0.8) == pytest.approx(np.pi * 0.64, rel=1e-13)
+    assert area_in_disc(0.1 * shape, 0.8) == pytest.approx(0.02, rel=1e-13)
 
 
 @pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
@@ -202,7 +202,7 @@ def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
     mesh = structured(square(), 1 / 64)
     corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
-    pieces, owner = source_jumps.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
+    pieces, owner = pieces_of.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
     shares = np.abs(np.linalg.det(pieces))
     np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
     assert len(pieces) > len(corners)
@@ -283,4 +283,4 @@ def test_pieces_count_for_the_gaps_between_them():
     inside = (corners - 1e6) / 1e6
     bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
     pieces = pieces_of.on_block(mesh, bary[None], np.array([0]), Source("x"))
-    assert pieces.outer[0] > 1.2 * pieces_of.areas(mesh, pieces)[0]
+    assert pieces.outer[0] > 1.2 * pieces.area[0]

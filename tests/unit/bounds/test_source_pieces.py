@@ -6,8 +6,8 @@ from math import comb, factorial
 import numpy as np
 from test_source import Source
 
-from unilateral.bounds import source_jumps, source_pieces
-from unilateral.bounds.polynomial_means import ORDER, hat_means
+from unilateral.bounds import source_pieces
+from unilateral.bounds.source_pieces import ORDER, hat_means
 from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import Model, basis
 from unilateral.geometry import mesh as meshes
@@ -80,7 +80,7 @@ def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     """Points on a circle far from the origin but for rounding, each a piece; it puts them on either side."""
     kink, angle = Kink((1e6 / 3, 1e6 / 7), 0.3), np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
     points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
-    _, wrong = source_jumps.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
+    _, wrong = source_pieces.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
     assert not np.isnan(wrong[Atom("step")]).any()
     level = kink.level(points)
     assert (level > 0).any()
@@ -102,6 +102,6 @@ def test_two_jumps_that_are_wrong_at_once():
     hats = np.column_stack([1 - u.sum(axis=1), u])
     values = (of.value(*(hats @ corners @ triangle).T)[0] for corners in found.corners)  # a piece at a time
     squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
-    norms, areas = np.sqrt(squares * source_pieces.areas(mesh, found)), source_pieces.areas(mesh, found)
+    norms, areas = np.sqrt(squares * found.area), found.area
     assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))

@@ -11,11 +11,9 @@ import pytest
 from nested import alone, at_random, graded
 from test_source import FORMULAS, Source
 
-from unilateral.bounds import source_polynomials as wholes
-from unilateral.bounds import source_search
+from unilateral.bounds import source_ancestors as wholes
 from unilateral.bounds.source import enclosed
-from unilateral.bounds.source_pieces import rounded_size
-from unilateral.bounds.source_polynomials import (
+from unilateral.bounds.source_ancestors import (
     COMPUTED,
     FINEST,
     LONG,
@@ -24,6 +22,7 @@ from unilateral.bounds.source_polynomials import (
     inside,
     whole,
 )
+from unilateral.bounds.source_pieces import rounded_size
 from unilateral.fem.quadrature import symmetric
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS, basis
@@ -349,7 +348,7 @@ def test_the_same_with_and_without_coarser_levels(name):
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
-            wanted = source_search.ABOVE * source_search.ENOUGH * source_search.even_h(mesh) * np.ptp(value)
+            wanted = wholes.ABOVE * wholes.ENOUGH * wholes.even_h(mesh) * np.ptp(value)
             assert found.unknown**2 <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.unknown**2
 
 
@@ -401,9 +400,7 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
         return abs(found.moments.sum() - np.pi * width**2) - found.rest @ np.sqrt(mesh.areas)
 
     assert missed() <= 0
-    monkeypatch.setattr(
-        source_search, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad)
-    )
+    monkeypatch.setattr(wholes, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad))
     assert missed() > 0.5 * np.pi * width**2
 
 
@@ -541,7 +538,7 @@ def test_without_that_the_allowance_is_exceeded(monkeypatch):
         return (moved - np.sqrt(mesh.areas) * (found.rest + alike.rest)).max()
 
     assert apart() <= 0
-    monkeypatch.setattr(source_search, "MOST_HALVINGS", 100)
+    monkeypatch.setattr(wholes, "MOST_HALVINGS", 100)
     assert apart() > 0
 
 

@@ -8,7 +8,7 @@ import sympy
 
 import unilateral as ul
 from unilateral.accuracy.level import contradict
-from unilateral.bounds.given_flux import nothing
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.discrete import base, condensed, multilevel
 from unilateral.fem.p1 import gradients, h1_norm
 from unilateral.fem.quadrature import symmetric

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from conftest import load
 
-from unilateral.bounds.polynomial_means import ORDER
-from unilateral.bounds.source_pieces import on_triangles, rounded_size
+from unilateral.bounds.source_pieces import ORDER, on_triangles, rounded_size
 from unilateral.formulas.taylor import basis
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
@@ -23,9 +22,10 @@ def outside(case, n=16):
     """Of points in triangles on which f has a bound: by how much f lies outside; and how many there are."""
     mesh = structured(case.polygon, 1 / n)
     corners, m = mesh.points[mesh.triangles], len(mesh.triangles)
-    c, known, first = on_triangles(corners, rounded_size(mesh), case)
+    c, known, ordered = on_triangles(corners, rounded_size(mesh), case)
     hats = np.random.default_rng(3).dirichlet(np.ones(3), (m, PER_TRIANGLE))
     f = case.source(np.einsum("tqi,tid->tqd", hats, corners).reshape(-1, 2)).reshape(m, -1)
+    first = np.argmax((corners == ordered[:, :1]).all(axis=2), axis=1)
     order = (first[:, None] + np.arange(1, 3)) % 3
     sigma = 2 * np.take_along_axis(hats, order[:, None], axis=2) - 1
     monomials = np.prod(sigma[:, :, None] ** basis(2, ORDER).exponents, axis=3)
