@@ -12,66 +12,21 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import case_file
+from known_solutions import Catalogued, Feature, Known
 from random_polygons import columns, distances, over_a_base, star, wedge
-from test_adversarial import Feature, flux_moments, true_errors
 
-from unilateral.formulas import formula
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.symbolic import compile_numpy, plain, pos
+from unilateral.formulas.symbolic import plain, pos
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
-from unilateral.norms.ritz import flux_load, h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import X, Y
-from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 
 POWERS = [2, sympy.Rational(5, 2), 3, 4]
 """Of kinks in u, the first of which makes f jump."""
 FAR = 1e6
 """Sides away from a side, farther than any other part of a polygon."""
-
-
-class Known(NamedTuple):
-    """A problem, its u, and what is narrow in it."""
-
-    problem: Problem
-    u: sympy.Expr
-    features: tuple[Feature, ...]
-
-    def errors(self, mesh, functions):
-        """||u - v_h||_1 of each."""
-        return true_errors(self, mesh, functions)
-
-    def flux_moments(self, mesh):
-        """(nb,) the moments of lambda with the boundary hats."""
-        return flux_moments(self.u, mesh, self.problem.free_sides)
-
-    def boundary(self, side, s):
-        """(k,) u, lambda and u - g at places s of the sides; on free ones du/dn less what is given, and 1."""
-        polygon, problem = self.problem.polygon, self.problem
-        x, y = polygon.at(side, s).T
-        u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
-        gap = np.choose(side, formula.compile_numpy([plain(self.u) - g for g in problem.g], "xy")(x, y))
-        flux = np.sum(np.column_stack([u_x, u_y]) * polygon.normals[side], axis=1)
-        if problem.q:
-            flux = flux - np.choose(side, formula.compile_numpy(problem.q, "xy")(x, y))
-        return u, flux, np.where(np.isin(side, problem.free_sides), 1.0, gap)
-
-
-class Catalogued(NamedTuple):
-    """A case made of the catalogue's atoms, whose quadrature knows its singular points."""
-
-    problem: Case
-
-    def errors(self, mesh, functions):
-        return np.array([h1_distance(self.problem, mesh, v_h) for v_h in functions])
-
-    def flux_moments(self, mesh):
-        return flux_load(self.problem, mesh)
-
-    def boundary(self, side, s):
-        return self.problem.boundary(side, s)
 
 
 class Part(NamedTuple):

@@ -175,13 +175,6 @@ def test_bounds_hold_where_the_flux_is_not_smooth(q):
         assert of_fine < of_coarse <= 3 * distance
 
 
-@pytest.mark.parametrize("name", ["of both signs, beside contact", "a kite", "with k and c"])
-def test_shares_add_up_to_the_squared_bound(name):
-    """At most that, and at least a sixth: see `LocalBound`."""
-    found = ul.solve(PROBLEMS[name].problem, h=1 / 8, H=1 / 4).solved.bound()
-    assert found.u**2 / 6 <= found.shares.sum() <= found.u**2
-
-
 def test_an_accuracy_is_reached_on_adapted_meshes():
     """A peak of du/dn of width 0.02 on a side: five times as many nodes as alike are near it."""
     of = Known(

@@ -1,0 +1,275 @@
+"""What is guaranteed, each stated once, for problems with known solutions.
+
+They are made by hand (`hand_made`), at random on random polygons (`random_problems`), or to fool them all
+(`adversarial_problems`). `make fuzz` tries hundreds more of the last two, each told by its number.
+"""
+
+import os
+from dataclasses import replace
+
+import adversarial_problems
+import numpy as np
+import pytest
+from hand_made import CASES, CRUDE, OfCatalogue
+from known_solutions import QUADRATURE, SIZE, Tried
+from random_problems import at_a_corner, known, with_fluxes
+
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.levels import levels, two_edges_per_cell
+from unilateral.accuracy.search import search
+from unilateral.bounds import source
+from unilateral.bounds.forces import forces
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
+from unilateral.discrete import base
+from unilateral.discrete.choice import condensed
+from unilateral.discrete.multilevel import after
+from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p2_layer import layer
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import adapted, marked, refined
+from unilateral.geometry.structured import natural_kind
+from unilateral.solvers.stop import Stop
+
+FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
+"""With more than 0, so many times the problems; those made to fool go on where the suite ends."""
+
+
+def numbered(kind, some, times=1):
+    return [(kind, number) for number in (range(times * FUZZ) if FUZZ else some)]
+
+
+OF_FORMULAS = numbered("formula", (0, 4, 8, 20, 22, 26, 32, 39, 42, 48), 5)
+FLUXES = numbered("flux", (0, 1, 2, 7, 20), 2)
+CORNERS = numbered("corner", (1,))
+SEARCHES = numbered("formula", (4, 8, 22))
+"""Random problems: all, or some that take about a second."""
+MADE_TO_FOOL = [
+    (family, number + (count if FUZZ else 0))
+    for family, count in adversarial_problems.COUNTS.items()
+    for number in range(FUZZ or count)
+]
+BY_HAND = [(*of, crude) for of in CASES for crude in CRUDE]
+WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
+ALL = [*WITHOUT_CORNERS, *CORNERS]
+CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
+ADAPTED = 3
+"""Adapted meshes after a uniform one."""
+MOST = 400
+"""Unknowns on the finest mesh of a problem that is made to fool."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _few_pieces():
+    """So that what takes too many is known less well, and sooner."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "MOST_PIECES", 6000)
+        yield
+
+
+def made(kind, number, folder):
+    """A problem of a family with its solution."""
+    if kind == "corner":
+        return at_a_corner(number, folder)
+    random = {"formula": known, "flux": with_fluxes}
+    return random[kind](number) if kind in random else adversarial_problems.known(kind, number)
+
+
+def tried(key, folder):
+    if len(key) == 3:
+        return OfCatalogue(*key)
+    kind, number = key
+    of, rng = made(kind, number, folder), np.random.default_rng([17, number])
+    if kind in adversarial_problems.FAMILIES:
+        found = [level.solved for level in levels(of.problem, Goal(0.02, max_unknowns=MOST))]
+        return Tried(of, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in found])
+    return Tried(of, [(solved, [*pairs(solved, rng)]) for solved in solutions(of.problem, rng)])
+
+
+def solutions(problem, rng):
+    """On a uniform mesh, there with cells that are not made of edges, and on adapted ones."""
+    polygon, stop = problem.polygon, Stop()
+    H = polygon.lengths.max() / rng.integers(1, 5)
+    mesh, cells = uniform(polygon, H, rng.random())
+    found = condensed(problem, mesh, cells).solved(stop)
+    yield found
+    yield condensed(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
+    of = adapted(mesh)
+    for _ in range(ADAPTED):
+        of = refined(of, marked(of.mesh, found.shares))
+        found = after(found, problem, of).solved(stop)
+        yield found
+
+
+def uniform(polygon, H, choice):
+    """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
+    if choice < 0.4:
+        return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
+    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
+    return of.mesh, of.partition
+
+
+def pairs(solved, rng):
+    """(u_h, lambda_H), and others that do not solve the discrete problem."""
+    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.discrete.mesh
+    noise = rng.standard_normal(len(u))
+    noise *= 10.0 ** rng.uniform(-4, 1) * h1_norm(mesh, u) / h1_norm(mesh, noise)
+    inside = u.copy()
+    inside[mesh.boundary] = 0.0
+    yield u, lambda_H
+    yield u + noise, lambda_H
+    yield u, lambda_H * rng.uniform(0, 2, len(lambda_H))
+    yield u * rng.uniform(-1, 2), np.zeros_like(lambda_H)
+    yield inside, lambda_H
+
+
+@pytest.fixture(scope="module")
+def one(request, tmp_path_factory):
+    """One problem at a time, solved once for all tests of it."""
+    return tried(request.param, tmp_path_factory.mktemp("corner"))
+
+
+def of_each(problems):
+    """A test of these problems; pytest runs all tests of one before those of the next."""
+    ids = ["-".join(str(part) for part in key if part is not None) for key in problems]
+    return pytest.mark.parametrize("one", problems, indirect=True, ids=ids, scope="module")
+
+
+BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+
+
+def violations(one, bound):
+    """The trials in which a bound is too small."""
+    found = [(bound(*trial.given), trial) for trial in one.trials]
+    return [
+        (each.u, trial.error, each.lambda_, trial.of_lambda)
+        for each, trial in found
+        if not (trial.error <= each.u and trial.of_lambda <= each.lambda_)
+    ]
+
+
+@of_each(ALL)
+@BOUNDS
+def test_no_bound_is_below_a_true_error(one, bound):
+    """Whatever u_h and lambda_H are."""
+    assert one.trials
+    assert not violations(one, bound)
+
+
+@pytest.mark.parametrize(("one", "share"), [(CONTROLS[0], 0.6), (CONTROLS[1], 0.8)], indirect=["one"])
+@BOUNDS
+@pytest.mark.parametrize("name", ["u", "lambda_"])
+def test_a_bound_that_is_too_small_is_noticed(one, share, bound, name):
+    """Control: all are nearer than that to some of the errors."""
+
+    def too_small(*given):
+        right = bound(*given)
+        return replace(right, **{name: share * getattr(right, name)})
+
+    assert violations(one, too_small)
+
+
+@of_each([("neumann", 0)])
+@BOUNDS
+def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound, monkeypatch):
+    """Control: where peaks are not seen it is below errors."""
+    monkeypatch.setattr(source.Source, "squares_with", lambda self, more, of=slice(None): 0 * self.rest[of])
+    assert violations(one, bound)
+
+
+@of_each(ALL)
+def test_the_triangles_shares_add_up_to_the_squared_bound(one):
+    """At most that, for squares of sums are more; at least a sixth, by Cauchy's inequality used twice.
+
+    (a + b)^2 <= 2 (a^2 + b^2) for data and the rest, (a + b + c)^2 <= 3 (..) for the parts of the lifting.
+    """
+    for trial in one.trials:
+        bound, mesh = local_bound(*trial.given), trial.given[0].mesh
+        assert np.all(bound.shares >= 0)
+        assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= bound.u**2 * (1 + 2e-6)
+        inside = np.delete(bound.shares, layer(mesh).triangles)
+        assert inside.sum() <= bound.flux**2 + bound.residual**2 + bound.data**2
+
+
+def forces_outside(one, share=1.0):
+    """Exact forces that do not lie between the numbers that are guaranteed; the `share` is of the bound."""
+    wrong = []
+    for of in one.pressed:
+        found = forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, of.free)
+        for part, force, (least, most) in zip(of.parts, found, of.exact, strict=True):
+            if force.upper < least or force.lower > most or not force.lower <= force.value <= force.upper:
+                wrong.append((part, force, least, most))
+    return wrong
+
+
+@of_each(WITHOUT_CORNERS)
+def test_no_force_lies_outside(one):
+    """Over the whole boundary and over each side."""
+    assert not forces_outside(one)
+
+
+@of_each(CONTROLS)
+def test_a_force_outside_is_noticed(one):
+    """Control: without what the error adds, exact forces lie outside."""
+    assert forces_outside(one, share=0.0)
+
+
+def judged_search(of, accuracy, most):
+    """A search, and whether what it certifies is as accurate: by the norm of u itself, not known to it."""
+    found = search(of.problem, Goal(accuracy, max_unknowns=most))
+    solved = found.best.solved
+    error, norm = of.errors(solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)])
+    assert found.best.size <= norm * (1 + QUADRATURE)
+    assert found.certified == (found.ended == "")
+    return found.certified, error <= accuracy * norm * (1 + QUADRATURE)
+
+
+@pytest.mark.parametrize(("kind", "number"), SEARCHES)
+def test_what_is_certified_is_as_accurate_as_that(kind, number):
+    """With 1000 unknowns some of hundreds of problems are out of reach."""
+    accuracy = 10.0 ** np.random.default_rng([18, number]).uniform(-1.5, -0.3)
+    certified, accurate = judged_search(known(number), accuracy, 1000)
+    assert accurate or not certified
+    assert certified or FUZZ
+
+
+@pytest.mark.parametrize("family", ["kinks", "sides", "large"])
+def test_most_problems_are_certified_on_finer_meshes(family):
+    """To refuse everything would be easy."""
+    assert judged_search(adversarial_problems.known(family, 0), 0.05, 10_000) == (True, True)
+
+
+def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
+    """Control: by a tenth of the bound a search ends too early."""
+
+    def too_small(*given):
+        right = local_bound(*given)
+        return replace(right, u=0.1 * right.u)
+
+    monkeypatch.setattr(base, "local_bound", too_small)
+    assert judged_search(known(8), 0.1, 1000) == (True, False)
+
+
+@of_each(OF_FORMULAS)
+def test_the_quadrature_of_the_true_error(one):
+    """Pieces of half the size, which have a quarter of its error at most, change it by less."""
+    of, (solved, _) = one.of, one.solutions[0]
+    mesh, functions = solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
+    (coarse, norm), (fine, _) = (of.errors(mesh, functions, size) for size in (SIZE, SIZE / 2))
+    assert coarse == pytest.approx(fine, rel=0.75 * QUADRATURE, abs=1e-12 * norm)
+
+
+@of_each([*OF_FORMULAS, *FLUXES, *CORNERS])
+def test_the_random_solutions_solve_their_problems(one):
+    """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""
+    of = one.of
+    lengths, per_side = of.problem.polygon.lengths, 200
+    side = np.repeat(np.arange(len(lengths)), per_side)
+    s = lengths[side] * np.tile((np.arange(per_side) + 0.5) / per_side, len(lengths))
+    u, flux, gap = of.boundary(side, s)
+    size = np.abs(u).max()
+    of_u, of_flux = 1e-12 * size, 1e-9 * max(size / lengths.min(), np.abs(flux).max())
+    assert gap.min() >= -of_u
+    assert flux.min() >= -of_flux
+    assert not np.any((gap > of_u) & (flux > of_flux))
