@@ -77,6 +77,16 @@ def _squares(mesh, functions, corners, parent, value, k, c):
     return np.array(found)
 
 
+def fluxes(u, vertices):
+    """du/dn on the sides of a polygon, exact."""
+    corners = [[sympy.Rational(float(c)) for c in vertex] for vertex in vertices]
+    found = []
+    for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+        x, y = (b - a for a, b in zip(start, end, strict=True))
+        found.append((y * u.diff(X) - x * u.diff(Y)) / sympy.sqrt(x**2 + y**2))
+    return found
+
+
 class Known(NamedTuple):
     """A problem, its u, and what is narrow in it; the `doubt` is what lambda may lack of solving it."""
 

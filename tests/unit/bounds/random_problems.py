@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import case_file
-from known_solutions import Catalogued, Feature, Known
+from known_solutions import Catalogued, Feature, Known, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
 
 from unilateral.formulas.expression import ZERO
@@ -59,11 +59,7 @@ def with_fluxes(number):
     vertices, free = of.problem.polygon.vertices, of.problem.free_sides
     held = np.setdiff1d(np.arange(len(vertices)), free)
     some = rng.choice(held, rng.integers(1, len(held)) if len(held) > 1 else 0, replace=False).tolist()
-    edges = [[exact(c) for c in edge] for edge in np.roll(vertices, -1, axis=0) - vertices]
-    q = tuple(
-        plain((y * of.u.diff(X) - x * of.u.diff(Y)) / sympy.sqrt(x**2 + y**2)) if side in some else ZERO
-        for side, (x, y) in enumerate(edges)
-    )
+    q = tuple(plain(of_u) if i in some else ZERO for i, of_u in enumerate(fluxes(of.u, vertices)))
     return of._replace(problem=replace(of.problem, free_sides=tuple(sorted([*free, *some])), q=q))
 
 

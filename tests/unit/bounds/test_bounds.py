@@ -15,7 +15,6 @@ from hand_made import (
     u_of,
 )
 from known_solutions import Feature
-from test_dual import POLYGONS
 
 from unilateral.bounds import feasible, local_bounds, sharp_bounds
 from unilateral.bounds.local_bounds import local_bound
@@ -63,17 +62,18 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
         assert all(each.lambda_ <= 2.5 * of.upper for each, of in found)
 
 
-CENTRES = {
-    "square": (0.45, 0.55),
-    "lshape": (-0.45, 0.55),
-    "30-60-90": (1.2, 0.3),
-    "10 degrees": (0.7, 0.06),
-    "re-entrant": (0.7, 0.2),
+TEN_DEGREES = np.radians(10)
+SEEN = {
+    "square": (square().vertices, 0.45, 0.55),
+    "lshape": (named("lshape").vertices, -0.45, 0.55),
+    "30-60-90": ([[0, 0], [np.sqrt(3), 0], [np.sqrt(3), 1]], 1.2, 0.3),
+    "10 degrees": ([[0, 0], [1, 0], [np.cos(TEN_DEGREES), np.sin(TEN_DEGREES)]], 0.7, 0.06),
+    "re-entrant": ([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]], 0.7, 0.2),
 }
-"""Points that see all of the polygon, so that du/dn > 0 for u = |x - c|^2 / 2."""
+"""Polygons, and points c that see all of each, so that du/dn > 0 for u = |x - c|^2 / 2."""
 
 
-@pytest.mark.parametrize("name", POLYGONS)
+@pytest.mark.parametrize("name", SEEN)
 @pytest.mark.parametrize("shift", [0.0, 0.37])
 def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     """Full contact with a g that is not quadratic, triangles of all shapes.
@@ -81,7 +81,8 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     lambda_H jumps inside edges. There the flux has not its moments, and the patches do not fit: valid all the
     same, and less sharp.
     """
-    polygon, (a, b) = POLYGONS[name], CENTRES[name]
+    vertices, a, b = SEEN[name]
+    polygon = Polygon(np.array(vertices), name)
     x, y = f"(x - {a})", f"(y - {b})"
     problem = Manufactured(polygon, f"({x}**2 + {y}**2)/2 + {x}**3/200 + {y}**4/200 + 0.03*{x}*{y}")
     mesh, cells = meshes.unstructured(polygon, 0.11), partitions.shifted(polygon, 0.27, shift)

@@ -1,18 +1,23 @@
-"""Pieces of triangles with coordinates that cancel: f is known at the places, not at the rounded ones."""
+"""Pieces of triangles, cut at jumps: f is known at the places, not at the rounded ones, and on slivers."""
 
 from fractions import Fraction
+from itertools import pairwise
 from math import comb, factorial
 
 import numpy as np
-from test_source import Source
+import pytest
+from scipy.integrate import quad
+from sources import Source
 
 from unilateral.bounds import source_pieces
+from unilateral.bounds.source import enclosed
 from unilateral.bounds.source_pieces import ORDER, hat_means
 from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import Model, basis
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.curves import Kink
-from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.curves import Kink, area_in_disc
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
 
 K = 40
 
@@ -105,3 +110,85 @@ def test_two_jumps_that_are_wrong_at_once():
     norms, areas = np.sqrt(squares * found.area), found.area
     assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))
+
+
+def test_areas_in_a_disc():
+    """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
+    rng = np.random.default_rng(1)
+    vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))
+    found = area_in_disc(vertices, 0.8)
+    u = rng.random((250_000, 2))
+    u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
+    for triangle, area in zip(vertices, found, strict=True):
+        edges = triangle[1:] - triangle[0]
+        points = triangle[0] + u @ edges
+        whole = 0.5 * abs(np.linalg.det(edges))
+        assert area == pytest.approx(whole * np.mean(np.hypot(*points.T) < 0.8), abs=4e-3 * whole + 1e-12)
+    shape = np.array([[[-1, -1], [1, -1], [0, 1.0]]])
+    assert area_in_disc(10 * shape, 0.8) == pytest.approx(np.pi * 0.64, rel=1e-13)
+    assert area_in_disc(0.1 * shape, 0.8) == pytest.approx(0.02, rel=1e-13)
+
+
+@pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
+def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
+    """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
+    mesh = structured(square(), 1 / 64)
+    corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
+    pieces, owner = source_pieces.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
+    shares = np.abs(np.linalg.det(pieces))
+    np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
+    assert len(pieces) > len(corners)
+    vertices = pieces @ mesh.points[mesh.triangles[owner]]
+    level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
+    near = 2 / 64**2 / (4 * kink.radius) if kink.radius else 1e-14
+    assert np.all((level.min(axis=1) > -near) | (level.max(axis=1) < near))
+
+
+def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
+    """The integral by a strip quadrature to 12 digits; the same with the step written the other way."""
+    corners = np.array([[1023 / 1024, -1 / 16], [1 + 2 / 1024, 0], [1023 / 1024, 1 / 16]])
+    assert np.hypot(*corners.mean(axis=0)) == 1
+    mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
+    for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
+        found = enclosed(mesh, Source(text))
+        assert found.moments.sum() == pytest.approx(0.000125569401688, abs=1e-13)
+
+
+def test_pieces_count_for_the_gaps_between_them():
+    """Corners at 1e6 are rounded by 1e-10, a tenth of what a piece of 1e-9 is wide."""
+    corners = 1e6 + 1e-9 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    mesh = meshes.from_arrays(
+        Polygon(1e6 * square().vertices, "large"), 1e6 * square().vertices, [[0, 1, 2], [0, 2, 3]]
+    )
+    inside = (corners - 1e6) / 1e6
+    bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
+    pieces = source_pieces.on_block(mesh, bary[None], np.array([0]), Source("x"))
+    assert pieces.outer[0] > 1.2 * pieces.area[0]
+
+
+SLOPE = 50
+CORNERS = np.array([[0.98, -0.03], [1.02, -0.02], [0.99, 0.05]])
+
+
+def in_the_disc(y):
+    """The integral of 1 + SLOPE x along y in the triangle with CORNERS and the unit disc."""
+    ends = []
+    for a, b in zip(CORNERS, np.roll(CORNERS, -1, axis=0), strict=True):
+        t = (y - a[1]) / (b[1] - a[1])
+        if 0 <= t <= 1:
+            ends.append(a[0] + t * (b[0] - a[0]))
+    low, high = min(ends), min(max(ends), np.sqrt(1 - y**2))
+    return (high - low) + SLOPE / 2 * (high**2 - low**2) if high > low else 0.0
+
+
+def test_slivers_between_chords_and_a_circle_count_in_the_integral():
+    """Of f = 1 + 50 x in a disc, 0 outside, on a triangle that the circle cuts, by strips.
+
+    The jump is not constant along the circle, so that the slivers' share is known up to its variation only.
+    """
+    mesh = meshes.from_arrays(Polygon(CORNERS, "triangle"), CORNERS, [[0, 1, 2]])
+    found = enclosed(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
+    cuts = np.linspace(-0.03, 0.05, 401)
+    exact = sum(quad(in_the_disc, a, b, epsabs=1e-16)[0] for a, b in pairwise(cuts))
+    away = abs(exact - found.moments.sum())
+    assert 1e-12 < away <= found.rest[0] * np.sqrt(mesh.areas[0])

@@ -9,7 +9,7 @@ from math import factorial
 import numpy as np
 import pytest
 from nested import alone, at_random, graded
-from test_source import FORMULAS, Source
+from sources import FORMULAS, Counted, Source
 
 from unilateral.bounds import source_ancestors as wholes
 from unilateral.bounds.source import enclosed
@@ -44,16 +44,6 @@ MESHES = {
 }
 NEAR = [name for name in MESHES if "far" not in name]
 SMOOTH = "x*y*sin(3*x) - 1"
-
-
-class Counted(Source):
-    """f from a formula, which counts the pieces on which it is looked at."""
-
-    pieces = 0
-
-    def source_model(self, x, y, steps):
-        self.pieces += len(x.rad)
-        return super().source_model(x, y, steps)
 
 
 @cache
