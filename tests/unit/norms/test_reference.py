@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import skfem
+from boundary_norms import CELLS
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from skfem.helpers import div, dot
@@ -19,14 +20,6 @@ from unilateral.norms import grading, reference
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.grading import boundary_nodes
 from unilateral.norms.reference import Factor, reference_spaces
-
-DART = Polygon(np.array([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]]), "dart")
-CELLS = {
-    "square": partitions.uniform(square(), 1 / 12),
-    "shifted": partitions.shifted(square(), 1 / 4, 0.3),
-    "lshape": partitions.uniform(named("lshape"), 1 / 2),
-    "dart": partitions.uniform(DART, 0.7),
-}
 
 
 @cache
