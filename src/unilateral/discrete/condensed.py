@@ -26,7 +26,7 @@ from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.algebraic_bound import certified
-from unilateral.solvers.iterate import iterate, joined
+from unilateral.solvers.iterate import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
 
@@ -108,7 +108,7 @@ class CondensedProblem(DiscreteProblem):
         less = wanted - ROOM * solution.result.rounding
         if result.converged and solution.result.bound > wanted and less > 0:
             more = iterate(operator, self.offset, less, stop, result.lambda_H)
-            solution = self.solution(joined(result, more), wanted)
+            solution = self.solution(more.after(result), wanted)
         if result.converged:
             warn_unless_converged(solution.result, wanted)
         return solution
@@ -116,7 +116,7 @@ class CondensedProblem(DiscreteProblem):
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
         more = self.iterated(tolerance, stop, solution.result.lambda_H)
-        return replace(more, result=joined(solution.result, more.result))
+        return replace(more, result=more.result.after(solution.result))
 
     def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
         """The solution for the lambda_H that was found; its bound now includes the rounding on the way."""

@@ -26,8 +26,8 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import joined
 from unilateral.solvers.multigrid import IN_L2, Found, Multigrid, multigrid
+from unilateral.solvers.multigrid_bounds import dual_norm_below
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -93,11 +93,11 @@ class MultilevelProblem(DiscreteProblem):
         """The solution, iterated on to a smaller tolerance."""
         start, in_L2 = (solution.u_h, solution.result.lambda_H > 0), IN_L2 * tolerance / stop.fraction
         more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
-        return replace(more, result=joined(solution.result, more.result))
+        return replace(more, result=more.result.after(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
-        return self.grids.dual_norm_below(lambda_H)
+        return dual_norm_below(self.grids.grids, lambda_H)
 
     def _solution(self, found: Found) -> DiscreteSolution:
         lambda_H = np.zeros(self.partition.n_cells)
