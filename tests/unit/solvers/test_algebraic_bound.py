@@ -23,6 +23,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.solvers.algebraic_bound import certified
+from unilateral.solvers.multigrid_bounds import algebraic_bound
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 
@@ -190,7 +191,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
     def bound() -> float:
         if isinstance(discrete, CondensedProblem):
             return discrete.solution(found.result, 0.0).result.bound
-        return discrete.grids.bound(found.u_h, found.result.lambda_H)
+        return algebraic_bound(discrete.grids.finest, found.u_h, found.result.lambda_H)
 
     before = bound()
     monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
