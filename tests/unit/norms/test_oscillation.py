@@ -108,7 +108,7 @@ def best_of_traces(name):
 def test_a_triangle_s_constants_are_never_below_the_best(name):
     """And at most 4 times the best, so that what oscillates is at most doubled."""
     mesh, best = triangle(name), best_of_traces(name)
-    taken = trace_constants(mesh, mesh.boundary_triangles) / 3
+    taken = trace_constants(mesh) / 3
     assert np.all(best <= taken)
     assert np.all(taken <= 4 * best)
 
@@ -125,7 +125,7 @@ def test_payne_and_weinberger_alone_would_be_too_small():
 def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
     mesh = structured(square(), 1.0)
-    found = trace_constants(mesh, mesh.boundary_triangles)
+    found = trace_constants(mesh)
     np.testing.assert_allclose(found, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
 
 
@@ -134,7 +134,7 @@ def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
 def test_the_constant_for_values_on_an_edge(name, size):
     """Control: a third of it is too small on small triangles, where the best v is 1, with |e|/|T|."""
     mesh = triangle(name, size)
-    taken = value_constants(mesh, mesh.boundary_triangles) / 3
+    taken = value_constants(mesh) / 3
     best = best_constants(mesh.polygon.vertices, mean_free=False, refinements=3)
     assert np.all(best <= taken)
     assert size > 0.01 or np.all(taken / 3 < best)
@@ -191,13 +191,13 @@ def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
     squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
     q, used = sqrt(1 + (2 * pi * waves * n) ** 2), has_square(mesh)
     true = sqrt(1 / (2 * q * tanh(q)))
-    assert oscillation_bound(mesh, mesh.boundary_triangles, squares, constant)[0] >= true
+    assert oscillation_bound(mesh, squares, constant)[0] >= true
     squares, share = squares * used[:, None], true * sqrt(used[:n].mean())
-    of_squares = oscillation_bound(mesh, mesh.boundary_triangles, squares, constant)[0]
+    of_squares = oscillation_bound(mesh, squares, constant)[0]
     assert of_squares == pytest.approx(share, rel=of_1)
     assert used[:n].any()
     if waves < 1:
-        assert oscillation_bound(mesh, mesh.boundary_triangles, squares)[0] < 0.75 * share
+        assert oscillation_bound(mesh, squares)[0] < 0.75 * share
 
 
 @pytest.mark.parametrize("n", [1, 4, 16])
@@ -216,7 +216,7 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
     if n == 1:
         assert (on_all_edges, true) == (pytest.approx(0.3183, abs=5e-5), pytest.approx(0.4155, abs=5e-5))
     assert on_all_edges < true
-    assert oscillation_bound(mesh, mesh.boundary_triangles, squared_norms)[0] ** 2 >= true
+    assert oscillation_bound(mesh, squared_norms)[0] ** 2 >= true
 
 
 @pytest.mark.parametrize("name", POLYGONS)
@@ -243,7 +243,7 @@ def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatc
     found = norm.of_p0(mu, other)
     assert found.lower <= above
     assert below <= found.upper
-    monkeypatch.setattr(functionals, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
+    monkeypatch.setattr(functionals, "oscillation_bound", lambda _, squares: np.zeros(squares.shape[1]))
     assert norm.of_p0(mu, other).upper < 0.9 * below
 
 
