@@ -45,9 +45,9 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import multilevel  # and with it PyAMG
 
-        found = multilevel(problem, mesh, partition)
-        if found:
-            return found
+        on_levels = multilevel(problem, mesh, partition)
+        if on_levels:
+            return on_levels
         if stop.algorithm == "multigrid":
             raise InputError(
                 f"multigrid needs a mesh of '{problem.polygon.name}' made by refinement, with nodes at the "

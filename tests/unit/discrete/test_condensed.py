@@ -32,21 +32,19 @@ def solved(name, n=16, m=8):
     return solve(discrete(name, n, m))
 
 
-@on_every_case
-def test_h1_error_is_the_distance(name):
+ON_POLYGONS = [(name, "square") for name in NAMES]
+ON_POLYGONS += [(name, "lshape") for name in ("full_contact", "no_contact", "smooth", "thirds")]
+
+
+@pytest.mark.parametrize(("name", "polygon"), ON_POLYGONS)
+def test_h1_error_is_the_distance(name, polygon):
     """The identities against quadrature of u - u_h itself."""
-    problem, solution = discrete(name, 16, 8).exact.ritz, solved(name)
-    distance = h1_distance(problem.case, problem.condensed.mesh, solution.u_h)
-    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8, abs=1e-10 * problem.u_norm)
-    assert not math.isclose(solution.errors.h1, problem.ritz_error + 0.01 * distance, rel_tol=1e-8)
-
-
-@pytest.mark.parametrize("name", ["full_contact", "no_contact", "smooth", "thirds"])
-def test_h1_error_on_the_lshape(name):
-    made = discrete(name, 8, 4, "lshape")
-    solution = solve(made)
-    distance = h1_distance(made.exact.ritz.case, made.exact.ritz.condensed.mesh, solution.u_h)
-    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8)
+    n = {"square": 16, "lshape": 8}[polygon]
+    made = discrete(name, n, n // 2, polygon)
+    ritz, solution = made.exact.ritz, solve(made)
+    distance = h1_distance(ritz.case, made.mesh, solution.u_h)
+    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8, abs=1e-10 * ritz.u_norm)
+    assert not math.isclose(solution.errors.h1, ritz.ritz_error + 0.01 * distance, rel_tol=1e-8)
 
 
 def split_defect(made, solution, sign=1.0):
@@ -188,7 +186,7 @@ def test_auto_accelerates_where_too_many_steps_are_predicted():
     fast = solve(discrete("natural", 16, 8), Stop(max_steps=int(plain.result.iterations) // 2))
     assert fast.result.algorithm == "nesterov"
     assert fast.result.converged
-    assert fast.result.iterations < plain.result.iterations / 2
+    assert fast.result.iterations < plain.result.iterations / 3
     assert fast.errors.h1 == pytest.approx(plain.errors.h1, rel=1e-3)
 
 
@@ -210,6 +208,17 @@ def test_what_cannot_be_done_is_refused(stop, message):
     """At H = h, where beta is 0."""
     with pytest.raises(InputError, match=message):
         solve(discrete("natural", 16, 16), Stop(**stop))
+
+
+@pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov", "uzawa"])
+def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm):
+    """The bound is guaranteed, so 1e-9 of it separates any two of them by no more than 2e-9 in the energy."""
+    made = discrete("natural", 16, 8)
+    expected, found = (
+        solve(made, Stop(tolerance=1e-9, algorithm=name)).result for name in ("active_set", algorithm)
+    )
+    assert found.algorithm == algorithm
+    assert np.linalg.norm(made.spaces.operator.half @ (found.lambda_H - expected.lambda_H)) <= 2e-9
 
 
 def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():

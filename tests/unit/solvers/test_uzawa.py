@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from conftest import condensed, coupled
+from conftest import condensed
 from offsets import OFFSETS, distance, exact, full_contact, middles, operator, partial_contact
 
 from unilateral.errors import InputError
-from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
@@ -84,33 +84,6 @@ def test_iterates_are_the_papers():
         result = uzawa(of, offset, 0.0, rho=rho, max_steps=3)
     np.testing.assert_allclose(result.lambda_H, mu, rtol=1e-11, atol=1e-13)
     assert mu.any()
-
-
-def signorini_violation(sign):
-    """Largest violation of the discrete conditions by u = A^{-1}(f + sign B^T lambda_H), and of the balance.
-
-    The balance is int u_h - int f = int lambda_H (v = 1 in (5.1)).
-    """
-    spaces = coupled("square", 16, 8)
-    mesh, partition, B = spaces.condensed.mesh, spaces.partition, spaces.B
-    M = stiffness_and_mass(mesh)[1]
-    f = M @ np.cos(5 * mesh.points[:, 0])
-    g = np.sin(middles(spaces.operator))
-    base = spaces.condensed.solve(f)
-    offset = B @ base[mesh.boundary] / partition.lengths - g
-    lambda_H = uzawa(spaces.operator, offset, 1e-12).lambda_H
-    load = f.copy()
-    load[mesh.boundary] += sign * B.T @ lambda_H
-    u = spaces.condensed.solve(load)
-    gap = B @ u[mesh.boundary] / partition.lengths - g
-    balance = (M @ u).sum() - f.sum() - partition.lengths @ lambda_H
-    return max(-gap.min(), abs(gap * lambda_H).max(), -lambda_H.min(), abs(balance))
-
-
-def test_solution_on_all_nodes_satisfies_the_discrete_signorini_conditions():
-    """1e-10: the solve's 1e-12 over the root of a cell's length and of lambda_min(S). Control: B's sign."""
-    assert signorini_violation(1) < 1e-10
-    assert signorini_violation(-1) > 1e-2
 
 
 def test_largest_eigenvalue_stays_below_and_tends_to_the_steklov_bound():
@@ -290,14 +263,6 @@ def test_singular_operator_falls_back_to_the_energy_bound():
     assert result.bound == pytest.approx(energy_bound(of, offset, result.lambda_H), rel=1e-9)
     assert uzawa(of, offset, 2 * result.bound).converged
     assert uzawa(of, np.abs(offset), 1e-12).bound == 0
-
-
-def test_acceleration_saves_steps():
-    """Plain: condition number of S steps per digit, accelerated: its root; here about 480 against 22."""
-    of = operator(32, 2)
-    offset = partial_contact(of)
-    plain, fast = (uzawa(of, offset, 1e-8, method=method).iterations for method in ("uzawa", "nesterov"))
-    assert fast < plain / 3
 
 
 def test_operator_applications_count_steps_and_bounds():
