@@ -149,23 +149,13 @@ def in_squares(mesh, points):
     return (along > 1e-9) & (along < 1 - 1e-9) & (into > 1e-9) & (into < 1 - 1e-9)
 
 
-def in_polygon(polygon, points):
-    """(k,) whether a ray to the right crosses the boundary an odd number of times."""
-    x, y = points.T[:, :, None]
-    a, b = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
-    crosses = (a[:, 1] > y) != (b[:, 1] > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    return np.sum(crosses & (x < at), axis=1) % 2 == 1
-
-
 def squares_fit(mesh, used):
     """Whether 100 random points of every square that is used lie in Omega and in no other such square."""
     rng, edge = np.random.default_rng(0), np.repeat(np.flatnonzero(used), 100)
     along, into = rng.uniform(0.01, 0.99, (2, len(edge), 1)) * np.diff(mesh.s)[edge, None]
     polygon, side = mesh.polygon, mesh.side[edge]
     points = mesh.points[mesh.boundary[edge]] + along * polygon.tangents[side] - into * polygon.normals[side]
-    return np.all(in_polygon(polygon, points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
+    return np.all(polygon.contains(points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -66,15 +66,6 @@ def test_the_bound_takes_one_product_with_D_for_u_and_one_for_its_energy(ratio, 
     assert active_set(of, OFFSETS["partial contact"](of), 1e-5).operator_applications == applications
 
 
-@pytest.mark.parametrize("size", [1e-12, 1e12])
-def test_the_solution_scales_with_the_data(size):
-    of = operator(8, 2)
-    offset = OFFSETS["rough"](of)
-    expected = size * active_set(of, offset, 1e-6).lambda_H
-    found = active_set(of, size * offset, 1e-6 * size).lambda_H
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * size)
-
-
 def test_a_solver_that_gives_up_is_reported(monkeypatch):
     def give_up(*_, **__):
         raise RuntimeError("Maximum number of iterations reached.")
