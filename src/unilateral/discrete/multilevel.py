@@ -26,7 +26,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.multigrid import IN_L2, Found, Multigrid, multigrid
+from unilateral.solvers.multigrid import IN_L2, Multigrid, MultigridResult, multigrid
 from unilateral.solvers.multigrid_bounds import dual_norm_below
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
@@ -96,14 +96,13 @@ class MultilevelProblem(DiscreteProblem):
     def lambda_norm(self, lambda_H: Array) -> float:
         return dual_norm_below(self.grids.grids, lambda_H)
 
-    def _solution(self, found: Found) -> DiscreteSolution:
+    def _solution(self, of: MultigridResult) -> DiscreteSolution:
         lambda_H = np.zeros(self.partition.n_cells)
-        lambda_H[self.cells] = found.lambda_H
-        finest = found.counts[-1][0]
-        steps = sum(count for level, count in found.counts if level == finest)
-        bound, rho = found.bound, math.nan
-        result = DualResult(found.lambda_H, steps, steps, bound, found.converged, rho, "multigrid")
-        return DiscreteSolution(self, result, found.tolerance, lambda_H, found.u)
+        lambda_H[self.cells] = of.lambda_H
+        finest = of.counts[-1][0]
+        steps = sum(count for level, count in of.counts if level == finest)
+        result = DualResult(of.lambda_H, steps, steps, of.bound, of.converged, math.nan, "multigrid")
+        return DiscreteSolution(self, result, of.tolerance, lambda_H, of.u)
 
 
 def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:

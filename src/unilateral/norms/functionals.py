@@ -43,8 +43,8 @@ def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu
     """
     rule, cell = _rule(spaces, partition, case)
     flux = case.boundary(rule.side, rule.s, rule.near)[1]
-    found = _of_values(spaces, rule, flux[:, None] - values_on(partition, rule, cell, mu_H))
-    return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
+    seen = _of_values(spaces, rule, flux[:, None] - values_on(partition, rule, cell, mu_H))
+    return seen if case.flux_in_L2 else seen._replace(oscillation=np.full(len(mu_H), math.nan))
 
 
 def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:

@@ -57,7 +57,7 @@ MOST_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class MultigridResult:
     """u (n,), lambda_H (m,) and which cells are `active` (m,).
 
     `bound` is a guaranteed bound on ||u - u_h||_1 and on ||lambda_H - exact||_{-1/2,h}. `counts` has the
@@ -95,7 +95,7 @@ class Multigrid:
         start: tuple[Array, Mask] | None = None,
         fraction: float = 0.01,
         in_L2: float = math.inf,
-    ) -> Found:
+    ) -> MultigridResult:
         """(u_h, lambda_H) with a bound of at most `tolerance` and a residual of at most `in_L2`.
 
         The iteration begins at a `start`, u (n,) and the active cells (m,), or with 0 on the coarsest level.
@@ -108,7 +108,9 @@ class Multigrid:
         run = settled(self.finest, u, active, ends, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
         bound = algebraic_bound(self.finest, u, lambda_H) if ends.bound is None else ends.bound
-        return Found(u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0)
+        return MultigridResult(
+            u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0
+        )
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""

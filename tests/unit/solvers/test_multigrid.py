@@ -30,7 +30,7 @@ from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.solvers import truncated_cycle
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.multigrid import Found, Multigrid, multigrid
+from unilateral.solvers.multigrid import Multigrid, MultigridResult, multigrid
 from unilateral.solvers.multigrid_bounds import algebraic_bound, feasible
 
 Array = np.ndarray
@@ -305,7 +305,7 @@ def test_it_ends_by_the_tolerance_and_the_bound_is_not_much_too_large(number: in
     assert math.sqrt(found.rz) <= of_both.norm(found.u - of_both.exact[0]) + 1e-12
 
 
-def on_squares(n: int, zones: float) -> Found:
+def on_squares(n: int, zones: float) -> MultigridResult:
     """With h = 1/n and an obstacle on the lower side only; the same for all n."""
     mesh, partition = uniform(coarse("square 4"), int(math.log2(n // 4)), 2)
     t = (partition.points[1:] + partition.points[:-1]) / 2
@@ -313,7 +313,7 @@ def on_squares(n: int, zones: float) -> Found:
     return on_levels(mesh, partition, g).solve(1e-8)
 
 
-def iterations(found: Found) -> int:
+def iterations(found: MultigridResult) -> int:
     """On the finest level, in all steps."""
     finest = found.counts[-1][0]
     return sum(count for level, count in found.counts if level == finest)
@@ -329,7 +329,7 @@ def test_iterations_do_not_grow_with_the_mesh() -> None:
 
 
 @cache
-def deep(times: int) -> Found:
+def deep(times: int) -> MultigridResult:
     """On the L-shape, refined so often at its corner of 270 degrees, down to 2^-times of the first edges."""
     mesh, partition = adapted_to(coarse("lshape 4"), 2, times)
     return on_levels(mesh, partition, waves(partition, 3)).solve(1e-8)
