@@ -13,8 +13,6 @@ from unilateral.bounds.source import enclosed
 from unilateral.discrete import base, choice
 from unilateral.discrete.condensed import CondensedProblem, discretise
 from unilateral.discrete.multilevel import MultilevelProblem, after, multilevel, refinements
-from unilateral.fem.hierarchy import hierarchy
-from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import h1_norm, load
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.adapted import adapted, refined
@@ -301,12 +299,6 @@ def test_more_than_the_memory_is_refused_before_it_is_taken(monkeypatch):
         ul.InputError, match="289 unknowns, 64 of them on the boundary, take about 2 MB without"
     ):
         ul.solve(ul.case("natural"), H=1 / 8, mesh=structured(square(), 1 / 16))
-
-
-def test_cells_follow_a_refined_mesh_of_gmsh():
-    mesh, cells = meshes.following(uniform(named("lshape"), 1 / 3), 3, 2)
-    assert cells.n_cells * 3 == len(mesh.boundary)
-    assert nested_cells(hierarchy(mesh), cells) is not None
 
 
 def test_most_of_the_total_bound_is_not_algebraic():
