@@ -94,16 +94,15 @@ def waves(partition: Partition, zones: float) -> Array:
     return 0.4 * np.sin(2 * np.pi * zones * t + 0.3) - 0.5
 
 
-def wide(level_s: Array, polygon: Polygon, seed: int) -> Partition:
+def wide(mesh: Mesh) -> Partition:
     """Cells of two to five edges, at random; each side ends with what is left."""
-    rng = np.random.default_rng(seed)
-    chosen = [0]
-    corners = np.searchsorted(level_s, polygon.starts)
+    rng, chosen = np.random.default_rng(0), [0]
+    corners = np.searchsorted(mesh.s, mesh.polygon.starts)
     for last in corners[1:].tolist():
         while last - chosen[-1] > 5:
             chosen.append(chosen[-1] + int(rng.integers(2, min(5, last - chosen[-1] - 2) + 1)))
         chosen.append(last)
-    return Partition(polygon, level_s[chosen])
+    return Partition(mesh.polygon, mesh.s[chosen])
 
 
 def random_polygon(seed: int) -> Polygon:
@@ -130,7 +129,7 @@ def coarse(name: str, edges: int = 3) -> Mesh:
 def uniform(first: Mesh, refinements: int, edges: int) -> Pair:
     """On cells of that many edges, of two to five for 0."""
     mesh = meshes.refine(alone(first), refinements)
-    return mesh, Partition(mesh.polygon, mesh.s[::edges].copy()) if edges else wide(mesh.s, mesh.polygon, 0)
+    return mesh, Partition(mesh.polygon, mesh.s[::edges].copy()) if edges else wide(mesh)
 
 
 def adapted_to(first: Mesh, corner: int, times: int, share: float = 1.0) -> Pair:
@@ -171,7 +170,6 @@ ADAPTED = [
 ]
 """A coarse mesh, a corner, refinements there, waves of the obstacle, free sides, the part that is refined."""
 N_UNIFORM = len(UNIFORM)
-every_problem = pytest.mark.parametrize("number", range(N_UNIFORM + len(ADAPTED)))
 
 
 @cache
@@ -186,7 +184,7 @@ def problem(number: int) -> Both:
     return both(mesh, cells, waves(cells, zones), free)
 
 
-@every_problem
+@pytest.mark.parametrize("number", range(N_UNIFORM + len(ADAPTED)))
 def test_it_finds_the_solution_of_the_condensed_problem(number: int) -> None:
     """And Ritz values lie between 0 and 1.
 
