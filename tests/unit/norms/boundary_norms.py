@@ -9,7 +9,7 @@ import numpy as np
 import skfem
 from conftest import coupled
 from scipy.sparse.linalg import splu
-from skfem.models.poisson import laplace, mass
+from skfem.models.poisson import laplace, mass, unit_load
 
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -130,13 +130,10 @@ def p2_gram(cells, n):
     if on_lshape:
         x, y = mesh.p[:, mesh.t].mean(axis=1)
         mesh = mesh.remove_elements(np.flatnonzero((x > 0) & (y < 0)))
-    basis, on_boundary = skfem.Basis(mesh, P2), skfem.FacetBasis(mesh, P2, intorder=4)
-
-    @skfem.LinearForm
-    def pairing(v, w):
-        return (cell_at(cells, w.x.reshape(2, -1).T) == w.i).reshape(w.x[0].shape) * v
-
-    loads = np.stack([pairing.assemble(on_boundary, i=i) for i in range(cells.n_cells)])
+    basis, boundary = skfem.Basis(mesh, P2), mesh.boundary_facets()
+    cell = cell_at(cells, mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T)
+    of_cells = [skfem.FacetBasis(mesh, P2, facets=boundary[cell == i]) for i in range(cells.n_cells)]
+    loads = np.stack([unit_load.assemble(of_cell) for of_cell in of_cells])
     A = laplace.assemble(basis) + mass.assemble(basis)
     return loads @ splu(A.tocsc()).solve(loads.T)
 
