@@ -31,8 +31,8 @@ from unilateral.discrete.condensed import obstacle_means
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import h1_matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh, conforming, refine

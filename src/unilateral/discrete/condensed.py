@@ -14,8 +14,7 @@ from unilateral.bounds.given_flux import given
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense
-from unilateral.fem.loads import sampled_edge_load, sampled_moments
-from unilateral.fem.p1 import edge_load, h1_norm
+from unilateral.fem.p1 import edge_load, h1_norm, sampled_edge_load, sampled_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.rounded import Rounded, dual_norm, loaded, means, residual

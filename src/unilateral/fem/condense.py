@@ -16,8 +16,8 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import h1_matrix
+from unilateral.fem.linear_systems import Sparse, dissected, last_block
 from unilateral.fem.macro_elements import Recursive
-from unilateral.fem.nested_dissection import Sparse, dissected, last_block
 from unilateral.fem.p1 import boundary_mass, lumped_mass, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 

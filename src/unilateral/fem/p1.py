@@ -1,16 +1,29 @@
-"""P1 matrices and loads, the paper's (u, v)_1 and (f, v)_0 on V_h, and the pairing <mu_H, v_h>."""
+"""P1: matrices, loads and norms, the paper's (u, v)_1 and (f, v)_0 on V_h, and the pairing <mu_H, v_h>."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.errors import InputError
+from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
+    from unilateral.problems.sampled import Sampled
+
+SAMPLED = 8
+"""The degree of the rule on triangles for an f that is known in points only."""
+
+PART = 1 << 16
+"""This many triangles are treated together: such a part of a mesh takes some 10 MB."""
 
 
 def gradients(mesh: Mesh) -> Array:
@@ -33,10 +46,47 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     return _assemble(mesh, stiffness), _assemble(mesh, mass)
 
 
+def _assemble(mesh: Mesh, entries: Array) -> sp.csr_array:
+    rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
+    columns = np.tile(mesh.triangles, (1, 3)).ravel()
+    n = len(mesh.points)
+    return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()
+
+
 def load(mesh: Mesh, moments: Array) -> Array:
     """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
     values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
     return values.astype(float)
+
+
+def parts(mesh: Mesh) -> Iterator[Mesh]:
+    """The mesh in blocks, each with all nodes and some of the triangles."""
+    for of in blocks(len(mesh.triangles), PART):
+        yield mesh.part(np.arange(of.start, of.stop))
+
+
+def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
+    """(n,) values of (f, phi_i), from the moments (m, 3) on each part, in little memory."""
+    found = np.zeros(mesh.n_nodes)
+    for part in parts(mesh):
+        np.add.at(found, part.triangles, moments(part))
+    return found
+
+
+def case_moments(case: Case, mesh: Mesh) -> Array:
+    """(m, 3) the moments of a case's f, by a quadrature that sees the case's singular points and kinks."""
+    found = np.zeros((len(mesh.triangles), 3))
+    for rule in triangle_rules(mesh, case):
+        f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
+        np.add.at(found, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
+    return found
+
+
+def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
+    """(m, 3) the moments of a sampled f, by a rule whose error nobody knows."""
+    hats, weights = symmetric(SAMPLED)
+    f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
+    return mesh.areas[:, None] * ((f * weights) @ hats)
 
 
 def lumped_mass(mesh: Mesh) -> Array:
@@ -63,6 +113,14 @@ def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array
     )
     ends = np.column_stack([2 * first - second, 2 * second - first])
     return np.asarray(2 * ends / np.diff(mesh.s)[:, None])
+
+
+def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
+    """(n,) the load of the given flux, by a Gauss rule on every edge."""
+    rule = boundary_rule(problem.polygon, mesh.s)
+    x = (problem.polygon.starts[rule.side] + rule.s - mesh.s[rule.interval]) / np.diff(mesh.s)[rule.interval]
+    points = (each[:, None] for each in (x, rule.weight, problem.flux(rule.side, rule.s)))
+    return edge_load(mesh, linear_parts(mesh, rule.interval, *points))
 
 
 def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
@@ -116,10 +174,3 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
         square += float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
         square += float(mesh.areas[of] @ of_value)
     return unit * math.sqrt(square)
-
-
-def _assemble(mesh: Mesh, entries: Array) -> sp.csr_array:
-    rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
-    columns = np.tile(mesh.triangles, (1, 3)).ravel()
-    n = len(mesh.points)
-    return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from unilateral.errors import InputError
 from unilateral.fem.condense import check_constants, condense
-from unilateral.fem.nested_dissection import dissected, elimination_order, factorise, last_block
+from unilateral.fem.linear_systems import dissected, elimination_order, factorise, last_block
 from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import STEKLOV_GUARD, DualOperator, dual_operator
 from unilateral.geometry import mesh as meshes

@@ -5,7 +5,8 @@ import pytest
 import skfem
 from skfem.models.poisson import laplace, mass
 
-from unilateral.fem.p1 import gradients, h1_load, h1_norm, load, stiffness_and_mass
+from unilateral.fem import p1
+from unilateral.fem.p1 import by_parts, gradients, h1_load, h1_norm, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
@@ -107,3 +108,17 @@ def test_the_norm_of_numbers_whose_squares_vanish_or_overflow(mesh, scale):
     assert h1_norm(mesh, 0 * u) == 0
     assert np.isnan(h1_norm(mesh, np.nan * u))
     assert h1_norm(mesh, np.append(u[1:], np.inf)) == np.inf
+
+
+def test_loads_by_parts_are_those_of_the_mesh(mesh, monkeypatch):
+    """Of an f that is linear on each triangle, but for rounding of no interest here."""
+
+    def moments(part):
+        return part.areas[:, None] * np.exp(part.points[part.triangles].sum(axis=2))
+
+    monkeypatch.setattr(p1, "PART", 5)
+    parts = list(p1.parts(mesh))
+    assert len(parts) > 1
+    assert sum(len(part.triangles) for part in parts) == len(mesh.triangles)
+    np.testing.assert_allclose(by_parts(mesh, moments), load(mesh, moments(mesh)), atol=1e-15)
+    assert abs(sum(part.areas.sum() for part in parts[1:]) - mesh.polygon.area) > 1e-3

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition
+from unilateral.geometry.files import outline, read_mesh, write_mesh
 from unilateral.geometry.mesh import from_arrays, refine, unstructured
-from unilateral.geometry.mesh_files import outline, read, write
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
 
@@ -181,8 +181,8 @@ def test_meshes_cannot_be_changed(mesh):
 
 
 def test_files_keep_every_bit(mesh, tmp_path):
-    write(mesh, tmp_path / "mesh.vtu")
-    again = read(tmp_path / "mesh.vtu", mesh.polygon)
+    write_mesh(mesh, tmp_path / "mesh.vtu")
+    again = read_mesh(tmp_path / "mesh.vtu", mesh.polygon)
     for name in ("points", "triangles", "boundary", "s", "side"):
         assert_array_equal(getattr(again, name), getattr(mesh, name))
 
@@ -190,22 +190,22 @@ def test_files_keep_every_bit(mesh, tmp_path):
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
 def test_formats(ending, tmp_path):
     mesh = structured(named("lshape"), 1 / 4)
-    write(mesh, tmp_path / f"mesh.{ending}")
-    assert_array_equal(read(tmp_path / f"mesh.{ending}", named("lshape")).points, mesh.points)
+    write_mesh(mesh, tmp_path / f"mesh.{ending}")
+    assert_array_equal(read_mesh(tmp_path / f"mesh.{ending}", named("lshape")).points, mesh.points)
 
 
 def test_writing_twice_gives_the_same_bytes_and_nothing_else(tmp_path):
     mesh = unstructured(named("lshape"), 0.3)
     (tmp_path / "b.vtu").write_text("an older file")
-    write(mesh, tmp_path / "a.vtu")
-    write(mesh, tmp_path / "b.vtu")
+    write_mesh(mesh, tmp_path / "a.vtu")
+    write_mesh(mesh, tmp_path / "b.vtu")
     assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.vtu", "b.vtu"]
 
 
 def test_files_carry_the_sides(tmp_path):
     """The square with two triangles: its boundary edges are its sides, in order; triangles carry -1."""
-    write(structured(square(), 1), tmp_path / "mesh.vtu")
+    write_mesh(structured(square(), 1), tmp_path / "mesh.vtu")
     stored = meshio.read(tmp_path / "mesh.vtu")
     assert [block.type for block in stored.cells] == ["triangle", "line"]
     assert [sides.tolist() for sides in stored.cell_data["side"]] == [[-1, -1], [0, 1, 2, 3]]
@@ -225,7 +225,7 @@ def test_a_file_of_gmsh_is_read(tmp_path):
         gmsh.write(path)
     finally:
         gmsh.finalize()
-    mesh = read(path, square())
+    mesh = read_mesh(path, square())
     assert_array_equal(np.bincount(mesh.side), [4, 4, 4, 4])
 
 
@@ -368,7 +368,7 @@ def test_clockwise_triangles_are_turned(turn, tmp_path):
     meshio.Mesh(np.column_stack([mesh.points, 0 * mesh.s[:1].repeat(mesh.n_nodes)]), cells).write(
         tmp_path / "turned.vtu"
     )
-    assert_allclose(read(tmp_path / "turned.vtu").polygon.area, SLANTED.area)
+    assert_allclose(read_mesh(tmp_path / "turned.vtu").polygon.area, SLANTED.area)
 
 
 def test_a_fold_is_refused():
@@ -398,7 +398,7 @@ def test_tolerances_follow_the_polygon():
 
 def stored(tmp_path, change):
     """A VTU file of the square with two triangles, its meshio mesh changed before it is written."""
-    write(structured(square(), 1), tmp_path / "mesh.vtu")
+    write_mesh(structured(square(), 1), tmp_path / "mesh.vtu")
     content = meshio.read(tmp_path / "mesh.vtu")
     change(content)
     content.write(tmp_path / "mesh.vtu")
@@ -429,7 +429,7 @@ def only_lines(content):
 )
 def test_changed_files_are_refused(change, message, tmp_path):
     with pytest.raises(InputError, match=f"mesh.vtu: .*{message}"):
-        read(stored(tmp_path, change), square())
+        read_mesh(stored(tmp_path, change), square())
 
 
 @pytest.mark.parametrize("name", ["missing.vtu", "garbled.vtu", "garbled.msh", "mesh.nothing"])
@@ -437,7 +437,7 @@ def test_unreadable_files_are_named(name, tmp_path, capfd):
     if name != "missing.vtu":
         (tmp_path / name).write_text("this is no mesh")
     with pytest.raises(InputError, match=f"{name}: no mesh can be read"):
-        read(tmp_path / name, square())
+        read_mesh(tmp_path / name, square())
     assert capfd.readouterr() == ("", "")
 
 
@@ -454,7 +454,7 @@ def test_unreadable_files_are_named(name, tmp_path, capfd):
 def test_files_without_nodes_or_triangles_are_refused(name, content, message, tmp_path):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=f"{name}: {message}"):
-        read(tmp_path / name, square())
+        read_mesh(tmp_path / name, square())
 
 
 NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
@@ -466,24 +466,24 @@ NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
 def test_malformed_files_are_told_in_words_not_in_those_of_numpy(name, content, tmp_path):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=name) as refused:
-        read(tmp_path / name, square())
+        read_mesh(tmp_path / name, square())
     assert not re.search("array|shape|index|identity|expected|block", str(refused.value))
 
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "mesh", "inp", "stl", "avs"])
 def test_cut_off_files_are_refused(ending, tmp_path):
     """After any tenth of it a file is no mesh of the square, and is told so with its name."""
-    write(structured(square(), 1 / 2), tmp_path / f"whole.{ending}")
+    write_mesh(structured(square(), 1 / 2), tmp_path / f"whole.{ending}")
     content = (tmp_path / f"whole.{ending}").read_bytes()
     for tenths in range(10):
         (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) * tenths // 10])
         with pytest.raises(InputError, match=f"cut.{ending}: "):
-            read(tmp_path / f"cut.{ending}", square())
+            read_mesh(tmp_path / f"cut.{ending}", square())
 
 
 def test_an_unknown_format_is_not_written(tmp_path):
     with pytest.raises(InputError, match=r"mesh\.nothing.* cannot be written"):
-        write(structured(square(), 1), tmp_path / "mesh.nothing")
+        write_mesh(structured(square(), 1), tmp_path / "mesh.nothing")
     assert not list(tmp_path.iterdir())
 
 
@@ -501,8 +501,8 @@ def test_any_polygon_of_unit_squares_has_structured_meshes():
 
 def test_a_file_s_own_outline_is_a_polygon(tmp_path):
     """Of the L-shape, by its corners only; a square with a hole is refused."""
-    write(structured(named("lshape"), 1 / 3), tmp_path / "l.vtu")
-    found = read(tmp_path / "l.vtu").polygon
+    write_mesh(structured(named("lshape"), 1 / 3), tmp_path / "l.vtu")
+    found = read_mesh(tmp_path / "l.vtu").polygon
     assert found.n_sides == 6
     assert found.area == pytest.approx(3)
     ring = structured(square(), 1 / 3)

@@ -13,8 +13,8 @@ from nested import Nested, alone, levels_of, refined
 from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem.condense import condense
 from unilateral.fem.hierarchy import FinerSpace
-from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.residual import dual_norm
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import adapted as adapted_meshes
