@@ -396,15 +396,14 @@ def test_iterations_do_not_grow_with_the_depth(times: int) -> None:
 
 def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Control: with the finest and the coarsest level only, the least eigenvalue falls with the depth."""
-    from unilateral.solvers import truncated_cycle
 
     def unsmoothed(level: FinerSpace, S: object, r: Array) -> tuple[Array, Array]:
         k = level.n if level.smoothed is None else len(level.smoothed)
         return np.zeros(k), np.zeros(k)
 
     deep(10)
-    monkeypatch.setattr(truncated_cycle, "downward", unsmoothed)
-    monkeypatch.setattr(truncated_cycle, "upward", lambda *given: None)
+    monkeypatch.setattr(FinerSpace, "sweep_down", unsmoothed)
+    monkeypatch.setattr(FinerSpace, "sweep_up", lambda *given: None)
     deep.cache_clear()
     assert deep(10).ritz[0] < 0.3
     deep.cache_clear()
