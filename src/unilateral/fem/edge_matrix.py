@@ -17,7 +17,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Int32, blocks
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation
 
 ROWS = 1 << 17
@@ -41,11 +40,6 @@ def elements(points: Array, nodes: Int32) -> Elements:
         product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
         stiffness[of] = (0.25 * product / area[of]).T
     return Elements(stiffness, area)
-
-
-def h1_matrix(mesh: Mesh) -> sp.csr_array:
-    """A (n, n) of a mesh, see `matrix`."""
-    return matrix(mesh.triangulation, mesh.points)[0]
 
 
 def matrix(tri: Triangulation, points: Array) -> tuple[sp.csr_array, Array]:

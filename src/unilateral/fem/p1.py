@@ -28,14 +28,10 @@ PART = 1 << 16
 
 def gradients(mesh: Mesh) -> Array:
     """Gradients (m, 3, 2) of the barycentric functions of each triangle."""
-    return hat_gradients(mesh.points[mesh.triangles], mesh.areas)
-
-
-def hat_gradients(corners: Array, areas: Array) -> Array:
-    """The same for triangles with the corners (m, 3, 2) and those areas (m,)."""
+    corners = mesh.points[mesh.triangles]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     turned = np.stack([-opposite[..., 1], opposite[..., 0]], axis=-1)
-    return np.asarray(turned / (2 * areas)[:, None, None])
+    return np.asarray(turned / (2 * mesh.areas)[:, None, None])
 
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
 from unilateral.fem.linear_systems import Descent, rough_inverse
-from unilateral.fem.p1 import edge_load, gradients, hat_gradients
+from unilateral.fem.p1 import edge_load, gradients
 from unilateral.geometry.mesh import Mesh
 
 HATS = (np.ones((3, 3)) + np.eye(3)) / 12
@@ -195,5 +195,5 @@ def layer(mesh: Mesh) -> Layer:
     triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
     at = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
-    areas = mesh.areas[triangles]
-    return Layer(mesh, triangles, areas, hat_gradients(mesh.points[mesh.triangles[triangles]], areas), at)
+    part = mesh.part(triangles)
+    return Layer(mesh, triangles, part.areas, gradients(part), at)

@@ -63,15 +63,9 @@ def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
     return Rounded(values, UNIT * (terms(A) + 4) * sizes)
 
 
-def constrained(B: sp.csr_array, u: Array, d: Array) -> Rounded:
-    """B u - d (m,), for B (m, n) without negative entries."""
-    sizes = B @ np.abs(u) + np.abs(d)
-    return Rounded(B @ u - d, UNIT * (terms(B) + 4) * sizes)
-
-
-def means(B: sp.csr_array, lengths: Array, u: Array, g: Array) -> Rounded:
-    """B u / lengths - g (m,)."""
-    values, sizes = B @ u / lengths - g, B @ np.abs(u) / lengths + np.abs(g)
+def constrained(B: sp.csr_array, u: Array, d: Array, lengths: Array | float = 1.0) -> Rounded:
+    """B u / lengths - d (m,), for B (m, n) without negative entries: integrals over cells, or means."""
+    values, sizes = B @ u / lengths - d, B @ np.abs(u) / lengths + np.abs(d)
     return Rounded(values, UNIT * (terms(B) + 4) * sizes)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import ROUNDED, Mesh, refine_some
+from unilateral.geometry.mesh import ROUNDED, Mesh, halved, refine_some
 from unilateral.geometry.partition import Partition
 
 UNIT = 2**44
@@ -111,6 +111,5 @@ def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
 
 def _refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
     mesh = refine_some(of.mesh, chosen)
-    k = np.flatnonzero(mesh.boundary >= of.mesh.n_nodes)
-    before = k - np.arange(1, len(k) + 1)
+    before = halved(mesh.boundary, of.mesh.n_nodes)
     return AdaptedMesh(mesh, np.insert(of.at, before + 1, (of.at[before] + of.at[before + 1]) // 2))

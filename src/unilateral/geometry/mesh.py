@@ -275,10 +275,15 @@ def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
     _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
     boundary = of.ends[of.boundary, 0].astype(np.intp)
-    k = np.flatnonzero(boundary >= step.n)
-    before = k - np.arange(1, len(k) + 1)
+    before = halved(boundary, step.n)
     s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))
     side = np.insert(mesh.side, before + 1, mesh.side[before])
     s = _arc_lengths(mesh.polygon, side, s[:-1])
     _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
     return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)
+
+
+def halved(boundary: Index, n: int) -> Index:
+    """The numbers of the boundary edges that were halved, for the nodes along the new boundary, n on new."""
+    new = np.flatnonzero(boundary >= n)
+    return new - np.arange(1, len(new) + 1)

@@ -91,7 +91,7 @@ def test_means_and_integrals_of_what_is_above_the_obstacle() -> None:
         means = [
             each / arb(H) - arb(d) for each, H, d in zip(integrals, lengths.tolist(), g.tolist(), strict=True)
         ]
-        of_means.append(shares(rounded.means(B, lengths, u, g), means))
+        of_means.append(shares(rounded.constrained(B, u, g, lengths), means))
         d = B @ u
         minus = [each - arb(value) for each, value in zip(integrals, d.tolist(), strict=True)]
         of_integrals.append(shares(rounded.constrained(B, u, d), minus))
