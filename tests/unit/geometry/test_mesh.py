@@ -220,7 +220,7 @@ def test_a_boundary_covered_twice_is_refused():
     + [(square().vertices, *where) for where in ((1, 0), (1e-8, 0), (1e8, 0), (1, 1e6))],
 )
 def test_nodes_near_their_sides_are_moved_onto_them(vertices, size, place):
-    """By a millionth of the least height at it, vertices too, of any size and place; twice that is refused."""
+    """By a millionth of the least height at it, vertices too, of any size and place; twice that is not."""
     polygon = Polygon(size * vertices + place, "moved")
     mesh = unstructured(polygon, polygon.lengths.max() / 5)
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
