@@ -99,7 +99,7 @@ def test_another_polygon_is_refused(other):
     ids=["all", "some"],
 )
 def test_boundary_mass_integrates_squares_of_linear_functions(sides, exact):
-    """1, x, x^2 and y^2 on all sides of the square, by hand, or on two; hats of the others have none there."""
+    """1, x, x^2 and y^2 on all sides of the square, by hand, or on two: hats of the others have none."""
     mesh = structured(square(), 1 / 8)
     M = boundary_mass(mesh, None if sides is None else np.isin(mesh.side, sides))
     one, (x, y) = np.ones(len(mesh.boundary)), mesh.points[mesh.boundary].T
