@@ -39,13 +39,14 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     slopes, areas = gradients(mesh), mesh.areas
     stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
-    return _assemble(mesh, stiffness), _assemble(mesh, mass)
+    n = mesh.n_nodes
+    return from_elements(mesh.triangles, stiffness, n), from_elements(mesh.triangles, mass, n)
 
 
-def _assemble(mesh: Mesh, entries: Array) -> sp.csr_array:
-    rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
-    columns = np.tile(mesh.triangles, (1, 3)).ravel()
-    n = len(mesh.points)
+def from_elements(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
+    """(n, n) the sum of matrices `entries` (m, k, k), which belong to the `unknowns` (m, k)."""
+    k = unknowns.shape[1]
+    rows, columns = np.repeat(unknowns, k, axis=1).ravel(), np.tile(unknowns, (1, k)).ravel()
     return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()
 
 
@@ -146,12 +147,10 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
 def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
     """(nb, nb) mass matrix of the boundary hats: the L2 product on the boundary, or on those edges."""
     nb = len(mesh.boundary)
-    start = np.arange(nb)
-    end = (start + 1) % nb
     sixth = np.diff(mesh.s) / 6 * (1 if edges is None else edges)
-    values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
-    rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
-    return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()
+    start = np.arange(nb)
+    ends = np.column_stack([start, (start + 1) % nb])
+    return from_elements(ends, sixth[:, None, None] * np.array([[2, 1], [1, 2]]), nb)
 
 
 def h1_norm(mesh: Mesh, v: Array) -> float:

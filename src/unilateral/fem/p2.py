@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
 from unilateral.fem.linear_systems import Descent, rough_inverse
-from unilateral.fem.p1 import edge_load, gradients
+from unilateral.fem.p1 import edge_load, from_elements, gradients
 from unilateral.geometry.mesh import Mesh
 
 HATS = (np.ones((3, 3)) + np.eye(3)) / 12
@@ -116,9 +116,8 @@ class Quadratic:
     def matrix(self, mass: float) -> sp.csr_array:
         """(size, size) the matrix of (grad ., grad .)_0 plus `mass` times (., .)_0."""
         products = (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
-        blocks = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
-        rows, columns = np.repeat(self.unknowns, 6, axis=1).ravel(), np.tile(self.unknowns, (1, 6)).ravel()
-        return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(self.size, self.size)).tocsr()
+        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
+        return from_elements(self.unknowns, entries, self.size)
 
     def free(self, contact: Mask) -> sp.csr_array:
         """(size, k) a basis of functions that vanish in `contact` (2 nb,): boundary nodes, then midpoints.
