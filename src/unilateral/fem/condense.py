@@ -52,10 +52,7 @@ class Condensed:
 
     @cached_property
     def for_products(self) -> sp.csr_array:
-        """A (n, n) up to rounding, its rows not sorted.
-
-        It is made faster on a refined mesh, whose edges are known.
-        """
+        """A (n, n) up to rounding, its rows not sorted: faster to make where the mesh knows its edges."""
         known = self.mesh.known
         return edge_matrix.matrix(known, self.mesh.points)[0] if known else self.A
 

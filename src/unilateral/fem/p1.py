@@ -64,19 +64,19 @@ def parts(mesh: Mesh) -> Iterator[Mesh]:
 
 def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
     """(n,) values of (f, phi_i), from the moments (m, 3) on each part, in little memory."""
-    found = np.zeros(mesh.n_nodes)
+    values = np.zeros(mesh.n_nodes)
     for part in parts(mesh):
-        np.add.at(found, part.triangles, moments(part))
-    return found
+        np.add.at(values, part.triangles, moments(part))
+    return values
 
 
 def case_moments(case: Case, mesh: Mesh) -> Array:
     """(m, 3) the moments of a case's f, by a quadrature that sees the case's singular points and kinks."""
-    found = np.zeros((len(mesh.triangles), 3))
+    moments = np.zeros((len(mesh.triangles), 3))
     for rule in triangle_rules(mesh, case):
         f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
-        np.add.at(found, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
-    return found
+        np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
+    return moments
 
 
 def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
@@ -94,9 +94,9 @@ def lumped_mass(mesh: Mesh) -> Array:
 def edge_load(mesh: Mesh, values: Array) -> Array:
     """(n,) values <sigma, phi_i> for sigma linear on boundary edges, with `values` (nb, 2) at their ends."""
     at_ends = np.diff(mesh.s)[:, None] / 6 * (values + values.sum(axis=1, keepdims=True))
-    found = np.zeros(mesh.n_nodes)
-    found[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
-    return found
+    total = np.zeros(mesh.n_nodes)
+    total[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
+    return total
 
 
 def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array) -> Array:
@@ -121,10 +121,7 @@ def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
 
 
 def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
-    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient.
-
-    `slopes` are the `gradients` of the mesh.
-    """
+    """(n,) values of (u, phi_i)_1, from the mesh's `gradients`, moments of u, integrals (m, 2) of grad u."""
     return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
 
 

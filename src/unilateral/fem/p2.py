@@ -29,10 +29,7 @@ AT_NODES = np.zeros((3, 3, 6))
 for _i, _j in ((0, 1), (1, 2), (2, 0)):
     AT_NODES[:, _i, _i], AT_NODES[_i, _j, 3 + _i], AT_NODES[_j, _i, 3 + _i] = 1, 4, 4
 STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
-"""STIFFNESS[a, b, c, d] is the coefficient of grad psi_a . grad psi_b in (grad ., grad .)_0.
-
-This is for the basis functions c and d on a triangle of area 1.
-"""
+"""STIFFNESS[a, b, c, d] is that of grad psi_a . grad psi_b in (grad ., grad .)_0 of c and d, at area 1."""
 
 
 def linear_squares(areas: Array, values: Array) -> Array:
@@ -100,15 +97,12 @@ class Quadratic:
 
     def edge_load(self, values: Array) -> Array:
         """(size,) the load of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
-        found = self.of_hats(edge_load(self.mesh, values))
-        found[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
-        return found
+        load = self.of_hats(edge_load(self.mesh, values))
+        load[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
+        return load
 
     def load_of_gradients(self, hats: Array, bubbles: Array) -> Array:
-        """(size,) the products of the basis functions' gradients with a field.
-
-        On triangles the field has the coefficients `hats` and `bubbles` (m, 3, 2).
-        """
+        """(size,) the products of the basis functions' gradients with a field of coefficients (m, 3, 2)."""
         moments = self.mesh.areas[:, None, None] * (HATS @ hats + MIXED.T @ bubbles)
         along = moments @ self.slopes.transpose(0, 2, 1)
         return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
@@ -133,10 +127,7 @@ class Quadratic:
         return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
 
     def descent(self, A: sp.csr_array, load: Array, start: Array, free: sp.csr_array) -> Descent:
-        """The descent to the x (k,) for which v = start + free x has the least v . A v - 2 load . v.
-
-        `free` is (size, k).
-        """
+        """The descent to the x (k,) for which v = start + `free` x has the least v . A v - 2 load . v."""
         own, n = (free.T @ A @ free).tocsr(), free[: self.mesh.n_nodes].nnz
         of_hats, diagonal = rough_inverse(own[:n, :n].tocsr()), own.diagonal()[n:]
         zero, rhs = np.zeros(free.shape[1]), free.T @ (load - A @ start)

@@ -77,14 +77,14 @@ def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
     """
     shortest = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / ROUNDED
     order = np.argsort(-shares, kind="stable")
-    found = order[: np.searchsorted(np.cumsum(shares[order]), bulk * shares.sum()) + 1]
-    found = found[mesh.longest_edges[found] > shortest]
-    if found.size == 0:
+    largest = order[: np.searchsorted(np.cumsum(shares[order]), bulk * shares.sum()) + 1]
+    largest = largest[mesh.longest_edges[largest] > shortest]
+    if largest.size == 0:
         raise InputError(
             f"the triangles of '{mesh.polygon.name}' from which most of the bound comes have edges of "
             f"{shortest:.2g}, as short as rounding allows; take a larger accuracy"
         )
-    return found
+    return largest
 
 
 def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
@@ -99,10 +99,7 @@ def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
 
 
 def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
-    """The mesh with the chosen triangles cut in four, and others as that needs.
-
-    Raises InputError as `refine_some`.
-    """
+    """The mesh with the chosen triangles cut in four, and others as that needs. Raises as `refine_some`."""
     while chosen.size:
         of = _refined(of, chosen)
         chosen = of.unbalanced

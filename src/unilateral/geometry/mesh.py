@@ -18,11 +18,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
 
 ROUNDED = 1e-6
-"""The rounding of coordinates may be this part of the longest boundary edge.
-
-If it is larger, it shows in A_3, the Schur complement on the boundary.
-"""
-
+"""The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
 SHORTEST = exact_mesh.MOST
 """The rounding of coordinates may be this part of any edge: no finer mesh is near enough to the exact one."""
 
@@ -118,11 +114,9 @@ class Mesh:
     @cached_property
     def shift(self) -> Array:
         """(n,) how far the nodes may be from those of the `exact` mesh."""
-        found = np.full(self.n_nodes, self.polygon.doubt)
-        found[self.boundary] = exact_mesh.shifts(
-            self.polygon, self.points[self.boundary], self.side, self.s[:-1]
-        )
-        return found
+        shift, places = np.full(self.n_nodes, self.polygon.doubt), self.points[self.boundary]
+        shift[self.boundary] = exact_mesh.shifts(self.polygon, places, self.side, self.s[:-1])
+        return shift
 
     @cached_property
     def distortion(self) -> Array:
@@ -138,7 +132,7 @@ class Mesh:
 def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where: str = "mesh") -> Mesh:
     """The mesh with the nodes (n, 2) and the triangles (m, 3), whose nodes run either way round.
 
-    Nodes that lie a little beside the boundary are moved onto it, see `checks.NEAR`. Raises InputError,
+    Nodes a little beside the boundary are moved onto it, see `triangulation_checks.NEAR`. Raises InputError,
     beginning with `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
     triangles, repeated or unused nodes, its boundary the polygon's.
     """
@@ -249,10 +243,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 def following(
     cells: Partition, edges: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
-    """A mesh by gmsh with `edges` equal boundary edges in every cell, and the cells.
-
-    Then both are halved `halvings` times.
-    """
+    """A mesh by gmsh with `edges` equal boundary edges in every cell, and the cells; both then halved."""
     mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1], growth)
     return refine(mesh, halvings), partitions.refine(cells, 2**halvings)
 

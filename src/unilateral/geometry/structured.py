@@ -12,10 +12,7 @@ from unilateral.geometry.polygon import Polygon, square
 FEWEST = 4
 """With at most this many squares in a unit of length no coarser mesh is sought, for it saves nothing."""
 MANY = 16
-"""Polygons that are wider or higher than this get no structured mesh unless somebody asks for it.
-
-Even squares of side 1 may be too many in them.
-"""
+"""Polygons that are wider or higher get no structured mesh unless asked for: even unit squares are many."""
 MOST_SQUARES = 1000
 """A polygon is taken to consist of unit squares if its coordinates are whole numbers up to this."""
 

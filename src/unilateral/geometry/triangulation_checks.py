@@ -16,10 +16,7 @@ Moved onto the side, it changes gradients there by about that part. The bounds a
 The nodes of a file are near enough if its coordinates are written to 1e-7 of that height.
 """
 BESIDE = 0.5
-"""A node beside a side by less than this part of that least height is taken for a node of the side.
-
-The error message then names the side.
-"""
+"""A node beside a side by less than this part of that height is told of as one that belongs there."""
 SAME_POINT = 1e-12
 """Nodes nearer than this part of the diameter are one node listed twice."""
 FLAT = 1e-12
