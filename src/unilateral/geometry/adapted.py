@@ -75,7 +75,7 @@ def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
 
     Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
-    shortest = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / ROUNDED
+    shortest = float(np.spacing(mesh.polygon.largest)) / ROUNDED
     order = np.argsort(-shares, kind="stable")
     largest = order[: np.searchsorted(np.cumsum(shares[order]), bulk * shares.sum()) + 1]
     largest = largest[mesh.longest_edges[largest] > shortest]

@@ -150,7 +150,7 @@ def similar(mesh: Mesh, polygon: Polygon) -> Mesh:
     """The same triangles on a polygon of the same shape that is larger or smaller, seen from the origin."""
     if polygon is mesh.polygon:
         return mesh
-    factor = float(np.abs(polygon.vertices).max() / np.abs(mesh.polygon.vertices).max())
+    factor = polygon.largest / mesh.polygon.largest
     coarse = similar(mesh.coarse, polygon) if mesh.coarse else None
     s = polygon.similar(mesh.polygon, mesh.s)
     return replace(mesh, polygon=polygon, points=factor * mesh.points, s=s, coarse=coarse)
@@ -203,7 +203,7 @@ def _arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
 
 
 def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
-    largest = float(np.abs(polygon.vertices).max())
+    largest = polygon.largest
     if np.spacing(largest) > ROUNDED * h:
         raise InputError(
             f"{where}: coordinates as large as {largest:.3g} are rounded by {np.spacing(largest):.3g}, "
@@ -213,7 +213,7 @@ def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
 
 
 def _check_shortest(polygon: Polygon, edge: float) -> None:
-    rounding = float(np.spacing(np.abs(polygon.vertices).max()))
+    rounding = float(np.spacing(polygon.largest))
     if rounding > SHORTEST * edge:
         raise InputError(
             f"the mesh of '{polygon.name}' gets an edge of {edge:.2g}, as short as rounding allows where "

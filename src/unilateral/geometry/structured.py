@@ -50,7 +50,7 @@ def natural_kind(polygon: Polygon) -> str:
 
 def _consists_of_squares(polygon: Polygon) -> bool:
     whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
-    small = np.abs(polygon.vertices).max() <= MOST_SQUARES
+    small = polygon.largest <= MOST_SQUARES
     return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
@@ -25,7 +26,7 @@ FLAT = 1e-12
 
 def round_off(polygon: Polygon) -> float:
     """How far round-off may move a point of the polygon."""
-    return 8 * float(np.finfo(float).eps) * (polygon.perimeter + float(np.abs(polygon.vertices).max()))
+    return 8 * EPS * (polygon.perimeter + polygon.largest)
 
 
 def node(points: Array, number: int) -> str:

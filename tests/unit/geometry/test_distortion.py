@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
 from unilateral.geometry.plane import longest_edges, signed_areas
@@ -91,7 +92,7 @@ def test_vertices_and_straight_meshes_have_no_shift():
     assert np.all(mesh.shift[mesh.boundary[vertices]] == 0)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     assert np.all(mesh.shift[inside] == 0)
-    assert mesh.shift.max() <= 5 * exact_mesh.EPS
+    assert mesh.shift.max() <= 5 * EPS
 
 
 def test_a_doubt_of_the_polygon_is_that_of_all_nodes():
