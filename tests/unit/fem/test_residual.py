@@ -30,37 +30,56 @@ def energy(points: Array, triangles: Array) -> sp.csc_array:
     return sp.coo_array((entries.ravel(), at), shape=(len(points), len(points))).tocsc()
 
 
-def criss_cross(k: int) -> tuple[Array, Array]:
-    """The part of the lattice of 2^k squares on each leg, cut by both diagonals, in x + y <= 1."""
-    n, triangles = 2**k, []
-    number: dict[tuple[int, int], int] = {}
-    for i in range(n):
-        for j in range(n - i):
-            around = [(2 * i, 2 * j), (2 * i + 2, 2 * j), (2 * i + 2, 2 * j + 2), (2 * i, 2 * j + 2)]
-            for a, b in zip(around, around[1:] + around[:1], strict=True):
-                if max(sum(a), sum(b)) <= 2 * n:
-                    corners = [a, b, (2 * i + 1, 2 * j + 1)]
-                    triangles.append([number.setdefault(corner, len(number)) for corner in corners])
-    return np.array([*number]) / (2 * n), np.array(triangles)
+CUT = {  # triangles of the corners a, b, c, and the midpoints of bc, ca and ab; which of these there are
+    2: ([[3, 0, 1], [3, 2, 0]], [3]),
+    3: ([[5, 3, 0], [5, 1, 3], [3, 2, 0]], [3, 5]),
+    4: ([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]], [3, 4, 5]),
+}
 
 
-def lost(k: int) -> float:
-    """M_k: the largest |I_0 v|_1^2 / |v|_1^2 for v of that lattice."""
-    points, triangles = criss_cross(k)
-    assert len(triangles) == 2 * 4**k
-    return interpolated(points, triangles)
+def with_midpoints(corners: Array) -> Array:
+    """(..., 6, 2) the corners (..., 3, 2), and the midpoints opposite to them."""
+    middle = 0.5 * (np.roll(corners, -1, axis=-2) + np.roll(corners, 1, axis=-2))
+    return np.concatenate([corners, middle], axis=-2)
 
 
-def interpolated(points: Array, triangles: Array) -> float:
+def descendants(halvings: int, rng: np.random.Generator | None = None) -> Array:
+    """(T, 3, 2) of a right and isosceles triangle, each after so many halvings of its area.
+
+    They are cut in four, and once by two if the number is odd; given `rng` in four or by two at random.
+    """
+    triangles, left = RIGHT.vertices[None], np.array([halvings])
+    while left.any():
+        four = (left > 1) & (True if rng is None else rng.random(len(left)) < 0.5)
+        two = (left > 0) & ~four
+        cut = [with_midpoints(triangles[of])[:, CUT[k][0]] for of, k in ((four, 4), (two, 2))]
+        triangles = np.concatenate([triangles[left == 0], *(children.reshape(-1, 3, 2) for children in cut)])
+        left = np.concatenate([left[left == 0], np.repeat(left[four] - 2, 4), np.repeat(left[two] - 1, 2)])
+    return triangles
+
+
+def interpolated(triangles: Array) -> float:
     """The largest |I_0 v|_1^2 / |v|_1^2 for v on those triangles, all but the corners eliminated."""
-    A = energy(points, triangles)
-    corner = [int(np.argmin(np.abs(points - at).sum(axis=1))) for at in ([0, 0], [1, 0], [0, 1])]
+    points, number = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
+    A = energy(points, number.reshape(-1, 3))
+    corner = [int(np.argmin(np.abs(points - at).sum(axis=1))) for at in RIGHT.vertices]
     free = np.setdiff1d(np.arange(len(points)), corner)
     inner = splu(A[free][:, free].tocsc()).solve(A[free][:, corner].toarray())
     left = A[corner][:, corner].toarray() - A[corner][:, free] @ inner
     whole = energy(points[corner], np.array([[0, 1, 2]])).toarray()
     # Constants have no energy: the value at the first corner is 0.
     return float(np.linalg.eigvals(np.linalg.solve(left[1:, 1:], whole[1:, 1:])).real.max())
+
+
+@cache
+def lost(k: int) -> float:
+    """M_k: the largest |I_0 v|_1^2 / |v|_1^2 on the criss-cross lattice of 2^k squares on each leg."""
+    triangles = descendants(2 * k + 1)
+    sides = 2**k * triangles[:, 1:]  # hypotenuses are sides of the squares
+    assert len(triangles) == 2 * 4**k
+    assert np.array_equal(sides, np.rint(sides))
+    assert np.all(np.abs(np.diff(sides, axis=1)).sum(axis=(1, 2)) == 1)
+    return interpolated(triangles)
 
 
 @pytest.mark.parametrize("k", range(8))
@@ -81,18 +100,10 @@ def test_some_of_it_is_known() -> None:
     assert all(growth(k) >= growth(k - 1) for k in range(1, 100))
 
 
-CUT = {  # triangles of the corners a, b, c, and the midpoints of bc, ca and ab; which of these there are
-    2: ([[3, 0, 1], [3, 2, 0]], [3]),
-    3: ([[5, 3, 0], [5, 1, 3], [3, 2, 0]], [3, 5]),
-    4: ([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]], [3, 4, 5]),
-}
-
-
 def steepest(children: int) -> float:
     """C: the largest sum of w_e^2 over |v|_1^2, v linear and so much higher at midpoints, by elimination."""
     triangles, new = CUT[children]
-    corners = RIGHT.vertices
-    points = np.array([*corners, *(0.5 * (np.roll(corners, -1, axis=0) + np.roll(corners, 1, axis=0)))])
+    points = with_midpoints(RIGHT.vertices)
     K, w = energy(points, np.array(triangles)).toarray(), np.eye(6)[:, new]
     of_linear, mixed = points.T @ K @ points, points.T @ K @ w
     return float(1 / np.linalg.eigvalsh(w.T @ K @ w - mixed.T @ np.linalg.solve(of_linear, mixed))[0])
@@ -110,28 +121,10 @@ def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> 
     """However triangles are cut, each in two or four: of 2 k + 1 halvings it is M_k, and of 2 k no more."""
     rng, most = np.random.default_rng(halvings), residual.GROWTH[halvings // 2]
     for _ in range(30):
-        found = of_cut(descendants(RIGHT.vertices, halvings, rng))
+        found = interpolated(descendants(halvings, rng))
         assert found <= most
         if halvings % 2:
             assert found == pytest.approx(lost(halvings // 2), rel=1e-12)
-
-
-def descendants(corners: Array, halvings: int, rng: np.random.Generator) -> list[Array]:
-    """After so many halvings of each, at random by cuts in four or by two."""
-    if halvings == 0:
-        return [corners]
-    a, b, c = corners
-    m_0, m_1, m_2 = 0.5 * (b + c), 0.5 * (c + a), 0.5 * (a + b)
-    if halvings > 1 and rng.random() < 0.5:
-        children, less = [(a, m_2, m_1), (m_2, b, m_0), (m_1, m_0, c), (m_0, m_1, m_2)], 2
-    else:
-        children, less = [(m_0, a, b), (m_0, c, a)], 1
-    return [each for of in children for each in descendants(np.array(of), halvings - less, rng)]
-
-
-def of_cut(triangles: list[Array]) -> float:
-    points, number = np.unique(np.concatenate(triangles), axis=0, return_inverse=True)
-    return interpolated(points, number.reshape(-1, 3))
 
 
 @cache
