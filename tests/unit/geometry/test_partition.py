@@ -113,12 +113,6 @@ def test_the_class_checks_by_itself():
         Partition(square(), np.array([0, 1 + 1e-13, 2, 3, 4]))
 
 
-def test_points_cannot_be_moved_afterwards():
-    """They were checked when the partition was made."""
-    with pytest.raises(ValueError, match="read-only"):
-        uniform(square(), 1 / 2).points[1] = 0.25
-
-
 @pytest.mark.parametrize("fraction", [-0.1, 1.0, np.nan])
 def test_shifts_are_fractions(fraction):
     with pytest.raises(InputError, match=r"not in \[0, 1\)"):

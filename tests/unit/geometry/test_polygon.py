@@ -133,11 +133,6 @@ def test_named():
         named("disc")
 
 
-def test_a_polygon_cannot_be_changed():
-    with pytest.raises(ValueError, match="read-only"):
-        square().vertices[0, 0] = 1
-
-
 @pytest.mark.parametrize(
     ("vertices", "message"),
     [
