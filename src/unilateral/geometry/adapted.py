@@ -27,7 +27,7 @@ Rounding ends the halving of an edge before its length is 1.
 SHORTEST = 4
 """A cell may be at most this many times as long as its shortest edge."""
 BULK = 0.5
-"""The shares of the marked triangles are usually to be at least this part of the sum of all shares."""
+"""The shares of the marked triangles are to be at least this part of the sum of all shares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +70,14 @@ def adapted(mesh: Mesh) -> AdaptedMesh:
     return AdaptedMesh(mesh, UNIT * np.arange(len(mesh.s), dtype=np.int64))
 
 
-def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
-    """The fewest triangles with the part `bulk` of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
+def marked(mesh: Mesh, shares: Array) -> Index:
+    """The fewest triangles with the part BULK of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
 
     Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
     shortest = float(np.spacing(mesh.polygon.largest)) / ROUNDED
     order = np.argsort(-shares, kind="stable")
-    largest = order[: np.searchsorted(np.cumsum(shares[order]), bulk * shares.sum()) + 1]
+    largest = order[: np.searchsorted(np.cumsum(shares[order]), BULK * shares.sum()) + 1]
     largest = largest[mesh.longest_edges[largest] > shortest]
     if largest.size == 0:
         raise InputError(
