@@ -73,12 +73,6 @@ def test_refining_halves_every_cell():
     assert_array_equal(refine(uniform(named("lshape"), 0.25)).points, uniform(named("lshape"), 0.125).points)
 
 
-def test_graded_cells_report_their_ratio():
-    """Cells halved towards s = 0: the longest has length 1, the shortest 2^-9."""
-    partition = from_points(square(), [0, *2.0 ** np.arange(-9, 1), 2, 3, 4])
-    assert (partition.H, partition.H_over_Hi_max) == (1, 2**9)
-
-
 def test_vertices_known_up_to_round_off_are_snapped():
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
     off = 1e-13 * polygon.perimeter
