@@ -1,4 +1,4 @@
-"""Linear systems of meshes: elimination by nested dissection, with SuperLU, and conjugate gradients.
+"""Sparse linear systems: elimination by nested dissection, with SuperLU, and conjugate gradients.
 
 With the boundary last in the order, one factorisation carries the Schur complement on it in the last block of
 its factors.

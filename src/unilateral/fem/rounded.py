@@ -31,7 +31,7 @@ from unilateral.formulas.taylor import EPS
 ROWS = 1 << 15
 """This many rows are treated at a time: their numbers fit into a processor's cache."""
 UNIT = EPS / 2
-"""The rounding of a number is at most this fraction of it; bounds count two units more, for their own."""
+"""The rounding of a number is at most this fraction of it; bounds have two units more for their own."""
 SLACK = 1 + 1e-9
 """A norm that is computed from A x is multiplied by this for its rounding, except for that of A x."""
 

@@ -27,7 +27,7 @@ KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
 KINK_SHARE = 1 / 64
 SHORTEST = 1 / 64
-"""No side counts as shorter than this times the longest one: it would not resolve a kink any better."""
+"""No side counts as shorter than this times the longest one: far from it kinks need no finer pieces."""
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
