@@ -39,7 +39,7 @@ def test_lines_run_along_the_triangles_sides():
         shares = np.arange(m)[:, None] / m
         sides = np.roll(corners, -1, axis=1) - corners
         expected = (corners[:, :, None] + shares * sides[:, :, None]).reshape(len(lines), -1, 2)
-        np.testing.assert_allclose(fine.points[lines], expected, atol=1e-15)
+        np.testing.assert_allclose(fine.points[lines], expected, rtol=0, atol=1e-15)
         assert np.all(sides[:, 0, 0] * sides[:, 1, 1] > sides[:, 0, 1] * sides[:, 1, 0])
 
 
