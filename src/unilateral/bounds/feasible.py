@@ -26,7 +26,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import EdgeFlux
 from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds, constraint
-from unilateral.fem.p2_layer import Layer, layer
+from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle import Obstacle
 

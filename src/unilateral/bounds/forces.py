@@ -32,6 +32,7 @@ from unilateral.bounds.flux_residuals import SUMS
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
@@ -160,7 +161,7 @@ class Best:
         """
         trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
-        of_places = exact_mesh.EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
+        of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
         off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

@@ -46,8 +46,7 @@ from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
 from unilateral.bounds.source import Source
 from unilateral.errors import InputError
-from unilateral.fem.p2 import linear_squares, slopes_at_nodes, squares
-from unilateral.fem.p2_layer import Layer
+from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition

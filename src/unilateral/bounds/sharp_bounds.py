@@ -45,7 +45,7 @@ from unilateral.bounds.feasible import Lifting, Missing, lifting
 from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
 from unilateral.bounds.local_bounds import Bound, check
 from unilateral.bounds.source import Source
-from unilateral.fem.conjugate_gradients import solved
+from unilateral.fem.linear_systems import solved
 from unilateral.fem.p1 import edge_load, lumped_mass, stiffness_and_mass
 from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
 from unilateral.geometry.partition import Partition

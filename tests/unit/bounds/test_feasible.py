@@ -15,7 +15,7 @@ from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.fem.p2_layer import layer
+from unilateral.fem.p2 import layer
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured

@@ -25,7 +25,7 @@ from unilateral.discrete import base
 from unilateral.discrete.choice import condensed
 from unilateral.discrete.multilevel import after
 from unilateral.fem.p1 import h1_norm
-from unilateral.fem.p2_layer import layer
+from unilateral.fem.p2 import layer
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, marked, refined

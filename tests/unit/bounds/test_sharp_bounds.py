@@ -13,7 +13,7 @@ from unilateral.bounds import feasible
 from unilateral.bounds import sharp_bounds as bounds
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.fem import conjugate_gradients
+from unilateral.fem import linear_systems
 from unilateral.fem.p2 import quadratic
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry import mesh as meshes
@@ -204,7 +204,7 @@ def test_every_step_will_do(monkeypatch):
 
 def test_as_many_steps_on_finer_meshes(monkeypatch):
     """Preconditioned by multigrid; without it their number would be that of 1/h, fourfold here."""
-    monkeypatch.setattr(conjugate_gradients, "DIRECT", 0)
+    monkeypatch.setattr(linear_systems, "DIRECT", 0)
     pairs = [pair("natural", n) for n in (16, 64)]
     coarse, fine = found = [sharp_bound(*of.given) for of in pairs]
     assert all(of.exceeded_by(bound) for of, bound in zip(pairs, found, strict=True))
@@ -215,7 +215,7 @@ def test_multigrid_in_place_of_factors_changes_little(monkeypatch):
     """Of what is left eta has at most ENOUGH, as long as a step takes half of it and more."""
     given = pair("natural", 16).given
     direct = sharp_bound(*given)
-    monkeypatch.setattr(conjugate_gradients, "DIRECT", 0)
+    monkeypatch.setattr(linear_systems, "DIRECT", 0)
     assert sharp_bound(*given).eta <= (1 + bounds.ENOUGH) * direct.eta
 
 
