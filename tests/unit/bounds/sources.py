@@ -1,4 +1,9 @@
-"""f from formulas, as what is enclosed on meshes."""
+"""f from formulas, as what is enclosed on meshes; means of polynomials on a triangle, exact."""
+
+from math import factorial
+
+from sympy import Poly, Rational
+from sympy.abc import s, t
 
 from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import atoms_in
@@ -15,6 +20,15 @@ FORMULAS = [
     "pos(1/9 - (x - 0.52)**2 - (y - 0.47)**2, 0)*exp(x)",
     "pos(x - 0.31, 0)*pos(y - 0.47, 0) - pos(0.2 - x, 0)",
 ]
+
+
+HATS = [Poly(hat, s, t, domain="QQ") for hat in (1 - s - t, s, t)]
+"""Of a triangle, in two of them."""
+
+
+def mean(p):
+    """Of a polynomial in two hats: that of s^a t^b is 2 a! b! / (a + b + 2)!."""
+    return sum(x * Rational(2 * factorial(a) * factorial(b), factorial(a + b + 2)) for (a, b), x in p.terms())
 
 
 class Source:

@@ -2,12 +2,12 @@
 
 from fractions import Fraction
 from itertools import pairwise
-from math import comb, factorial
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from sources import Source
+from sources import HATS, Source, mean
+from sympy import Rational
 
 from unilateral.bounds import source_pieces
 from unilateral.bounds.source import enclosed
@@ -20,16 +20,6 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 
 K = 40
-
-
-def mean_of(i, j):
-    """That of sigma_1^i sigma_2^j on a triangle, exactly: 2 a! b! / (a + b + 2)! for hats to the a and b."""
-    terms = (
-        (a, b, Fraction(2 * factorial(a) * factorial(b), factorial(a + b + 2)))
-        for a in range(i + 1)
-        for b in range(j + 1)
-    )
-    return sum(comb(i, a) * comb(j, b) * 2 ** (a + b) * (-1) ** (i + j - a - b) * of for a, b, of in terms)
 
 
 def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
@@ -59,25 +49,20 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     assert worst > 1e-12
 
 
-def means_with_hats(i, j):
-    """Of sigma_1^i sigma_2^j: the hats are (1 + sigma_1)/2, (1 + sigma_2)/2 and what is left of 1."""
-    one, first, second = mean_of(i, j), mean_of(i + 1, j), mean_of(i, j + 1)
-    return -(first + second) / 2, (one + first) / 2, (one + second) / 2
-
-
 def test_the_rounding_of_sums_over_p_is_known():
     """Of its means with hats, against rational numbers."""
     of, rng = basis(2, ORDER), np.random.default_rng(1)
     c = rng.standard_normal((len(of.degree), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
     zero = np.zeros(c.shape[1])
     known = source_pieces._known(Model(of, c, zero, (zero, zero)))
-    exact = zip(*(means_with_hats(*powers) for powers in of.exponents.tolist()), strict=True)
-    off = [
-        abs(Fraction(float(found)) - sum(w * Fraction(float(x)) for w, x in zip(row, column, strict=True)))
-        / Fraction(float(at_most))
-        for row, values in zip(exact, hat_means() @ c, strict=True)
-        for found, column, at_most in zip(values, c.T, known, strict=True)
-    ]
+    _, x, y = HATS
+    monomials = [(2 * x - 1) ** i * (2 * y - 1) ** j for i, j in of.exponents.tolist()]
+    off = []
+    for hat, values in zip(HATS, hat_means() @ c, strict=True):
+        weights = [mean(hat * each) for each in monomials]
+        for found, column, at_most in zip(values, c.T.tolist(), known, strict=True):
+            exact = sum(w * Rational(each) for w, each in zip(weights, column, strict=True))
+            off.append(abs(Rational(float(found)) - exact) / Rational(float(at_most)))
     assert 1e-3 < max(off) <= 1
 
 

@@ -2,14 +2,13 @@
 
 import tracemalloc
 from dataclasses import replace
-from fractions import Fraction
 from functools import cache
-from math import factorial
 
 import numpy as np
 import pytest
 from nested import alone, at_random, graded
-from sources import FORMULAS, Counted, Source
+from sources import FORMULAS, HATS, Counted, Source, mean
+from sympy import Rational
 
 from unilateral.bounds import source_ancestors as wholes
 from unilateral.bounds.source import enclosed
@@ -185,45 +184,18 @@ def values(found, number, at):
     )
 
 
-def times(p, q):
-    """The product of polynomials in two variables, {exponents: coefficient}."""
-    found = {}
-    for (i, j), x in p.items():
-        for (k, n), y in q.items():
-            found[i + k, j + n] = found.get((i + k, j + n), 0) + x * y
-    return found
+def projected(c, corners):
+    """Of p with those 15 coefficients, on the part with these corners: f_h there, the mean of (p - f_h)^2.
 
-
-def mean(p):
-    """On a triangle, in two of its hats: 2 a! b! / (a + b + 2)!."""
-    return sum(x * Fraction(2 * factorial(a) * factorial(b), factorial(a + b + 2)) for (a, b), x in p.items())
-
-
-def on_part(c, corners):
-    """p with those 15 coefficients, on the part with these corners, in the hats of the last two, exactly."""
-    a, b, d = [[Fraction(x) for x in corner] for corner in corners.tolist()]
-    sigma = [{(0, 0): a[k], (1, 0): b[k] - a[k], (0, 1): d[k] - a[k]} for k in (0, 1)]
-    powers = [[{(0, 0): Fraction(1)}] for _ in sigma]
-    for of, power in zip(sigma, powers, strict=True):
-        for _ in range(4):
-            power.append(times(power[-1], of))
-    found = {}
-    for (i, j), x in zip(basis(2, 4).exponents.tolist(), c.tolist(), strict=True):
-        for at, y in times(powers[0][i], powers[1][j]).items():
-            found[at] = found.get(at, 0) + Fraction(x) * y
-    return found
-
-
-def projected(p):
-    """The values of its projection f_h at the corners, and the mean of (p - f_h)^2, exactly."""
-    hats = [{(0, 0): 1, (1, 0): -1, (0, 1): -1}, {(1, 0): 1}, {(0, 1): 1}]
-    moments = [mean(times(p, hat)) for hat in hats]
+    Both are exact.
+    """
+    x, y = (sum(hat * Rational(z) for hat, z in zip(HATS, of, strict=True)) for of in corners.T.tolist())
+    terms = zip(basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
+    p = sum(x**i * y**j * Rational(each) for (i, j), each in terms)
+    moments = [mean(p * hat) for hat in HATS]
     f_h = [12 * of - 3 * sum(moments) for of in moments]
-    rest = dict(p)
-    for value, hat in zip(f_h, hats, strict=True):
-        for at, x in hat.items():
-            rest[at] = rest.get(at, 0) - value * x
-    return f_h, mean(times(rest, rest))
+    rest = p - sum(hat * value for hat, value in zip(HATS, f_h, strict=True))
+    return f_h, mean(rest**2)
 
 
 def some_parts():
@@ -253,8 +225,8 @@ def worst_rounding(count):
         known = Polynomials(c.T.copy(), np.zeros(4), frame)
         f_h, squares = wholes.values(np.repeat(part.T[..., None], count, axis=2), known, number)
         for k in range(4):
-            exact, square = projected(on_part(c[k], part))
-            off = max(abs(float(Fraction(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
+            exact, square = projected(c[k], part)
+            off = max(abs(float(Rational(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
             off += abs(float(squares[k]) ** 0.5 - float(square) ** 0.5)
             worst = max(worst, off / (EPS * np.abs(c[k]).sum()))
     return worst
