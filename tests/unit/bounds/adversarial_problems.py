@@ -5,11 +5,16 @@ Peaks, waves and kinks of f that rules do not see, obstacles that touch u in poi
 
 import numpy as np
 import sympy
-from known_solutions import Feature, Known, fluxes
+from known_solutions import Feature, Known, Tried, fluxes
 
 import unilateral as ul
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.levels import levels
 from unilateral.formulas.symbolic import pos
 from unilateral.problems.atoms import X, Y
+
+MOST = 400
+"""Unknowns on the finest mesh."""
 
 
 def adversary(u, gap=0, features=(), free=(), shift=0, spoil="", with_fluxes=False):
@@ -26,6 +31,13 @@ def adversary(u, gap=0, features=(), free=(), shift=0, spoil="", with_fluxes=Fal
 
 def known(family, number):
     return FAMILIES[family](np.random.default_rng([number, *family.encode()]))
+
+
+def tried(family, number):
+    """A problem with the solutions of a search's levels."""
+    of = known(family, number)
+    found = [level.solved for level in levels(of.problem, Goal(0.02, max_unknowns=MOST))]
+    return Tried(of, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in found])
 
 
 def exact(number):

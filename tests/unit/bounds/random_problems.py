@@ -12,21 +12,83 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import case_file
-from known_solutions import Catalogued, Feature, Known, fluxes
+from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
 
+from unilateral.accuracy.levels import two_edges_per_cell
+from unilateral.discrete.choice import condensed
+from unilateral.discrete.multilevel import after
+from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.symbolic import plain, pos
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
+from unilateral.solvers.stop import Stop
 
 POWERS = [2, sympy.Rational(5, 2), 3, 4]
 """Of kinks in u, the first of which makes f jump."""
 FAR = 1e6
 """Sides away from a side, farther than any other part of a polygon."""
+
+
+ADAPTED = 3
+"""Adapted meshes after a uniform one."""
+KINDS = ("formula", "flux", "corner")
+
+
+def tried(kind, number, folder):
+    """A problem of a kind, with discrete solutions."""
+    of = (
+        {"formula": known, "flux": with_fluxes}[kind](number)
+        if kind != "corner"
+        else at_a_corner(number, folder)
+    )
+    rng = np.random.default_rng([17, number])
+    return Tried(of, [(solved, [*pairs(solved, rng)]) for solved in solutions(of.problem, rng)])
+
+
+def solutions(problem, rng):
+    """On a uniform mesh, there with cells that are not made of edges, and on adapted ones."""
+    polygon, stop = problem.polygon, Stop()
+    H = polygon.lengths.max() / rng.integers(1, 5)
+    mesh, cells = uniform(polygon, H, rng.random())
+    found = condensed(problem, mesh, cells).solved(stop)
+    yield found
+    yield condensed(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
+    of = adapted(mesh)
+    for _ in range(ADAPTED):
+        of = refined(of, marked(of.mesh, found.shares))
+        found = after(found, problem, of).solved(stop)
+        yield found
+
+
+def uniform(polygon, H, choice):
+    """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
+    if choice < 0.4:
+        return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
+    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
+    return of.mesh, of.partition
+
+
+def pairs(solved, rng):
+    """(u_h, lambda_H), and others that do not solve the discrete problem."""
+    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.discrete.mesh
+    noise = rng.standard_normal(len(u))
+    noise *= 10.0 ** rng.uniform(-4, 1) * h1_norm(mesh, u) / h1_norm(mesh, noise)
+    inside = u.copy()
+    inside[mesh.boundary] = 0.0
+    yield u, lambda_H
+    yield u + noise, lambda_H
+    yield u, lambda_H * rng.uniform(0, 2, len(lambda_H))
+    yield u * rng.uniform(-1, 2), np.zeros_like(lambda_H)
+    yield inside, lambda_H
 
 
 class Part(NamedTuple):

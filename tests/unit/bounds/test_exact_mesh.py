@@ -4,13 +4,13 @@ The true errors are computed with 50 digits on the exact mesh, whose boundary no
 """
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import scipy.sparse.linalg as sla
 import sympy
+from known_solutions import fluxes
 from mpmath import mp, mpf
 
 from unilateral.bounds import local_bounds, sharp_bounds
@@ -94,11 +94,10 @@ class Linear(NamedTuple):
 
 
 def linear(polygon, k=1, c=1):
-    corners = [[exact(x) for x in vertex] for vertex in polygon.vertices]
-    edges = [[b - a for a, b in zip(*pair, strict=True)] for pair in pairwise([*corners, corners[0]])]
-    (x, y), (a, b) = corners[0], edges[0]
+    (x, y), (a, b) = ([exact(z) for z in vertex] for vertex in polygon.vertices[:2])
+    a, b = a - x, b - y
     u = a * (X - x) + b * (Y - y)
-    q = tuple(k * (q * a - p * b) / sympy.sqrt(p**2 + q**2) for p, q in edges)
+    q = tuple(k * of_u for of_u in fluxes(u, polygon.vertices))
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
     units = Units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))

@@ -10,27 +10,19 @@ from dataclasses import replace
 import adversarial_problems
 import numpy as np
 import pytest
+import random_problems
 from hand_made import CASES, CRUDE, OfCatalogue
-from known_solutions import QUADRATURE, SIZE, Tried
-from random_problems import at_a_corner, known, with_fluxes
+from known_solutions import QUADRATURE, SIZE
+from random_problems import known
 
 from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.bounds import source
 from unilateral.bounds.forces import forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.discrete import base
-from unilateral.discrete.choice import condensed
-from unilateral.discrete.multilevel import after
-from unilateral.fem.p1 import h1_norm
 from unilateral.fem.p2 import layer
-from unilateral.geometry import mesh as meshes
-from unilateral.geometry import partition as partitions
-from unilateral.geometry.adapted import adapted, marked, refined
-from unilateral.geometry.structured import natural_kind
-from unilateral.solvers.stop import Stop
 
 FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
 """With more than 0, so many times the problems; those made to fool go on where the suite ends."""
@@ -54,10 +46,6 @@ BY_HAND = [(*of, crude) for of in CASES for crude in CRUDE]
 WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
 ALL = [*WITHOUT_CORNERS, *CORNERS]
 CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
-ADAPTED = 3
-"""Adapted meshes after a uniform one."""
-MOST = 400
-"""Unknowns on the finest mesh of a problem that is made to fool."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -68,66 +56,15 @@ def _few_pieces():
         yield
 
 
-def made(kind, number, folder):
-    """A problem of a family with its solution."""
-    if kind == "corner":
-        return at_a_corner(number, folder)
-    random = {"formula": known, "flux": with_fluxes}
-    return random[kind](number) if kind in random else adversarial_problems.known(kind, number)
-
-
-def tried(key, folder):
-    if len(key) == 3:
-        return OfCatalogue(*key)
-    kind, number = key
-    of, rng = made(kind, number, folder), np.random.default_rng([17, number])
-    if kind in adversarial_problems.FAMILIES:
-        found = [level.solved for level in levels(of.problem, Goal(0.02, max_unknowns=MOST))]
-        return Tried(of, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in found])
-    return Tried(of, [(solved, [*pairs(solved, rng)]) for solved in solutions(of.problem, rng)])
-
-
-def solutions(problem, rng):
-    """On a uniform mesh, there with cells that are not made of edges, and on adapted ones."""
-    polygon, stop = problem.polygon, Stop()
-    H = polygon.lengths.max() / rng.integers(1, 5)
-    mesh, cells = uniform(polygon, H, rng.random())
-    found = condensed(problem, mesh, cells).solved(stop)
-    yield found
-    yield condensed(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
-    of = adapted(mesh)
-    for _ in range(ADAPTED):
-        of = refined(of, marked(of.mesh, found.shares))
-        found = after(found, problem, of).solved(stop)
-        yield found
-
-
-def uniform(polygon, H, choice):
-    """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
-    if choice < 0.4:
-        return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
-    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
-    return of.mesh, of.partition
-
-
-def pairs(solved, rng):
-    """(u_h, lambda_H), and others that do not solve the discrete problem."""
-    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.discrete.mesh
-    noise = rng.standard_normal(len(u))
-    noise *= 10.0 ** rng.uniform(-4, 1) * h1_norm(mesh, u) / h1_norm(mesh, noise)
-    inside = u.copy()
-    inside[mesh.boundary] = 0.0
-    yield u, lambda_H
-    yield u + noise, lambda_H
-    yield u, lambda_H * rng.uniform(0, 2, len(lambda_H))
-    yield u * rng.uniform(-1, 2), np.zeros_like(lambda_H)
-    yield inside, lambda_H
-
-
 @pytest.fixture(scope="module")
 def one(request, tmp_path_factory):
     """One problem at a time, solved once for all tests of it."""
-    return tried(request.param, tmp_path_factory.mktemp("corner"))
+    kind, *others = request.param
+    if kind in random_problems.KINDS:
+        return random_problems.tried(kind, *others, tmp_path_factory.mktemp("corner"))
+    if kind in adversarial_problems.FAMILIES:
+        return adversarial_problems.tried(kind, *others)
+    return OfCatalogue(kind, *others)
 
 
 def of_each(problems):
