@@ -45,11 +45,10 @@ KINDS = ("formula", "flux", "corner")
 
 def tried(kind, number, folder):
     """A problem of a kind, with discrete solutions."""
-    of = (
-        {"formula": known, "flux": with_fluxes}[kind](number)
-        if kind != "corner"
-        else at_a_corner(number, folder)
-    )
+    if kind == "corner":
+        of = at_a_corner(number, folder)
+    else:
+        of = {"formula": known, "flux": with_fluxes}[kind](number)
     rng = np.random.default_rng([17, number])
     return Tried(of, [(solved, [*pairs(solved, rng)]) for solved in solutions(of.problem, rng)])
 

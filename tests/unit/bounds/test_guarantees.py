@@ -1,7 +1,7 @@
 """What is guaranteed, each stated once, for problems with known solutions.
 
-They are made by hand (`hand_made`), at random on random polygons (`random_problems`), or to fool them all
-(`adversarial_problems`). `make fuzz` tries hundreds more of the last two, each told by its number.
+They are made by hand (`hand_made`), at random on random polygons (`random_problems`), or to fool whoever
+certifies (`adversarial_problems`). `make fuzz` tries hundreds more of the last two, each told by its number.
 """
 
 import os
