@@ -32,7 +32,7 @@ from unilateral.norms.oscillation import (
     trace_constants,
     value_constants,
 )
-from unilateral.problems.flux import Flux
+from unilateral.problems.obstacle_and_flux import Flux
 from unilateral.problems.piecewise import ORDER
 
 ROUNDING = 64 * EPS

@@ -50,7 +50,7 @@ from unilateral.fem.p2 import linear_squares, slopes_at_nodes, squares
 from unilateral.fem.p2_layer import Layer
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 @dataclass(frozen=True)

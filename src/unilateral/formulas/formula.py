@@ -16,8 +16,9 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
-from unilateral.formulas import grammar, hints
-from unilateral.formulas.constants import apply, nearest, rounded, sign
+from unilateral.formulas import grammar
+from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas.exact_numbers import apply, nearest, rounded, sign
 from unilateral.formulas.expression import (
     ZERO,
     Atom,
@@ -29,8 +30,7 @@ from unilateral.formulas.expression import (
     total,
 )
 from unilateral.formulas.expression import number as exact
-from unilateral.formulas.positive_part import positive_power
-from unilateral.formulas.reading import Reading
+from unilateral.formulas.interval import positive_power
 
 Compiled = Callable[..., list[Array]]
 
@@ -47,7 +47,7 @@ def parse(text: object, variables: Sequence[str], where: str) -> Expression:
         part: grammar.FormulaPart = grammar.Reader(source, variables, where).visit(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        mended = hints.hint(source, error)
+        mended = grammar.hint(source, error)
         raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{mended}") from None
     return part.value
 
@@ -69,7 +69,7 @@ def substituted(formula: Expression, values: Mapping[str, Expression], where: st
     return found
 
 
-class _Formulas(Reading[Expression]):
+class _Formulas(Evaluation[Expression]):
     def number(self, value: Fraction) -> Expression:
         return exact(value)
 
@@ -119,7 +119,7 @@ def compile_numpy(formulas: Sequence[Expression], names: Sequence[str]) -> Compi
     return evaluate
 
 
-class _Arrays(Reading[Array]):
+class _Arrays(Evaluation[Array]):
     def number(self, value: Fraction) -> Array:
         return np.array(float(value))
 
@@ -142,9 +142,9 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
     have any), or a non-integer power hides elsewhere.
     """
     if has_root(formula):
-        raise ValueError(hints.NO_ROOT)
+        raise ValueError(grammar.NO_ROOT)
     if atoms_in(formula, "log"):
-        raise ValueError(f"log is not allowed here; known are {hints.offered(grammar.FUNCTIONS)}")
+        raise ValueError(grammar.NO_LOG)
     found: set[tuple[float, Fraction]] = set()
     for power in atoms_in(formula, "pos"):
         argument, exponent = power.args

@@ -1,9 +1,10 @@
-"""The grammar of formulas: a whitelist, and limits that are looked at before any work."""
+"""The grammar of formulas: a whitelist, limits that are looked at before any work, and hints in messages."""
 
 from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Callable, Iterable
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -11,9 +12,8 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.constants import apply, rounded, sign
+from unilateral.formulas.exact_numbers import apply, rounded, sign
 from unilateral.formulas.expression import ZERO, Expression, hides_kink, number, variable
-from unilateral.formulas.hints import STEP, comma, not_called, offered
 
 MAX_LENGTH = 2000
 MAX_NESTING = 30
@@ -33,6 +33,28 @@ MAX_BITS = 1000
 
 FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sinh", "cosh", "tanh"), 1)
 """The functions of formulas, each with the number of its arguments."""
+OFFERED = ", ".join(name for name in FUNCTIONS if name not in ("log", "sqrt"))
+"""The functions that messages offer: formulas may have those two of numbers, not of x, y or t."""
+INSTEAD = {
+    "abs": "pos(a, 1) + pos(-a, 1) for abs(a)",
+    "max": "b + pos(a - b, 1) for max(a, b)",
+    "min": "a - pos(a - b, 1) for min(a, b)",
+    "ln": "the number itself, such as 0.6931 for ln(2); there is no logarithm of x or y",
+    "tan": "sin(a)/cos(a) for tan(a)",
+    "sign": "2*pos(a, 0) - 1 for sign(a)",
+    "where": "b + (a - b)*pos(c, 0) for where(c > 0, a, b)",
+} | dict.fromkeys(("heaviside", "Heaviside", "step"), "pos(a, 0), which is 1 where a > 0 and else 0")
+"""What to write in place of functions that people try."""
+NO_LOG = f"log is not allowed here; known are {OFFERED}"
+NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
+STEP = (
+    "; there are no conditions in formulas; pos(a, 0) is 1 where a > 0 and 0 elsewhere, "
+    "such as pos(x - 1/2, 0) for x > 1/2"
+)
+CONDITION = re.compile(r"[<>]|\bif\b")
+COMMA = re.compile(r"(?<![\w.])(\d+),(\d+)")
+FACTOR = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()")
+"""A number and what it multiplies without a sign, such as 2x."""
 HALF = Fraction(1, 2)
 OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
     ast.Add: lambda a, b: a + b,
@@ -128,7 +150,7 @@ class Reader(ast.NodeVisitor):
 
     def visit_Name(self, node: ast.Name) -> FormulaPart:
         if node.id not in self.names:
-            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {offered(FUNCTIONS)}")
+            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {OFFERED}")
         return self.names[node.id]
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> FormulaPart:
@@ -167,8 +189,7 @@ class Reader(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> FormulaPart:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
-            factor = isinstance(node.func, ast.Constant) or self.text(node.func) in self.names
-            raise self.refuse(node, not_called(self.text(node.func), factor, FUNCTIONS))
+            raise self.not_called(node, self.text(node.func))
         function, arity = node.func.id, FUNCTIONS[node.func.id]
         if len(node.args) != arity:
             mended = comma(self.text(node)) if len(node.args) > arity else ""
@@ -183,6 +204,13 @@ class Reader(ast.NodeVisitor):
             self.check_kink(node, values[0], HALF)
             return self.checked(node, lambda: values[0] ** HALF, degree, functions)
         return self.checked(node, lambda: apply(function, *values), degree, functions)
+
+    def not_called(self, node: ast.Call, name: str) -> InputError:
+        """The refusal of a call of what is no function; it may have been meant as a factor."""
+        if isinstance(node.func, ast.Constant) or name in self.names:
+            return self.refuse(node, f"is not a product; write {shown(name)}*(...)")
+        meant = f"write {INSTEAD[name]}" if name in INSTEAD else f"known are {OFFERED}"
+        return self.refuse(node, f"is not a known function; {meant}")
 
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
         if degree > MAX_DEGREE:
@@ -221,3 +249,20 @@ def is_finite_and_real(value: Expression) -> bool:
 def _numbers(e: Expression) -> Iterable[Fraction]:
     """The coefficients and exponents of its terms."""
     return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]
+
+
+def hint(source: str, error: Exception) -> str:
+    """How to mend what Python's parser refused, after a semicolon; nothing where that cannot be guessed."""
+    if "leading zeros" in str(error):
+        return "; write 10 for 010"
+    if CONDITION.search(source):
+        return STEP
+    if found := FACTOR.search(source):
+        return f"; write {found[1]}*{found[2]} for {shown(found[0])}"
+    return comma(source)
+
+
+def comma(source: str) -> str:
+    """What to write in place of a decimal comma, if there may be one."""
+    found = COMMA.search(source)
+    return f"; write {found[1]}.{found[2]} for {found[0]}" if found else ""

@@ -12,11 +12,11 @@ import sympy
 from sympy.core.evalf import PrecisionExhausted
 from sympy.core.function import ArgumentIndexError
 
-from unilateral.formulas import elementary, formula
-from unilateral.formulas.constants import apply, sign
+from unilateral.formulas import formula, taylor_functions
+from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas.exact_numbers import apply, sign
 from unilateral.formulas.expression import Atom, Expression, number, total, variable
 from unilateral.formulas.formula import Compiled
-from unilateral.formulas.reading import Reading
 from unilateral.formulas.taylor import Model
 
 DIGITS = 2000
@@ -65,7 +65,7 @@ def value(e: Expression, context: Any) -> Any:
     return context.mpf(close)
 
 
-class _Symbolic(Reading[sympy.Expr]):
+class _Symbolic(Evaluation[sympy.Expr]):
     def number(self, value: Fraction) -> sympy.Expr:
         return sympy.Rational(value.numerator, value.denominator)
 
@@ -106,7 +106,7 @@ def plain(e: sympy.Expr) -> Expression:
 
 def evaluate(e: sympy.Expr, variables: Mapping[sympy.Symbol, Model]) -> Model:
     """A formula on the boxes of its variables' models."""
-    return elementary.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
+    return taylor_functions.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
 
 
 def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:

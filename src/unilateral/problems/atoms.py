@@ -8,6 +8,7 @@ in units of L, so that an atom's flux does not depend on L: u = L v(x / L), and
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -53,8 +54,30 @@ class Regularity(NamedTuple):
     finite: bool = True
 
 
+class OfFormulas(ABC):
+    """An atom by two lists of formulas: u and its two derivatives, and these with -Delta u + u."""
+
+    @cached_property
+    @abstractmethod
+    def _values(self) -> tuple[Compiled, Compiled]: ...
+
+    @abstractmethod
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        """The values of one of the lists at points + offset (k, 2), the derivatives as gradients (k, 2)."""
+
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
+        value, gradient = self._at(self._values[0], points, offset)
+        return value, gradient
+
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
+        """What `value_and_gradient` returns, and (k,) values of -Delta u + u."""
+        value, gradient, f = self._at(self._values[1], points, offset)
+        return value, gradient, f
+
+
 @dataclass(frozen=True, eq=False)
-class Smooth:
+class Smooth(OfFormulas):
     """A formula in x, y; the case's `u` where no atom is needed."""
 
     u: sympy.Expr
@@ -77,15 +100,9 @@ class Smooth:
         """-Delta u + u on the boxes of x and y."""
         return evaluate(self._f, {X: x, Y: y})
 
-    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
-        value, dx, dy = self._values[0](*(points + offset).T)
-        return value, np.column_stack([dx, dy])
-
-    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        """What `value_and_gradient` returns, and (k,) values of -Delta u + u."""
-        value, dx, dy, f = self._values[1](*(points + offset).T)
-        return value, np.column_stack([dx, dy]), f
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        value, dx, dy, *f = formulas(*(points + offset).T)
+        return value, np.column_stack([dx, dy]), *f
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
@@ -154,7 +171,7 @@ class Local:
 
 
 @dataclass(frozen=True, eq=False)
-class Tensor(Local):
+class Tensor(Local, OfFormulas):
     """-d l(t) (1 - (d / cutoff)^2)_+^4, d the distance to the side in side lengths, l in H2."""
 
     profile: sympy.Expr
@@ -185,13 +202,9 @@ class Tensor(Local):
         support = (d.range[0] < float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
         return by_part([(lambda t, d: evaluate(self._f, {T: t, D: d}), support)], t, d)
 
-    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        v, v_t, v_d = self._values[0](*self.local(points, offset))
-        return self.length * v, self.to_xy(v_t, v_d)
-
-    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        v, v_t, v_d, f = self._values[1](*self.local(points, offset))
-        return self.length * v, self.to_xy(v_t, v_d), f
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        v, v_t, v_d, *f = formulas(*self.local(points, offset))
+        return self.length * v, self.to_xy(v_t, v_d), *f
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
         """(k,) values of u and of its outward normal derivative on the side."""

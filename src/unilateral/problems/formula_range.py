@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array, Mask, blocks
-from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.formulas.taylor_functions import evaluate
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 

@@ -8,7 +8,7 @@ import sympy
 from balls import between, certain, exact, polynomial, positive_power, value
 from flint import acb, arb
 
-from unilateral.formulas import elementary, interval, taylor
+from unilateral.formulas import interval, taylor, taylor_functions
 from unilateral.formulas.formula import parse
 from unilateral.formulas.symbolic import evaluate, pos, symbolic
 from unilateral.formulas.taylor import Model, affine, basis, constant
@@ -106,7 +106,7 @@ def of_positive(of, k):
 OF_INTERVALS = {
     "sum": (interval.total, lambda a, b: a + b, 2),
     "product": (interval.product, lambda a, b: a * b, 2),
-    **{name: (getattr(interval, name), getattr(arb, name), 1) for name in elementary.FUNCTIONS},
+    **{name: (getattr(interval, name), getattr(arb, name), 1) for name in taylor_functions.FUNCTIONS},
     **{f"power {n}": (lambda a, n=n: interval.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS},
     **{
         f"positive power {k}": (
@@ -121,11 +121,13 @@ OF_MODELS = {
     "sum": (Model.__add__, lambda a, b: a + b, 2),
     "product": (Model.__mul__, lambda a, b: a * b, 2),
     **{f"times {n}": (lambda a, n=n: a.scaled(n), lambda a, n=n: a * n, 1) for n in (1e-320, -1 / 3, 1e300)},
-    **{name: (of, getattr(arb, name), 1) for name, of in elementary.FUNCTIONS.items()},
-    **{f"power {n}": (lambda a, n=n: elementary.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS},
+    **{name: (of, getattr(arb, name), 1) for name, of in taylor_functions.FUNCTIONS.items()},
+    **{
+        f"power {n}": (lambda a, n=n: taylor_functions.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS
+    },
     **{
         f"positive power {k}": (
-            of_positive(elementary.positive_power, k),
+            of_positive(taylor_functions.positive_power, k),
             lambda a, k=k: positive_power(a, exact(k)),
             1,
         )
@@ -167,7 +169,7 @@ def random_formula(rng, depth):
     return (
         pos(a, rng.choice(FRACTIONS))
         if kind < 0.75
-        else getattr(sympy, rng.choice(list(elementary.FUNCTIONS)))(a)
+        else getattr(sympy, rng.choice(list(taylor_functions.FUNCTIONS)))(a)
     )
 
 
@@ -208,7 +210,7 @@ CONTROLS = {
     "rounding of sums": (taylor, "EPS", ["sum"]),
     "rounding of products": (taylor, "EPS", ["product"]),
     "rounding of numbers": (taylor, "EPS", ["times -0.3333333333333333"]),
-    "coefficients of powers": (elementary, "EPS", ["positive power 1/3"]),
+    "coefficients of powers": (taylor_functions, "EPS", ["positive power 1/3"]),
 }
 
 
@@ -231,12 +233,12 @@ def test_without_the_widening_values_lie_outside(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", elementary, "OF_TANH")]
+    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", taylor_functions, "OF_TANH")]
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
     own, (_, oracle, _) = getattr(np, name), OF_MODELS[name]
-    of = elementary.FUNCTIONS[name]
+    of = taylor_functions.FUNCTIONS[name]
     monkeypatch.setattr(np, name, lambda x: own(x) + 4 * np.spacing(np.abs(own(x))))
     assert tally(of_intervals(getattr(interval, name), oracle, np.random.default_rng(3)))[1] == 0
     assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] == 0
@@ -279,8 +281,8 @@ def test_tanh_near_the_real_axis():
     """|tanh| <= AROUND_TANH where |Im z| <= 1; the largest is at z = i, tan 1."""
     for x in np.linspace(-3, 3, 61).tolist():
         for y in np.linspace(-1, 1, 21).tolist():
-            assert abs(acb(x, y).tanh()) <= elementary.AROUND_TANH
-    assert abs(acb(0, 1).tanh()) > elementary.AROUND_TANH * (1 - 1e-3)
+            assert abs(acb(x, y).tanh()) <= taylor_functions.AROUND_TANH
+    assert abs(acb(0, 1).tanh()) > taylor_functions.AROUND_TANH * (1 - 1e-3)
 
 
 LEAVING = {

@@ -12,9 +12,9 @@ from sympy.core.function import ArgumentIndexError
 
 from unilateral.errors import InputError
 from unilateral.formulas import formula, grammar
-from unilateral.formulas.constants import rounded
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.formula import kinks, number, parse
-from unilateral.formulas.positive_part import positive_power
+from unilateral.formulas.interval import positive_power
 from unilateral.formulas.symbolic import compile_numpy, pos, symbolic
 
 X, Y, T = (sympy.Symbol(name, real=True) for name in "xyt")

@@ -9,13 +9,13 @@ import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unilateral.formulas import elementary, taylor
-from unilateral.formulas.constants import apply
-from unilateral.formulas.elementary import evaluate, real_power
+from unilateral.formulas import taylor, taylor_functions
+from unilateral.formulas.exact_numbers import apply
 from unilateral.formulas.expression import atoms_in, variable
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula import parse
 from unilateral.formulas.taylor import EPS, affine, basis, constant, joined, number
+from unilateral.formulas.taylor_functions import evaluate, real_power
 from unilateral.problems.atoms import X, Y
 
 LEAVES = st.one_of(st.sampled_from(["x", "y", "pi"]), st.integers(-3, 3).map(lambda k: f"({k})"))
@@ -118,15 +118,25 @@ def last_times(factor, own):
 
 
 SMALLER = {
-    "the last term of exp": (elementary, "_factorials", last_times(2.5, elementary._factorials), "exp(3*x)"),
-    "the last term of sin": (elementary, "_factorials", last_times(2.5, elementary._factorials), "sin(3*x)"),
+    "the last term of exp": (
+        taylor_functions,
+        "_factorials",
+        last_times(2.5, taylor_functions._factorials),
+        "exp(3*x)",
+    ),
+    "the last term of sin": (
+        taylor_functions,
+        "_factorials",
+        last_times(2.5, taylor_functions._factorials),
+        "sin(3*x)",
+    ),
     "the last term of a power": (
-        elementary,
+        taylor_functions,
         "_binomials",
-        last_times(0.4, elementary._binomials),
+        last_times(0.4, taylor_functions._binomials),
         "pos(x + 1/2, 3/2)",
     ),
-    "Cauchy's estimate of tanh": (elementary, "AROUND_TANH", 0.01, "tanh(2*x)"),
+    "Cauchy's estimate of tanh": (taylor_functions, "AROUND_TANH", 0.01, "tanh(2*x)"),
     "rounding": (taylor, "EPS", 0.0, "x/3 + 1/7"),
 }
 

@@ -15,7 +15,7 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along, Smooth, X, Y
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 
 POLYGONS = {"square": square(), "lshape": named("lshape")}
 PLACES = [("natural", "square", 0)] + [

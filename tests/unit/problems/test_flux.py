@@ -9,8 +9,8 @@ import unilateral as ul
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.symbolic import symbolic
 from unilateral.geometry.polygon import square
-from unilateral.problems import flux
 from unilateral.problems.atoms import X, Y
+from unilateral.problems.obstacle_and_flux import no_flux
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 FORMULAS = [
@@ -86,7 +86,7 @@ def test_only_sides_with_a_flux_have_one():
     assert {*found.side[found.given].tolist()} == {0}
     assert found.range(0) == pytest.approx((-2, -1))
     assert found.least == pytest.approx(-2)
-    assert flux.none(square()).least == np.inf
+    assert no_flux(square()).least == np.inf
     assert not ul.case("natural").enclosed_flux.given.any()
 
 

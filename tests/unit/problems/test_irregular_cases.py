@@ -15,8 +15,8 @@ from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems.atoms import Along
-from unilateral.problems.certificate import certify
-from unilateral.problems.harmonic import corner, harmonic
+from unilateral.problems.case_certificate import certify
+from unilateral.problems.polar_atoms import corner, harmonic
 
 ALPHA = {
     "borderline_0.25": 0.25,

@@ -8,12 +8,13 @@ import pytest
 import sympy
 from conftest import load
 
-from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.formula import parse
 from unilateral.formulas.symbolic import symbolic
+from unilateral.formulas.taylor_functions import evaluate
 from unilateral.geometry.polygon import square
-from unilateral.problems import obstacle, piecewise, problem_file
+from unilateral.problems import piecewise, problem_file
 from unilateral.problems.atoms import T
+from unilateral.problems.obstacle_and_flux import enclose_obstacle
 
 
 class OnBottom:
@@ -35,7 +36,7 @@ FREE = (1, 2, 3)
 
 def enclosed(of, free, least=-np.inf):
     """g of such an object."""
-    return obstacle.enclosed(of.polygon, of.obstacle_model, free, least)
+    return enclose_obstacle(of.polygon, of.obstacle_model, free, least)
 
 
 FORMULAS = [

@@ -11,10 +11,10 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.formulas import interval
-from unilateral.formulas.constants import nearest
+from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas.exact_numbers import nearest
 from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.interval import QUIET, Interval
-from unilateral.formulas.reading import Reading
 from unilateral.formulas.taylor import (
     EPS,
     OF_FUNCTIONS,
@@ -199,7 +199,7 @@ def evaluate(formula: Expression, variables: Mapping[str, Model], steps: Steps |
     return _Models((formula,), known).of(formula)
 
 
-class _Models(Reading[Model]):
+class _Models(Evaluation[Model]):
     def number(self, value: Fraction) -> Model:
         return number(next(iter(self.known.values())), float(value))
 

@@ -14,7 +14,7 @@ from unilateral.formulas.expression import Atom, Expression, Part, Power, parts_
 V = TypeVar("V", bound=Any)
 
 
-class Reading(ABC, Generic[V]):
+class Evaluation(ABC, Generic[V]):
     """Computes the values of formulas from those of the variables and other `known` atoms.
 
     Values may be of any kind that can be added. Those of parts that occur more than once in the `formulas`

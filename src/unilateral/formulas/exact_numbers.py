@@ -7,8 +7,8 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any
 
+from unilateral.formulas.evaluation import Evaluation
 from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
-from unilateral.formulas.reading import Reading
 
 BITS = 160
 SHARP = 2.0**-62
@@ -68,7 +68,7 @@ def _intervals() -> Any:
     return context
 
 
-class _Intervals(Reading[Any]):
+class _Intervals(Evaluation[Any]):
     """The values of numbers as intervals, each of which contains its number."""
 
     def number(self, value: Fraction) -> Any:
