@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 import sympy
-from balls import between, certain, exact, polynomial, positive_power, value
+from balls import between, box, certain, exact, holds, polynomial, positive_power, value
 from flint import acb, arb
 
 from unilateral.formulas import interval, taylor, taylor_functions
@@ -40,18 +40,25 @@ def intervals(rng, k):
 
 
 def models(rng, of, k):
-    """Polynomials with coefficients of all scales, alike or not, and remainders that may be 0."""
+    """Polynomials with coefficients of all scales, alike or not, and remainders that may be 0.
+
+    A third of them are about 1, linear and without a remainder, so that only that of the operation counts.
+    """
     size, shrink = numbers(rng, k) / 64, 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
     c = size * shrink ** of.degree[:, None] * rng.uniform(-1, 1, (len(of.degree), k))
     rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
+    at, plain = rng.uniform(0.2, 3.0, k), rng.uniform(size=k) < 1 / 3
+    arms = 0.3 * np.minimum(at, 1.0) * rng.choice([0.0, 1e-9, 1.0, 1.0], k) * rng.choice([-1, 1], (2, k))
+    c[:, plain], rad[plain] = 0.0, 0.0
+    c[:3, plain] = np.vstack([at, arms])[:, plain]
     reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
     return Model(of, c, rad, interval.outward(c[0] - reach, c[0] + reach))
 
 
 def tally(answers):
     """How many of them are True, and how many False."""
-    found = list(answers)
-    return found.count(True), found.count(False)
+    known = [*answers]
+    return known.count(True), known.count(False)
 
 
 def of_intervals(of, oracle, rng, arity=1, k=BOXES):
@@ -68,14 +75,6 @@ def of_intervals(of, oracle, rng, arity=1, k=BOXES):
     for j in range(k):
         for t in rng.choice([0.0, 1.0, 0.5, 0.37], POINTS).tolist():
             yield certain(answer, j, t)
-
-
-def holds(model, j, sigma, f):
-    """Whether a value f at sigma is in the model's range and within its remainder; None if not known."""
-    low, high, rad = (float(each[j]) for each in (*model.range, model.rad))
-    p = polynomial(model.c[:, j].tolist(), model.basis.exponents.tolist(), sigma)
-    answers = between(low, f, high), between(-rad, f - p, rad)
-    return False if False in answers else (None if None in answers else True)
 
 
 def of_models(of, oracle, rng, arity=1, k=BOXES, order=3, points=POINTS):
@@ -136,18 +135,19 @@ OF_MODELS = {
 }
 
 
-@pytest.mark.parametrize("name", OF_INTERVALS)
-def test_every_operation_of_intervals(name):
-    of, oracle, arity = OF_INTERVALS[name]
-    inside, outside = tally(of_intervals(of, oracle, np.random.default_rng(1), arity))
-    assert outside == 0
-    assert inside > 0.5 * BOXES * POINTS
+OPERATIONS = {f"{name} of intervals": (of_intervals, *of) for name, of in OF_INTERVALS.items()}
+OPERATIONS |= {f"{name} of models": (of_models, *of) for name, of in OF_MODELS.items()}
 
 
-@pytest.mark.parametrize("name", OF_MODELS)
-def test_every_operation_of_models(name):
-    of, oracle, arity = OF_MODELS[name]
-    inside, outside = tally(of_models(of, oracle, np.random.default_rng(2), arity))
+def tried(name, k=BOXES, seed=1):
+    """How many values of that operation are in its enclosures, and how many are not."""
+    trying, of, oracle, arity = OPERATIONS[name]
+    return tally(trying(of, oracle, np.random.default_rng(seed), arity, k))
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_every_operation(name):
+    inside, outside = tried(name)
     assert outside == 0
     assert inside > 0.5 * BOXES * POINTS
 
@@ -166,11 +166,9 @@ def random_formula(rng, depth):
         return a + b if kind < 0.2 else a * b
     if kind < 0.6:
         return a ** rng.choice(EXPONENTS)
-    return (
-        pos(a, rng.choice(FRACTIONS))
-        if kind < 0.75
-        else getattr(sympy, rng.choice(list(taylor_functions.FUNCTIONS)))(a)
-    )
+    if kind < 0.75:
+        return pos(a, rng.choice([sympy.Integer(0), *FRACTIONS]))
+    return getattr(sympy, rng.choice(list(taylor_functions.FUNCTIONS)))(a)
 
 
 def formulas(seed, n):
@@ -205,31 +203,43 @@ def test_random_formulas(seed):
     assert inside > 0.5 * 25 * 60
 
 
-CONTROLS = {
-    "underflow": (taylor, "TINY", ["product", "exp", "power -3", "positive power 141/20"]),
-    "rounding of sums": (taylor, "EPS", ["sum"]),
-    "rounding of products": (taylor, "EPS", ["product"]),
-    "rounding of numbers": (taylor, "EPS", ["times -0.3333333333333333"]),
-    "coefficients of powers": (taylor_functions, "EPS", ["positive power 1/3"]),
+def last_times(factor, own):
+    """The same sequence with its last member spoilt."""
+
+    def sequence(*arguments):
+        values = own(*arguments)
+        values[-1] *= factor
+        return values
+
+    return sequence
+
+
+WIDENED = ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1")
+UNDERFLOWING = ("product", "exp", "power -3", "positive power 141/20")
+FACTORIALS = last_times(2.5, taylor_functions._factorials)
+BINOMIALS = last_times(0.4, taylor_functions._binomials)
+CONTROLS = {  # what is spoilt, and operations that need it
+    "widening": (interval, "ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
+    "factors of powers": (interval, "PRODUCT", 0.0, ["positive power 199/2 of intervals"]),
+    "fractional exponents": (interval, "EXPONENT", 0.0, ["positive power 100/7 of intervals"]),
+    "underflow": (taylor, "TINY", 0.0, [f"{name} of models" for name in UNDERFLOWING]),
+    "rounding of sums": (taylor, "EPS", 0.0, ["sum of models"]),
+    "rounding of products": (taylor, "EPS", 0.0, ["product of models"]),
+    "rounding of numbers": (taylor, "EPS", 0.0, ["times -0.3333333333333333 of models"]),
+    "coefficients of powers": (taylor_functions, "EPS", 0.0, ["positive power 100/7 of models"]),
+    "last factorial": (taylor_functions, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
+    "last binomial": (taylor_functions, "_binomials", BINOMIALS, ["positive power 3/2 of models"]),
+    "Cauchy's estimate": (taylor_functions, "AROUND_TANH", 0.01, ["tanh of models"]),
 }
 
 
 @pytest.mark.parametrize("name", CONTROLS)
-def test_without_a_rounding_term_values_lie_outside(monkeypatch, name):
-    module, constant, operations = CONTROLS[name]
-    monkeypatch.setattr(module, constant, 0.0)
+def test_without_a_term_values_lie_outside(monkeypatch, name):
+    """Each term of a bound is needed: factorials 2.5 times too large, binomials 2.5 times too small."""
+    module, attribute, smaller, operations = CONTROLS[name]
+    monkeypatch.setattr(module, attribute, smaller)
     for operation in operations:
-        of, oracle, arity = OF_MODELS[operation]
-        _, outside = tally(of_models(of, oracle, np.random.default_rng(2), arity, k=4 * BOXES))
-        assert outside > 0, operation
-
-
-def test_without_the_widening_values_lie_outside(monkeypatch):
-    monkeypatch.setattr(interval, "ULPS", 0)
-    for operation in ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1"):
-        of, oracle, arity = OF_INTERVALS[operation]
-        _, outside = tally(of_intervals(of, oracle, np.random.default_rng(1), arity))
-        assert outside > 0, operation
+        assert tried(operation, 4 * BOXES)[1] > 0, operation
 
 
 @pytest.mark.parametrize(
@@ -237,13 +247,11 @@ def test_without_the_widening_values_lie_outside(monkeypatch):
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
-    own, (_, oracle, _) = getattr(np, name), OF_MODELS[name]
-    of = taylor_functions.FUNCTIONS[name]
+    own = getattr(np, name)
     monkeypatch.setattr(np, name, lambda x: own(x) + 4 * np.spacing(np.abs(own(x))))
-    assert tally(of_intervals(getattr(interval, name), oracle, np.random.default_rng(3)))[1] == 0
-    assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] == 0
+    assert tried(f"{name} of intervals", seed=3)[1] == tried(f"{name} of models", seed=3)[1] == 0
     monkeypatch.setattr(module, constant, 0.0)
-    assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] > 0
+    assert tried(f"{name} of models", seed=3)[1] > 0
 
 
 @pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])
@@ -305,37 +313,31 @@ LEAVING = {
 def test_formulas_of_which_parts_leave_the_range(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
-    formula, at = symbolic(parse(text, ("x", "y"), "here")), np.array(centre)
-    ends = at - 1.001 * half, at + 1.001 * half
-    variables = {
-        z: affine(
-            basis(2, 4),
-            at[i : i + 1],
-            half * np.eye(2)[:, i : i + 1],
-            (ends[0][i : i + 1], ends[1][i : i + 1]),
-        )
-        for i, z in enumerate((X, Y))
-    }
-    found = evaluate(formula, variables)
+    formula = parse(text, ("x", "y"), "here")
+    model = taylor_functions.evaluate(formula, box(4, centre, half * np.eye(2)))
 
     def answer(sigma):
-        places = {z: exact(at[i]) + exact(half) * sigma[i] for i, z in enumerate((X, Y))}
-        return holds(found, 0, sigma, value(formula, places))
+        x, y = (exact(c) + exact(half) * s for c, s in zip(centre, sigma, strict=True))
+        return holds(model, 0, sigma, value(symbolic(formula), {X: x, Y: y}))
 
     sigmas = np.random.default_rng(5).uniform(-1, 1, (10, 2)).tolist()
     assert all(certain(answer, sigma) for sigma in [[0.0, 0.0], [1.0, 1.0], *sigmas])
 
 
 NUMBERS = [
-    *(
-        "cos(exp((842/488)**12))",
-        "sin(exp(600))",
-        "cos(sinh(700))",
-        "exp(-700)",
-        "tanh(20) - 1",
-        "sqrt(2)*1e-300",
-    ),
-    *("1/3", "1e300/3", "pi*1e-301", "sin(1e99)", "cosh(700)", "log(3)**99", "exp(1/3)**-99"),
+    "cos(exp((842/488)**12))",
+    "sin(exp(600))",
+    "cos(sinh(700))",
+    "exp(-700)",
+    "tanh(20) - 1",
+    "sqrt(2)*1e-300",
+    "1/3",
+    "1e300/3",
+    "pi*1e-301",
+    "sin(1e99)",
+    "cosh(700)",
+    "log(3)**99",
+    "exp(1/3)**-99",
 ]
 
 
