@@ -11,7 +11,7 @@ from unilateral.problems import case as cases
 
 CASES = [
     *((name, "square") for name in ("natural", "smooth", "thirds", "singular", "rough", "violates_jj")),
-    *((name, "square") for name in ("vertex", "violates_jjj", "no_contact")),
+    *((name, "square") for name in ("vertex", "violates_jjj", "no_contact", "full_contact")),
     *((name, "lshape") for name in ("reentrant", "violates_j")),
 ]
 ROUNDING = 1e-11
@@ -44,7 +44,8 @@ def test_no_value_leaves_its_enclosure(name, polygon, size, arm):
     """u by polar coordinates, f by the derivatives of that; enclosures by series, and Delta v by hand.
 
     On boxes that are points, small, and as large as cutoffs; points that do not lie in Omega do not count.
-    Control: values that are a thousandth of the largest one larger leave some of the points.
+    On nine tenths of the boxes at least there is a remainder. Control: values that are a thousandth of
+    the largest one larger leave some of the points.
     """
     case = cases.load(name, Polygon(size * named(polygon).vertices, polygon))
     (x, y), sigma, points = on_boxes(case.polygon, arm)
@@ -62,4 +63,5 @@ def test_no_value_leaves_its_enclosure(name, polygon, size, arm):
             return np.maximum(beyond, np.abs(values - powers @ model.c) - model.rad) > slack
 
         assert not np.any(leaves(exact) & inside)
+        assert np.isfinite(model.rad).mean() > 0.9
         assert arm > 0 or np.any(leaves(exact + 1e-3 * np.abs(exact).max()) & inside)
