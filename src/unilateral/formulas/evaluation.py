@@ -59,8 +59,8 @@ class Evaluation(ABC, Generic[V]):
         return reduce(add, [*parts, self.of(fixed)] if fixed.terms else parts)
 
     def _term(self, times: Expression, of: Sequence[Power]) -> V:
-        found = reduce(self.product, (self._power(power) for power in of))
-        return found if times.rational == 1 else self.times(found, times)
+        value = reduce(self.product, (self._power(power) for power in of))
+        return value if times.rational == 1 else self.times(value, times)
 
     def _power(self, power: Power) -> V:
         return self._kept(power, self._raised)
@@ -76,7 +76,7 @@ class Evaluation(ABC, Generic[V]):
     def _kept(self, part: Any, read: Any) -> V:
         if part in self.kept:
             return self.kept[part]
-        found = read(part)
+        value = read(part)
         if self.count.get(part, 0) > 1:
-            self.kept[part] = found
-        return found
+            self.kept[part] = value
+        return value

@@ -51,9 +51,9 @@ def magnitude(e: Expression) -> int:
 @lru_cache(maxsize=1024)
 def _value(e: Expression) -> Any:
     """The value, of any size: the middle of an interval that contains it, or by sympy if that is wide."""
-    iv, found = _intervals(), _Intervals((e,), {}).of(e)
-    if abs(found).a > 0 and found.delta <= SHARP * abs(found).a:
-        return found.mid
+    iv, enclosure = _intervals(), _Intervals((e,), {}).of(e)
+    if abs(enclosure).a > 0 and enclosure.delta <= SHARP * abs(enclosure).a:
+        return enclosure.mid
     from unilateral.formulas import symbolic  # whose import takes longer than a small problem
 
     return symbolic.value(e, iv)

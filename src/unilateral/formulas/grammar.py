@@ -83,10 +83,10 @@ def tree(source: str, where: str) -> ast.expr:
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
     _check(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
     _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} parentheses in each other")
-    found = ast.parse(source, mode="eval").body
-    operations = sum(isinstance(node, COUNTED) for node in ast.walk(found))
+    body = ast.parse(source, mode="eval").body
+    operations = sum(isinstance(node, COUNTED) for node in ast.walk(body))
     _check(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
-    return found
+    return body
 
 
 def _check(size: int, limit: int, message: str) -> None:
@@ -113,28 +113,27 @@ class Reader(ast.NodeVisitor):
     ) -> FormulaPart:
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         try:
-            found = value()
-            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in _numbers(found)):
+            result = value()
+            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in _numbers(result)):
                 raise self.refuse(node, "has a number that is too large or too small")
-            finite = is_finite_and_real(found)
-            if not found.variables and finite and sign(found) == 0:
-                found = ZERO
+            finite = is_finite_and_real(result)
+            if not result.variables and finite and sign(result) == 0:
+                result = ZERO
         except ArithmeticError:
             finite = False
         except ValueError:
             raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
-        return FormulaPart(found, degree, functions if found.variables else 0)
+        return FormulaPart(result, degree, functions if result.variables else 0)
 
     def generic_visit(self, node: ast.AST) -> FormulaPart:
         raise self.refuse(node, "is not allowed in a formula")
 
-    def visit_Compare(self, node: ast.Compare) -> FormulaPart:
+    def visit_Compare(self, node: ast.AST) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{STEP}")
 
-    def visit_IfExp(self, node: ast.IfExp) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{STEP}")
+    visit_IfExp = visit_Compare
 
     def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
@@ -164,10 +163,10 @@ class Reader(ast.NodeVisitor):
         chain = [node]
         while isinstance(chain[-1].left, ast.BinOp):
             chain.append(chain[-1].left)
-        found: FormulaPart = self.visit(chain[-1].left)
+        part: FormulaPart = self.visit(chain[-1].left)
         for each in reversed(chain):
-            found = self.combined(each, found, self.visit(each.right))
-        return found
+            part = self.combined(each, part, self.visit(each.right))
+        return part
 
     def combined(self, node: ast.BinOp, left: FormulaPart, right: FormulaPart) -> FormulaPart:
         """The part of a formula that an operator makes of two."""
@@ -257,12 +256,12 @@ def hint(source: str, error: Exception) -> str:
         return "; write 10 for 010"
     if CONDITION.search(source):
         return STEP
-    if found := FACTOR.search(source):
-        return f"; write {found[1]}*{found[2]} for {shown(found[0])}"
+    if product := FACTOR.search(source):
+        return f"; write {product[1]}*{product[2]} for {shown(product[0])}"
     return comma(source)
 
 
 def comma(source: str) -> str:
     """What to write in place of a decimal comma, if there may be one."""
-    found = COMMA.search(source)
-    return f"; write {found[1]}.{found[2]} for {found[0]}" if found else ""
+    pair = COMMA.search(source)
+    return f"; write {pair[1]}.{pair[2]} for {pair[0]}" if pair else ""

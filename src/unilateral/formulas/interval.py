@@ -44,8 +44,8 @@ def total(a: Interval, b: Interval) -> Interval:
 
 @QUIET
 def product(a: Interval, b: Interval) -> Interval:
-    found = [x * y for x in a for y in b]
-    return outward(reduce(np.minimum, found), reduce(np.maximum, found))
+    products = [x * y for x in a for y in b]
+    return outward(reduce(np.minimum, products), reduce(np.maximum, products))
 
 
 @QUIET

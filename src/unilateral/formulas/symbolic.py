@@ -51,15 +51,15 @@ def value(e: Expression, context: Any) -> Any:
     Raises ArithmeticError where it is no real number, and ValueError where it cannot be told from 0 by
     DIGITS digits.
     """
-    found = symbolic(e)
-    if found.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
+    exact = symbolic(e)
+    if exact.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
         raise ArithmeticError("no real number")
-    if found.is_Rational:
-        return context.mpf(int(found.p)) / int(found.q)
+    if exact.is_Rational:
+        return context.mpf(int(exact.p)) / int(exact.q)
     try:
-        close = found.evalf(17, maxn=DIGITS, strict=True)
+        close = exact.evalf(17, maxn=DIGITS, strict=True)
     except PrecisionExhausted:
-        raise ValueError(f"'{found}' cannot be told from 0; write it as a single number") from None
+        raise ValueError(f"'{exact}' cannot be told from 0; write it as a single number") from None
     if not close.is_Float:
         raise ArithmeticError("no real number")
     return context.mpf(close)

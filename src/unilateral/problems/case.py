@@ -182,12 +182,12 @@ class Case(KnownSolution):
 
     @cached_property
     def _singular(self) -> list[Singular]:
-        found = [point for atom in self.atoms for point in atom.singular()]
-        found += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        points_of_all = [point for atom in self.atoms for point in atom.singular()]
+        points_of_all += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
-            found += [Singular(side, t, exponent.denominator) for t, exponent in points]
+            points_of_all += [Singular(side, t, exponent.denominator) for t, exponent in points]
         merged: dict[tuple[int, float], Singular] = {}
-        for point in found:
+        for point in points_of_all:
             t = round(point.t, 12)
             if 0 <= t <= 1:
                 known = merged.get((point.side, t), point)
@@ -196,9 +196,9 @@ class Case(KnownSolution):
         return [merged[key] for key in sorted(merged)]
 
 
-def _summed(found: Iterable[tuple[Array, ...]]) -> list[Array]:
+def _summed(values: Iterable[tuple[Array, ...]]) -> list[Array]:
     """The sums of the atoms' values."""
-    return [sum(others, start=first) for first, *others in zip(*found, strict=True)]
+    return [sum(others, start=first) for first, *others in zip(*values, strict=True)]
 
 
 def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:

@@ -59,12 +59,12 @@ class Builder:
 
     def along_side(self, text: object, where: str) -> sympy.Expr:
         """A formula in t whose kinks can be found."""
-        found = self.formula(text, (T,), where)
+        of_t = self.formula(text, (T,), where)
         try:
-            kinks(found, T)
+            kinks(of_t, T)
         except ValueError as error:
             raise InputError(f"{where}: {error}") from None
-        return found
+        return of_t
 
     def side(self, offset: int) -> int:
         return (self.base + offset) % self.polygon.n_sides

@@ -52,8 +52,7 @@ class Problem:
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        x, y = places(self.polygon, side, t)
-        return on_sides(self.g, side, {"x": x, "y": y})
+        return self._on_sides(self.g, side, t)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -66,8 +65,11 @@ class Problem:
 
     def flux_model(self, side: Index, t: Model) -> Model:
         """q as `obstacle_model` has g."""
+        return self._on_sides(self.q, side, t)
+
+    def _on_sides(self, formulas: tuple[Expression, ...], side: Index, t: Model) -> Model:
         x, y = places(self.polygon, side, t)
-        return on_sides(self.q, side, {"x": x, "y": y})
+        return on_sides(formulas, side, {"x": x, "y": y})
 
     @property
     def flux_sides(self) -> tuple[int, ...]:

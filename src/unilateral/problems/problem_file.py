@@ -18,6 +18,7 @@ from unilateral.formulas.grammar import NO_LOG, NO_ROOT
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import catalogue
 from unilateral.problems.problem import Problem, curve
+from unilateral.problems.sampled import jump_of_g
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.units import Units
 from unilateral.system import declarations
@@ -76,8 +77,8 @@ def polygon_of(name: str) -> Polygon:
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    found = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
-    return Polygon(found.vertices, file.name)
+    polygon = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
+    return Polygon(polygon.vertices, file.name)
 
 
 def made(declaration: Any, name: str) -> Problem:
@@ -110,13 +111,13 @@ def made(declaration: Any, name: str) -> Problem:
 
 def _coefficient(given: object, where: str) -> Expression:
     """An exact number that is positive and of a size that leaves room for those of the data."""
-    found = number(given, where)
-    if not 1 / MOST_COEFFICIENT <= rounded(found) <= MOST_COEFFICIENT:
+    coefficient = number(given, where)
+    if not 1 / MOST_COEFFICIENT <= rounded(coefficient) <= MOST_COEFFICIENT:
         raise InputError(
             f"{where}: it is {shown(given)}; it has to be a positive number, "
             f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}"
         )
-    return found
+    return coefficient
 
 
 def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tuple[int, ...]:
@@ -236,10 +237,7 @@ def _check(problem: Problem, name: str) -> None:
     for side, before in ((side, (side - 1) % n) for side in constrained):
         end, start, doubt = obstacle.at_vertex(side)
         if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
-            raise InputError(
-                f"{name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
-                f"{start:.6g} on side {side}; it has to be continuous"
-            )
+            raise jump_of_g(name, before, end, side, start)
 
 
 def _check_size(given: float, one: float, unit: float, where: str, place: str, least: bool = True) -> None:

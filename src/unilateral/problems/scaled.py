@@ -57,8 +57,8 @@ class Scaled:
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
         """k^{1/2} f / c on boxes of the scaled domain."""
         units = self.of.units
-        found = self.of.source_model(x.scaled(units.length), y.scaled(units.length), steps)
-        return found.scaled(1 / units.load)
+        f = self.of.source_model(x.scaled(units.length), y.scaled(units.length), steps)
+        return f.scaled(1 / units.load)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """k^{1/2} g; t, in side lengths, stays."""
