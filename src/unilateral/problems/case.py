@@ -30,7 +30,7 @@ from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor_atom import Cantor
-from unilateral.problems.case_parts import Atom, Builder, constants_of
+from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import KnownSolution, on_sides, places
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_obstacle, no_flux
