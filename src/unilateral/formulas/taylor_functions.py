@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
@@ -53,31 +52,17 @@ def _factorials(n: int) -> Array:
     return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
 
 
-@QUIET
-def exp(a: Model) -> Model:
-    at, values, n = _around(a)
-    fact = _factorials(n)
-    return composed(a, np.exp(at) / fact[:-1], interval.exp(values)[1] / fact[-1], interval.exp(a.range))
+def _entire(cycle: Callable[[Array], list[Array]], bound: Range | None, range_of: Range) -> Function:
+    """A function whose derivatives at points (k,) repeat a `cycle`; `bound` is for all of them, else 1 is."""
 
-
-def _wave(shift: int, range_of: Range) -> Function:
-    def function(a: Model) -> Model:
-        at, _, n = _around(a)
-        fact, turns = _factorials(n), [np.sin(at), np.cos(at), -np.sin(at), -np.cos(at)]
-        coefficients = np.stack([turns[(k + shift) % 4] for k in range(n + 1)]) / fact[:-1]
-        # sin and cos are accurate to a unit of 1, not relatively
-        return composed(a, coefficients, 1 / fact[-1] + 0 * at, range_of(a.range), error=4 * EPS)
-
-    return function
-
-
-def _hyperbolic(first: Any, second: Any, range_of: Range) -> Function:
     @QUIET
     def function(a: Model) -> Model:
         at, values, n = _around(a)
-        fact = _factorials(n)
-        coefficients = np.stack([(first, second)[k % 2](at) for k in range(n + 1)]) / fact[:-1]
-        return composed(a, coefficients, interval.cosh(values)[1] / fact[-1], range_of(a.range))
+        fact, derivatives = _factorials(n), cycle(at)
+        coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / fact[:-1]
+        if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
+            return composed(a, coefficients, 1 / fact[-1], range_of(a.range), error=4 * EPS)
+        return composed(a, coefficients, bound(values)[1] / fact[-1], range_of(a.range))
 
     return function
 
@@ -177,11 +162,11 @@ def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> M
 
 
 FUNCTIONS: dict[str, Function] = {
-    "exp": exp,
-    "sin": _wave(0, interval.sin),
-    "cos": _wave(1, interval.cos),
-    "sinh": _hyperbolic(np.sinh, np.cosh, interval.sinh),
-    "cosh": _hyperbolic(np.cosh, np.sinh, interval.cosh),
+    "exp": _entire(lambda a: [np.exp(a)], interval.exp, interval.exp),
+    "sin": _entire(lambda a: [np.sin(a), np.cos(a), -np.sin(a), -np.cos(a)], None, interval.sin),
+    "cos": _entire(lambda a: [np.cos(a), -np.sin(a), -np.cos(a), np.sin(a)], None, interval.cos),
+    "sinh": _entire(lambda a: [np.sinh(a), np.cosh(a)], interval.cosh, interval.sinh),
+    "cosh": _entire(lambda a: [np.cosh(a), np.sinh(a)], interval.cosh, interval.cosh),
     "tanh": tanh,
 }
 

@@ -55,15 +55,21 @@ class Regularity(NamedTuple):
 
 
 class OfFormulas(ABC):
-    """An atom by two lists of formulas: u and its two derivatives, and these with -Delta u + u."""
+    """An atom that is given by formulas."""
+
+    @property
+    @abstractmethod
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+        """u and its two derivatives, and -Delta u + u, in two variables."""
 
     @cached_property
-    @abstractmethod
-    def _values(self) -> tuple[Compiled, Compiled]: ...
+    def _values(self) -> tuple[Compiled, Compiled]:
+        formulas, variables = self._formulas
+        return compile_numpy(formulas[:3], variables), compile_numpy(formulas, variables)
 
     @abstractmethod
     def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
-        """The values of one of the lists at points + offset (k, 2), the derivatives as gradients (k, 2)."""
+        """The values of all formulas or the first three at points + offset (k, 2), with gradients (k, 2)."""
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
@@ -87,10 +93,9 @@ class Smooth(OfFormulas):
     def _f(self) -> sympy.Expr:
         return self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
 
-    @cached_property
-    def _values(self) -> tuple[Compiled, Compiled]:
-        values = [self.u, sympy.diff(self.u, X), sympy.diff(self.u, Y)]
-        return compile_numpy(values, (X, Y)), compile_numpy([*values, self._f], (X, Y))
+    @property
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+        return [self.u, sympy.diff(self.u, X), sympy.diff(self.u, Y), self._f], (X, Y)
 
     def value_model(self, x: Model, y: Model) -> Model:
         """u on the boxes of x and y."""
@@ -187,10 +192,9 @@ class Tensor(Local, OfFormulas):
         laplacian, scale = sympy.diff(self.v, T, 2) + sympy.diff(self.v, D, 2), sympy.Float(self.length, 17)
         return scale * self.v - laplacian / scale
 
-    @cached_property
-    def _values(self) -> tuple[Compiled, Compiled]:
-        values = [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D)]
-        return compile_numpy(values, (T, D)), compile_numpy([*values, self._f], (T, D))
+    @property
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+        return [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D), self._f], (T, D)
 
     def value_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)

@@ -20,7 +20,7 @@ from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.formulas.formula import Compiled
 from unilateral.formulas.grammar import MAX_DENOMINATOR
-from unilateral.formulas.symbolic import compile_numpy, evaluate, pos
+from unilateral.formulas.symbolic import evaluate, pos
 from unilateral.formulas.taylor import Model, by_part, number
 from unilateral.formulas.taylor_functions import real_power
 from unilateral.geometry.curves import Kink, Singular
@@ -49,12 +49,11 @@ class Polar(Local, OfFormulas):
         """v, dv/dr, (dv/dtheta)/r and Delta v."""
         return _derived(self.factor, self.beta, self.theta_0, self.cutoff)
 
-    @cached_property
-    def _values(self) -> tuple[Compiled, Compiled]:
+    @property
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
         v, v_r, v_theta, laplacian = self.symbolic
         scale = sympy.Float(self.length, 17)
-        values, f = [v, v_r, v_theta], scale * v - laplacian / scale
-        return compile_numpy(values, (R, THETA)), compile_numpy([*values, f], (R, THETA))
+        return [v, v_r, v_theta, scale * v - laplacian / scale], (R, THETA)
 
     def value_model(self, x: Model, y: Model) -> Model:
         return self._in_support(x, y, lambda phi, eta, _: (phi * eta).scaled(self.length))
