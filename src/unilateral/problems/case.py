@@ -40,7 +40,7 @@ from unilateral.system import declarations
 
 @dataclass(frozen=True, eq=False)
 class Case(KnownSolution):
-    """A manufactured problem on a polygon; lengths along a side are measured from its start.
+    """A manufactured problem on a polygon, as `Data`; lengths along a side are measured from its start.
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
     `side`. On `free_sides` lambda is 0, and the method has no multipliers there;
