@@ -20,8 +20,11 @@ EXPONENTS = [1, 2, 3, 10, 31, 100, -1, -2, -3, -7, -100]
 FRACTIONS = [
     sympy.Rational(k) for k in ("1", "2", "10", "1/20", "1/3", "3/2", "141/20", "100/7", "199/2", "-1/4")
 ]
-BOXES = 120
+BOXES = 180
 POINTS = 3
+FORMULAS = 25
+OF_EACH = 90
+"""Boxes of a random formula, a point in each."""
 
 
 def numbers(rng, k):
@@ -171,15 +174,15 @@ def formulas(seed, n):
             yield found
 
 
-def of_formulas(seed, n=25, k=60):
+def of_formulas(seed):
     rng = np.random.default_rng(seed)
-    for formula in formulas(seed, n):
+    for formula in formulas(seed, FORMULAS):
         yield from of_models(
             lambda x, y, e=formula: evaluate(e, {X: x, Y: y}),
             lambda x, y, e=formula: value(e, {X: x, Y: y}),
             rng,
             arity=2,
-            k=k,
+            k=OF_EACH,
             points=1,
             order=int(rng.choice([2, 4])),
         )
@@ -187,10 +190,10 @@ def of_formulas(seed, n=25, k=60):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_random_formulas(seed):
-    """18 000 pairs of a formula and a box in all, besides those of single operations."""
+    """27 000 pairs of a formula and a box in all, besides those of single operations."""
     inside, outside = tally(of_formulas(seed))
     assert outside == 0
-    assert inside > 0.5 * 25 * 60
+    assert inside > 0.5 * FORMULAS * OF_EACH
 
 
 def last_times(factor, own):
