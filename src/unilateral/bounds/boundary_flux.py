@@ -3,7 +3,7 @@
 sigma has the mean of lambda_H on every edge and as much of its slope as leaves sigma >= 0.
 
 On free sides the flux tau (q in problem files) is given. On an edge e it is a piecewise polynomial p up to a
-function rho, and bounds on ||rho||_e and on its integral are known (`problems.flux`). tau~ is the L2
+function rho, and bounds on ||rho||_e and on its integral are known (`Flux`). tau~ is the L2
 projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. tau - tau~ is the sum of
 p - tau~, which is orthogonal to linear functions, of rho less its mean, and of the mean of rho. For the first
 two see `oscillation`: with ||p - tau~||_e + ||rho||_e on triangles, and the sum of both with their constants
@@ -38,7 +38,7 @@ from unilateral.norms.oscillation import (
     trace_constants,
     value_constants,
 )
-from unilateral.problems.flux import Flux
+from unilateral.problems.obstacle_and_flux import Flux
 from unilateral.problems.piecewise import ORDER
 
 ROUNDING = 64 * EPS

@@ -50,7 +50,7 @@ from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 @dataclass(frozen=True)

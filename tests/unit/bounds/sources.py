@@ -5,9 +5,9 @@ from math import factorial
 from sympy import Poly, Rational
 from sympy.abc import s, t
 
-from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import atoms_in
 from unilateral.formulas.formula import compile_numpy, parse
+from unilateral.formulas.taylor_functions import evaluate
 from unilateral.problems.problem import curve
 
 FORMULAS = [
