@@ -35,7 +35,6 @@ PUSH = 0.5
 
 Only the sharpness of the bounds depends on it.
 """
-
 DEAR = 16.0
 """||w||_1^2 counts this many times as much as the squared norm of a raised midpoint when one is chosen.
 
