@@ -97,8 +97,8 @@ def violations(one, bound):
 def test_no_bound_is_below_a_true_error(one, bound):
     """Whatever u_h and lambda_H are.
 
-    Problems with many steep fluxes take some seconds to be solved on five meshes, and their true errors on the
-    L-shape with a singular u as long.
+    Problems with many steep fluxes take some seconds to be solved on five meshes, and true errors on the
+    L-shape, where u is singular, as long.
     """
     assert one.trials
     assert not violations(one, bound)
