@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.linalg import eigvalsh
 
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import named
@@ -104,10 +103,3 @@ def forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:
     polygon = named(str(tables[f"{scene}/dual_norm"]["polygon"].values))
     cells = [uniform(polygon, H) for H in table["H"].values]
     return [(each, gram.on(each)) for each in cells if each.n_cells <= gram.n_cells]
-
-
-def inverse_constant(cells: Partition, form: Array) -> float:
-    """The least C of (4.9), ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by a form (m, m) of the norm."""
-    root = np.sqrt(cells.H * cells.lengths)
-    scaled = form / root[:, None] / root
-    return float(eigvalsh(scaled, subset_by_index=[0, 0])[0] ** -0.5)

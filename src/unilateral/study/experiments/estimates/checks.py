@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
 from unilateral.geometry.partition import Partition
@@ -18,7 +18,6 @@ from unilateral.study.ledger.evidence import (
     Evidence,
     Tables,
     forms,
-    inverse_constant,
     worst,
 )
 
@@ -84,6 +83,13 @@ def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
             found[name] = float((left / right).max())
             as_printed.append(f"  {name}: c = {float((left / (data['projection_error'] + dual)).max()):.4g}")
     return worst(found, "the left side over the right one", 1.0, False)._replace(lines=as_printed)
+
+
+def inverse_constant(cells: Partition, form: Array) -> float:
+    """The least C of (4.9), ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by a form (m, m) of the norm."""
+    root = np.sqrt(cells.H * cells.lengths)
+    scaled = form / root[:, None] / root
+    return float(eigvalsh(scaled, subset_by_index=[0, 0])[0] ** -0.5)
 
 
 def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Dataset, Partition, Gram]]:
