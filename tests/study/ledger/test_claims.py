@@ -156,6 +156,7 @@ EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 
 
 @pytest.mark.usefixtures("measured_once")
 def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch):
+    """By a look at all claims, which takes ten seconds; the tests below have what it measured."""
     monkeypatch.setattr(of_study, "Results", lambda *_, **__: controls.spoilt(results(), EDGES))
     reason = "not judged: the smallest beta with 2 edges in every cell is not known of betaworst"
     assert cli.main(["claims", "S.edges"]) == 1
@@ -241,7 +242,8 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
     """H^{1/2} ||.||_0 in place of ||.||_{-1/2} on P0(T_H): beta is then beta_0.
 
     An inverse estimate holds for it, trivially, and rates do not tell it from the norm. But its
-    constant is 1, too small for (4.7) where a multiplier is far from its best approximation.
+    constant is 1, too small for (4.7) where a multiplier is far from its best approximation. All claims are
+    measured anew, which takes ten seconds.
     """
 
     def shortcut(gram):
