@@ -24,7 +24,6 @@ from unilateral.study.experiments.cost import checks as cost
 from unilateral.study.experiments.estimates import checks as estimates
 from unilateral.study.experiments.extremes import checks as extremes
 from unilateral.study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
-from unilateral.study.experiments.scenes import checks as rates
 from unilateral.study.experiments.sharpness import checks as exponents
 from unilateral.study.ledger import checks as shared
 from unilateral.study.ledger import claims, evidence
@@ -281,7 +280,7 @@ def steps_of(stops=(0.1, 0.01), **steps):
     return table(steps=of, algorithm=list(steps), H_over_h=[2.0, 4.0], H=("H", SIZES), stop=list(stops))
 
 
-FAST = steps_of(fast=[[1, 2, 4], [1, NAN, 8]], slow=[[3, 1, 1], [2, 2, 4]])
+FEWER = steps_of(fast=[[1, 2, 4], [1, NAN, 8]], slow=[[3, 1, 1], [2, 2, 4]])
 SAFE, SLOWER = [12, 23, 34], [12, 26, 34]
 
 
@@ -312,8 +311,8 @@ STEEPER = partial(cost.economy, least=1.6)
 
 ROWS += [
     # Growth by factors of 6/3 and 4/2 at H/h = 2; one run less at 4, so 8/(2 * 2). From 1/16 on 4/2 only.
-    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1.0, most=1.0), FAST, 6),
-    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1 / 16, most=1.0), FAST, 2),
+    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1.0, most=1.0), FEWER, 6),
+    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1 / 16, most=1.0), FEWER, 2),
     ("5.F", steps_of(newton=[[1, 2, 3], [7, 5, NAN]]), 7),
     # Steps but one, where the optimal step took any; or the number of levels that only that one met.
     ("5.G", steps_of(safe=SAFE, optimal=[10, 20, 30]), (1.1, True)),
@@ -341,68 +340,64 @@ ROWS += [
 # The rates
 
 
-def rates_table(rate, verdict, why=""):
-    """Rates (case, pair) where 0.5 is proved and 0.75 expected, all 0 at another h/H.
+def rates_table(*rates, verdict="holds", why="", cases=("full_contact", "natural")):
+    """Rates (case, pair) in every norm, all 0 at another h/H; 0.5 is proved and 0.75 expected.
 
-    The first pair is not asymptotic.
+    The first pair is not asymptotic. All rates hold but those of the last case, which have that verdict.
     """
-    both = np.stack([np.array(rate), np.zeros_like(rate)], axis=1)[:, None]
-    shape, counts = both.shape[:-1], np.broadcast_to([0.0] + [1.0] * (both.shape[-1] - 1), both.shape)
-    verdicts = np.broadcast_to(np.array(verdict)[:, None, None], shape)
-    at = ("case", "norm", "h_over_H")
-    of = {"verdict": verdicts, "why": np.full(shape, why)}
-    of |= {"proved": np.full(shape, 0.5), "expected": np.full(shape, 0.75)}
-    given = {name: (at, each) for name, each in of.items()}
-    given |= {"rate": ((*at, "pair"), both), "asymptotic": ((*at, "pair"), counts)}
-    return table(**given, case=["c", "d"][: len(rate)], norm=["l2"], h_over_H=("h_over_H", [0.5, 0.25]))
+    at, shape = ("case", "norm", "h_over_H"), (len(rates), 3, 2)
+    rate = np.zeros((*shape, len(rates[0])))
+    rate[..., 0, :] = np.array(rates)[:, None]
+    verdicts = np.full(shape, "holds", dtype="<U10")
+    verdicts[-1] = verdict
+    return table(
+        **{"verdict": (at, verdicts), "why": (at, np.full(shape, why))},
+        **{"proved": (at, np.full(shape, 0.5)), "expected": (at, np.full(shape, 0.75))},
+        rate=((*at, "pair"), rate),
+        asymptotic=((*at, "pair"), np.ones(rate.shape) * (np.arange(rate.shape[-1]) > 0)),
+        **{
+            "case": list(cases[: len(rates)]),
+            "norm": ["h1", "hm12", "l2"],
+            "h_over_H": ("h_over_H", [0.5, 0.25]),
+        },
+    )
 
 
-def rate_at(H_over_h, tolerance, cases=("c", "d", "e")):
-    return partial(rates.rate, scenes=["a"], cases=cases, norm="l2", H_over_h=H_over_h, tolerance=tolerance)
-
-
-def with_tolerance(check, tolerance, **given):
-    return partial(check, scenes=["a"], H_over_h=2, tolerances={"l2": tolerance}, **given)
-
-
-BOTH, ABOVE = {"cases": ["c", "d"]}, {"orders": {"c": 0.8, "d": 0.7}}
-RATES, RISING = [[0.1, 1.0, 0.9], [0.1, 0.8, 1.1]], [[0.1, 1.0, 0.8], [0.1, 0.9, 1.1]]
-LOW, HOLDS, FAILS, UNJUDGED = (
-    [[0.0, 0.8], [0.0, 0.4]],
-    *(["holds", each] for each in ("holds", "fails", "not judged")),
-)
-FASTER = rates_table([[9.0, 1.0, 1.02, NAN], [9.0, 1.1, 0.7, 0.9]], HOLDS)
-FINEST = rates_table([[9.0, 0.1, 1.0, NAN], [9.0, 1.1, 0.1, 0.7]], HOLDS)
+FAST, RISING, LOW = [0.1, 1.0, 0.9], [0.1, 0.8, 1.1], [0.1, 0.3, 1.1]
+VERTICES, REGULAR = ["obtuse_0.9", "reentrant_full"], ["singular", "reentrant"]
 LAST = [[1.0, 8, 5, 1], [9, 2, 9, 1]]
 """Over the last two pairs from 8 to 1 and from 2 to 1: 2^3 and 2^1 over a factor of 4."""
 
 
 ROWS += [
-    # The smallest rate on asymptotic pairs at the judged ratio, against 0.5 less the tolerance. Exact errors
-    # have none. A rate that is not judged to hold is no evidence, unless it is slow, as it is for the claim.
-    (rate_at(2, 0.1), rates_table(RATES, HOLDS), (0.8, True)),
-    (rate_at(2, -0.4), rates_table(RATES, HOLDS), (0.8, False)),
-    (rate_at(2, 0.1), rates_table(RATES, ["holds", "exact"]), 0.9),
-    (rate_at(2, 0.1), rates_table(RATES, FAILS, "it did not"), "^a, d, l2: it did not$"),
-    (rate_at(2, 0.1), rates_table(RATES, UNJUDGED), "^a, d, l2: not judged$"),
-    (rate_at(2, -0.4), rates_table(RATES, UNJUDGED), (0.8, False)),
-    (rate_at(4, 0.1), rates_table(RATES, HOLDS), (0, False)),
-    (rate_at(2, 0.1, ["c"]), rates_table([[1.0, 1.0]], ["exact"]), "there is no rate: all errors are 0"),
+    # The smallest rate on asymptotic pairs at the judged ratio, against 0.5 less 0.1. Exact errors have none.
+    # A rate that is not judged to hold is no evidence, unless it is slow, as it then is for the claim too.
+    ("4.13", rates_table(FAST, RISING), (0.8, True)),
+    ("4.13", rates_table(FAST, LOW), (0.3, False)),
+    ("4.13", rates_table(FAST, RISING, verdict="exact"), (0.9, True)),
+    (
+        "4.13",
+        rates_table(FAST, RISING, verdict="fails", why="it did not"),
+        "^square, natural, l2: it did not;",
+    ),
+    ("4.13", rates_table(FAST, RISING, verdict="not judged"), "^square, natural, l2: not judged; unstr"),
+    ("4.13", rates_table(FAST, LOW, verdict="not judged"), (0.3, False)),
+    ("4.13", rates_table(FAST, verdict="exact"), "there is no rate: all errors are 0"),
     # No faster rate is looked for on the finest pair that there is.
-    (partial(rates.not_faster, scenes=["a"], **BOTH, norm="l2", H_over_h=2, most=1.03), FASTER, 1.02),
-    # On the finest pair no rate is far above the expected one: 1 and 0.7 there, against 0.75.
-    (with_tolerance(rates.attained, 0.3, **BOTH), FINEST, (-0.05, True)),
-    (with_tolerance(rates.attained, 0.2, **BOTH), FINEST, (0.05, False)),
-    (with_tolerance(rates.attained, 0.2, cases=["e"]), FINEST, "there is nothing"),
-    # Rates that fail are compared with the expected ones, too: 0.8 and 0.4 against 0.75, less 0.1.
-    (with_tolerance(rates.expected, 0.1, **BOTH), rates_table(LOW, HOLDS), -0.25),
-    (with_tolerance(rates.expected, 0.1, **BOTH), rates_table(LOW, FAILS), -0.25),
-    (with_tolerance(rates.expected, 0.1, **BOTH), rates_table(LOW, UNJUDGED), 0.15),
-    (with_tolerance(rates.expected, 0.1, **BOTH), rates_table(RATES, FAILS), "^a, d, l2: fa"),
-    # Against the order of regularity: 0.8 and 0.9 against 0.8 and 0.7 are no excess, and 0.2.
-    (with_tolerance(rates.regularity, 0.1, **ABOVE), rates_table(RISING, HOLDS), (0.1, True)),
-    (with_tolerance(rates.regularity, -0.2, **ABOVE), rates_table(RISING, HOLDS), (-0.2, False)),
-    (with_tolerance(rates.regularity, 0.1, **ABOVE), rates_table(RISING, FAILS), "^a, d, l2: f"),
+    ("4.11s", rates_table([9.0, 1.0, 1.02, NAN], [9.0, 1.1, 0.7, 0.9]), (1.02, True)),
+    # On the finest pair no rate is far above the expected one, 0.75 and 0.1 more.
+    ("T.Vs", rates_table([9.0, 0.1, 0.8, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (-0.05, True)),
+    ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (0.15, False)),
+    ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN]), "there is nothing"),
+    # Rates that fail are compared with the expected ones, too, 0.75 less 0.1.
+    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4]), (-0.25, False)),
+    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="fails"), (-0.25, False)),
+    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="not judged"), (0.15, True)),
+    ("S.13", rates_table(FAST, RISING, verdict="fails"), "^square, natural, l2: fails"),
+    # Against the order of regularity, 0.75 and 2/3, less 0.03 in H^1.
+    ("T.R", rates_table(RISING, FAST, cases=REGULAR), (0.08, True)),
+    ("T.R", rates_table(FAST, LOW, cases=REGULAR), (0.3 - 2 / 3 + 0.03, False)),
+    ("T.R", rates_table(RISING, FAST, verdict="fails", cases=REGULAR), "^irregular, reentrant, h1: fails"),
     # Over the last factor of 4.
     ("3.6", table(ritz_error=LAST, case=["reentrant", "violates_j"]), 1.5),
     ("4.14", table(interpolation_error=LAST, case=["thirds", "natural"]), 0.5),
@@ -413,19 +408,23 @@ ROWS += [
 
 # Cells
 
+LARGEST_OF = {"table": "t", "variable": "discrete_error", "cases": ["cantor_2", "cantor_1.5"]}
+LARGEST_OF |= {"required": 0.7, "at_least": False}
+
 
 def on_cells(bound=0.001, converged=1.0, gap_order=(1.0, 3 / 4)):
     """Of two cases, H falls from 1 by 4 and by 16; D like H^1 and H^(1/2), then like H^(1/2) and H^(3/4).
 
     So exponents are 3/4 and 5/8, those of the consistency term 3/2 and 5/4. With these orders of gaps they
-    are (sigma + tau)/2, which is less than sigma + 1/2, and sigma + tau.
+    are (sigma + tau)/2, which is less than sigma + 1/2, and sigma + tau. Two other cases have the same.
     """
-    errors = np.array([[[1, 1 / 4], [1, 1 / 4]], [[1, 1 / 2], [1, 1 / 8]]])
+    errors = np.array(2 * [[[1, 1 / 4], [1, 1 / 4]], [[1, 1 / 2], [1, 1 / 8]]])
     of = {"discrete_error": errors, "consistency": errors**2, "algebraic_bound": bound * errors}
     of |= {"converged": 0 * errors + converged}
     given = {name: (("case", "start", "level"), each) for name, each in of.items()}
-    H = (("start", "level"), [[1, 1 / 4], [1, 1 / 16]])
-    return table(**given, flux_order=[1 / 2, 1 / 2], gap_order=list(gap_order), case=["c", "d"], H=H)
+    cases, H = ["cantor_2", "cantor_1.5", "violates_jjj", "violates_jj_jjj"], [[1, 1 / 4], [1, 1 / 16]]
+    orders = {"flux_order": 4 * [1 / 2], "gap_order": 2 * list(gap_order)}
+    return table(**given, **orders, case=cases, H=(("start", "level"), H))
 
 
 def alternating(last):
@@ -436,36 +435,25 @@ def alternating(last):
     return table(**given, alpha=1 / 4, gamma=[0.5, 1], H=[1, 1 / 4, 1 / 16])
 
 
-def exponents_of(cases, required, at_least=True):
-    given = {"table": "t", "variable": "discrete_error", "cases": cases}
-    return partial(transitions.exponents, required=required, at_least=at_least, **given)
-
-
-SHARP = partial(transitions.sharp, table="t", cases=["c", "d"], most=0.1)
-FLAT = on_cells(gap_order=(1 / 4, 1 / 4))
-
-
-def beyond(*cases):
-    return partial(transitions.beyond_theorem, table="t", cases=cases, least=0.5)
-
-
 ROWS += [
-    (exponents_of(["c", "d"], 0.6), on_cells(), (5 / 8, True)),
-    (exponents_of(["c", "d"], 0.7, False), on_cells(), (3 / 4, False)),
-    (exponents_of(["c"], 0.7), on_cells(), (3 / 4, True)),
-    (exponents_of(["c"], 0.7), on_cells(bound=0.02), "^the algebraic error is 0.02 of D$"),
-    (exponents_of(["c"], 0.7), on_cells(converged=0.0), "of D$"),
-    (SHARP, on_cells(), (0, True)),
-    (SHARP, on_cells(gap_order=(1, 1)), (0.125, False)),
+    # The smallest exponent counts, or the largest; errors that were not found are not judged.
+    ("T.jjj", on_cells(), (5 / 8, False)),
+    ("S.jjj", on_cells(), (3 / 2, True)),
+    ("S.jjj", on_cells(bound=0.02), "^the algebraic error is 0.02 of D$"),
+    ("S.jjj", on_cells(converged=0.0), "of D$"),
+    (partial(transitions.exponents, **LARGEST_OF), on_cells(), (3 / 4, False)),
+    ("T.s", on_cells(), (0, True)),
+    ("T.s", on_cells(gap_order=(1, 1)), (0.125, False)),
     ("T.c", on_cells(), (0, True)),
     ("T.c", on_cells(gap_order=(1, 1)), (0.25, False)),
     # Where each cell has contact and a gap, (1/4 + 1/2)/2 is expected.
     ("T.rough", alternating(1 / 8), (5 / 8, False)),
     ("T.rough", alternating(1 / 4), (1 / 8, False)),
-    # The way to sigma + 1/2: 3/4 is at (1/2 + 1)/2, 5/8 at (1/2 + 3/4)/2; with tau = 1/4 it is from 3/8.
-    (beyond("c", "d"), on_cells(), (0, False)),
-    (beyond("d"), FLAT, (0.4, False)),
-    (beyond("c"), FLAT, (0.6, True)),
+    # The way to sigma + 1/2: 3/4 is at (1/2 + 1)/2, 5/8 at (1/2 + 3/4)/2; it begins at 3/8 for tau = 1/4, at
+    # 1/4 for 0.
+    ("T.g", on_cells(), (0, False)),
+    ("T.g", on_cells(gap_order=(1 / 4, 1 / 4)), (0.4, False)),
+    ("T.g", on_cells(gap_order=(0, 0)), (0.5, True)),
 ]
 
 
