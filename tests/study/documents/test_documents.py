@@ -9,7 +9,6 @@ import pytest
 from conftest import ROOT
 
 from unilateral.errors import InputError
-from unilateral.norms.resolution import RULE
 from unilateral.study import config
 from unilateral.study.documents import contents, marks, verdicts
 from unilateral.study.ledger import records
@@ -91,13 +90,6 @@ def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim, t
 
 def test_the_recommendation_rests_on_the_claim_of_its_exception():
     assert "but `natural`,<!--/-->" in text("README.md").partition("<!--?5.K-->")[2]
-
-
-def test_the_rule_for_beta_that_documents_state_is_the_library_s(told):
-    """By which `local_rule` judges it and `unilateral infsup` tells who breaks it."""
-    found, _, _ = told
-    for name, value in RULE._asdict().items():
-        assert found[f"study.infsup.rule.{name}"] == value
 
 
 def test_every_table_is_shown_and_every_number_of_an_experiment_is_named(told):
