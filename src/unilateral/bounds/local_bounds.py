@@ -109,9 +109,7 @@ def local_bound(
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
     moved = _of_feasible(of, u_h, q, inside, residual, *d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
-    oscillation = (1 + SUMS) * oscillation_bound(
-        mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
-    ).item()
+    oscillation = (1 + SUMS) * oscillation_bound(mesh, flux.rest[:, None], flux.constant).item()
     of_data = _of_data(source, u_h)
     data = (1 + SUMS) * (root(of_data) + tau.distance) + underflow(mesh)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data

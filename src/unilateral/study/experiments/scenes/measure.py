@@ -18,11 +18,12 @@ from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
-from unilateral.norms.infsup import InfSup, infsup, of_runs
+from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 from unilateral.study import scenes, tables
+from unilateral.study.beta import of_runs
 from unilateral.study.sizes import limits
 from unilateral.system.memory import forget_peak, peak_mb
 
