@@ -23,9 +23,9 @@ from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
+from unilateral.fem.linear_systems import dissected
 from unilateral.fem.macro_elements import Recursive
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.nested_dissection import dissected
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import problem_file

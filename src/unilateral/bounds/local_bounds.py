@@ -46,11 +46,10 @@ from unilateral.bounds.flux_residuals import defects, misfit, root, underflow
 from unilateral.bounds.given_flux import Given, nothing
 from unilateral.bounds.lifting import lifting
 from unilateral.bounds.source import Source
-from unilateral.fem.p2 import linear_squares, slopes_at_nodes, squares
-from unilateral.fem.p2_layer import Layer
+from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 @dataclass(frozen=True)

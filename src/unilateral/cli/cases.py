@@ -9,7 +9,7 @@ from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case
 from unilateral.problems.case import Case
-from unilateral.problems.certificate import ROUND_OFF, Certificate, certify
+from unilateral.problems.case_certificate import ROUND_OFF, Certificate, certify
 
 MOST_INTERVALS = 4
 

@@ -11,8 +11,8 @@ from unilateral.exchange.case_formulas import DEFINITIONS, NO_FORMULAS, formulas
 from unilateral.exchange.score import PROVED
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
-from unilateral.problems.certificate import Certificate
-from unilateral.problems.polar import Polar
+from unilateral.problems.case_certificate import Certificate
+from unilateral.problems.polar_atoms import Polar
 from unilateral.system.as_json import text as as_text
 
 WIDTH = 100

@@ -14,11 +14,10 @@ from unilateral.bounds.given_flux import given
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense
-from unilateral.fem.loads import sampled_edge_load, sampled_moments
-from unilateral.fem.p1 import edge_load, h1_norm
+from unilateral.fem.p1 import edge_load, h1_norm, sampled_edge_load, sampled_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.fem.rounded import Rounded, dual_norm, loaded, means, residual
+from unilateral.fem.rounded import Rounded, constrained, dual_norm, loaded, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -127,7 +126,7 @@ class CondensedProblem(DiscreteProblem):
         load, mu = Rounded(self.load.copy(), np.zeros(len(self.load))), result.lambda_H
         load.values[boundary], load.doubt[boundary] = loaded(self.load[boundary], spaces.B, mu)
         left = residual(on.for_products, on.mass, u_h, load)
-        gap = means(spaces.B, spaces.operator.H_i, u_h[boundary], self.g_means[self.cells])
+        gap = constrained(spaces.B, u_h[boundary], self.g_means[self.cells], spaces.operator.H_i)
         delta = dual_norm(np.abs(left.values) + left.doubt, on.mass)
         if delta > UNSEEN * result.bound:
             z = on.solve(left.values)

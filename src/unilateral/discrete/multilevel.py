@@ -18,8 +18,8 @@ from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
 from unilateral.discrete.condensed import flux_load, obstacle_means
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.loads import by_parts, case_moments, sampled_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import by_parts, case_moments, sampled_moments
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh

@@ -18,7 +18,7 @@ from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import check_constants
-from unilateral.fem.nested_dissection import elimination_order, factorise, half_solved
+from unilateral.fem.linear_systems import elimination_order, factorise, half_solved
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.discrete.base import DiscreteSolution
-from unilateral.formulas.constants import rounded
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
 from unilateral.solution.contact import Contact

@@ -20,7 +20,7 @@ from unilateral.bounds.constraint import constraint
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
-from unilateral.fem import conjugate_gradients
+from unilateral.fem import linear_systems
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm, load
 from unilateral.fem.p2 import quadratic
@@ -35,9 +35,10 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
 from unilateral.norms.reference import boundary_facets, normal_fluxes
-from unilateral.problems import data, obstacle
+from unilateral.problems import data
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import Case
+from unilateral.problems.obstacle_and_flux import enclose_obstacle
 
 
 class Manufactured:
@@ -77,7 +78,7 @@ class Manufactured:
         return evaluate(self.formulas[0], {X: x, Y: y})
 
     def enclosed(self, free=()):
-        return obstacle.enclosed(self.polygon, self.obstacle_model, free)
+        return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
         x, y = data.places(self.polygon, side, t)
@@ -276,7 +277,7 @@ def test_every_step_will_do(monkeypatch):
 
 def test_as_many_steps_on_finer_meshes(monkeypatch):
     """Preconditioned by multigrid; without it their number would be that of 1/h, fourfold here."""
-    monkeypatch.setattr(conjugate_gradients, "DIRECT", 0)
+    monkeypatch.setattr(linear_systems, "DIRECT", 0)
     coarse, fine = (judged("natural", n) for n in (16, 64))
     assert coarse.holds
     assert fine.holds
@@ -286,7 +287,7 @@ def test_as_many_steps_on_finer_meshes(monkeypatch):
 def test_multigrid_in_place_of_factors_changes_little(monkeypatch):
     """Of what is left eta has at most ENOUGH, as long as a step takes half of it and more."""
     direct = judged("natural", 16).bound
-    monkeypatch.setattr(conjugate_gradients, "DIRECT", 0)
+    monkeypatch.setattr(linear_systems, "DIRECT", 0)
     assert judged("natural", 16).bound.eta <= (1 + bounds.ENOUGH) * direct.eta
 
 

@@ -16,8 +16,8 @@ from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem import rounded
 from unilateral.fem.condense import condense
 from unilateral.fem.hierarchy import FinerSpace, hierarchy
-from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.residual import dual_norm
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import adapted as adapted_meshes
@@ -28,7 +28,6 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
-from unilateral.solvers import truncated_cycle
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.multigrid import Multigrid, MultigridResult, multigrid
 from unilateral.solvers.multigrid_bounds import algebraic_bound, feasible
@@ -351,8 +350,8 @@ def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.Monke
         k = level.n if level.smoothed is None else len(level.smoothed)
         return np.zeros(k), np.zeros(k)
 
-    monkeypatch.setattr(truncated_cycle, "downward", unsmoothed)
-    monkeypatch.setattr(truncated_cycle, "upward", lambda *given: None)
+    monkeypatch.setattr(FinerSpace, "sweep_down", unsmoothed)
+    monkeypatch.setattr(FinerSpace, "sweep_up", lambda *given: None)
     assert deep.__wrapped__(10).ritz[0] < 0.3
 
 
