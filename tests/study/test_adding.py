@@ -26,8 +26,8 @@ COUNTED = """claims:
   statement: 'a structured mesh of the square has $(1/h + 1)^2$ nodes'
   where: "section 2"
   verdict: "holds"
-  check: ledger.values
-  parameters: { table: counts/counts, variable: unknowns, required: 289, at_least: false }
+  check: ledger.worst
+  parameters: { table: counts/counts, value: unknowns, at_most: 289, quantity: "the most nodes" }
   reads: [counts/counts]
   source: "derived: 17 squared"
   control: { what: "one more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
