@@ -5,18 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.halvings import evenness
-from unilateral.accuracy.level import Level
-from unilateral.accuracy.next_level import (
-    LARGEST_STEP,
-    MARGIN,
-    OF_LAMBDA,
-    most_unknowns,
-    observed_rate,
-    sizes_and_bounds,
-    wanted,
-)
+from unilateral.accuracy.level import Level, Prospect
+from unilateral.accuracy.levels import LARGEST_STEP, MARGIN, OF_LAMBDA, most_unknowns, observed_rate, wanted
 
 PROBE, KNOWN = 1.5, 400
 """The first levels are enough for a plan from KNOWN unknowns on.
@@ -120,7 +111,7 @@ def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
         return last.unknowns * times ** (1 / OF_LAMBDA)
     if prospect.adapted:
         return last.unknowns * times**2 * UNEVEN * evenness(s)
-    rate = observed_rate(*sizes_and_bounds(prospect.done))
+    rate = observed_rate(prospect.done)
     return last.unknowns * (times / MARGIN) ** (2 / (1.0 if math.isnan(rate) else max(rate, least_rate)))
 
 

@@ -6,13 +6,12 @@ from dataclasses import replace
 import pytest
 from conftest import DATA, load
 
-from unilateral.accuracy import next_level
+from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy import plan as of_plan
 from unilateral.accuracy import search as of_search
-from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.goal import MAX_SECONDS, Goal
-from unilateral.accuracy.levels import levels
-from unilateral.accuracy.next_level import MARGIN, most_unknowns
+from unilateral.accuracy.level import Prospect
+from unilateral.accuracy.levels import MARGIN, levels, most_unknowns
 from unilateral.accuracy.plan import FAR, enough, hopeless, plan
 from unilateral.accuracy.search import search
 from unilateral.problems import problem_file
@@ -38,7 +37,7 @@ def at_once(monkeypatch):
 @pytest.fixture
 def machine(monkeypatch):
     """One with so much memory whatever else runs on it, on which a level takes a second for 1e5 unknowns."""
-    monkeypatch.setattr(next_level, "available_mb", lambda: 8000.0)
+    monkeypatch.setattr(of_levels, "available_mb", lambda: 8000.0)
     monkeypatch.setattr(Prospect, "speed", 1.0)
 
 
