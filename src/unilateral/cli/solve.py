@@ -15,6 +15,7 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
@@ -40,7 +41,10 @@ from unilateral.system.memory import available_mb, keep_freed, peak_mb
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
-NOT_CONVERGED, INTERRUPTED = 3, 130
+INTERRUPTED = 130
+PASSED_ON = ("h", "H", "accuracy", "norm", "absolute", "dry_run", "max_unknowns", "max_seconds", "max_memory")
+OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
+"""Options that are arguments of `api.solve` and of `Stop`, by the same names."""
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
@@ -85,23 +89,10 @@ def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
 def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
     return api.solve(
         problem,
-        options.h,
-        options.H,
-        options.accuracy,
-        norm=options.norm,
+        **{name: getattr(options, name) for name in PASSED_ON},
         mesh=_mesh(options.mesh, problem),
-        stop=Stop(
-            tolerance=options.tolerance,
-            max_steps=options.max_steps,
-            algorithm=options.algorithm,
-            rho=options.rho,
-        ),
-        max_unknowns=options.max_unknowns,
-        max_seconds=options.max_seconds,
-        max_memory=options.max_memory,
+        stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
         sharp=_sharp(options),
-        absolute=options.absolute,
-        dry_run=options.dry_run,
         tell=None if options.json else _told(problem, drawn),
         watch=watch,
     )

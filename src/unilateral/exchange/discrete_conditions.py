@@ -20,8 +20,7 @@ import scipy.sparse as sp
 from unilateral.arrays import Array, Mask
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import Trace, constant
-from unilateral.exchange.held_sides import held_cells, held_edges, obstacle
+from unilateral.exchange.boundary_function import Trace, constant, held_cells, held_edges, obstacle
 from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import dual_operator

@@ -5,22 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.discrete.condensed import discretise, solve
-from unilateral.exchange.boundary_function import Trace, constant
+from unilateral.discrete.condensed import CondensedProblem, discretise, solve
+from unilateral.exchange.boundary_function import Trace, constant, continuous
 from unilateral.exchange.diagnosis import Judged, judged
+from unilateral.exchange.discrete_conditions import conditions
 from unilateral.exchange.exported_folder import SAME, Foreign
-from unilateral.exchange.worst_places import Extremes, extremes
 from unilateral.formulas.decimals import down, up
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
+from unilateral.problems.certificate import PROVED
 
-PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
-"""The rates proved by (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
 ROOM = 0.1
 """A rate between finite levels may stay below the proved one by this: set, not derived.
 
@@ -185,3 +186,60 @@ def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
     if any(each.given.multiplier is None for each in scored):
         return f"{'reaches the proved rates' if judged else 'no fault was found inside'}; {UNSEEN}"
     return "reaches the proved rates" if judged else "no fault was found; rates are not judged"
+
+
+class Extreme(NamedTuple):
+    """A value, and its place on a side."""
+
+    value: float
+    place: tuple[float, float]
+    side: int
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} at ({self.place[0]:g}, {self.place[1]:g}) on side {self.side}"
+
+
+class Extremes(NamedTuple):
+    """Extremes of values at the nodes, or of the means over the cells; without a multiplier `gap` alone."""
+
+    at_nodes: bool
+    gap: Extreme
+    multiplier: Extreme | None
+    product: Extreme | None
+
+    def as_numbers(self) -> dict[str, Any]:
+        """The extremes for programs; null where there is no multiplier."""
+        values = {"gap_least": self.gap, "lambda_least": self.multiplier, "product_largest": self.product}
+        where = "values at the nodes" if self.at_nodes else "means over the cells"
+        return {"of": where} | {name: each and each._asdict() for name, each in values.items()}
+
+    def __str__(self) -> str:
+        """The extremes in a line. A lambda that is constant on the cells is its own mean."""
+        where, gap = ("at the nodes", "(u - g)") if self.at_nodes else ("over the cells", "mean(u - g)")
+        names = (f"min {gap}", "min lambda", f"max |lambda {gap}|")
+        known = [f"{name} = {of}" for name, of in zip(names, self[1:], strict=True) if of is not None]
+        return f"{where}: {', '.join(known)}"
+
+
+def extremes(case: Case, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
+    """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
+
+    None if all sides are free. At a node lambda is its integral with the hat over that of the hat.
+    """
+    mesh, mu = discrete.mesh, given.multiplier
+    each = next(conditions(case, discrete, mu or continuous(mesh, np.zeros(len(mesh.boundary)))))
+    if not len(each.s):
+        return None
+    gap = each.means(given.u[mesh.boundary])
+    side = mesh.polygon.sides_of(each.s)
+    place = mesh.polygon.at(side, each.s - mesh.polygon.starts[side])
+
+    def at(values: Array, k: int) -> Extreme:
+        x, y = place[k].tolist()
+        return Extreme(float(values[k]), (x, y), int(side[k]))
+
+    least = at(gap, int(gap.argmin()))
+    if mu is None:
+        return Extremes(True, least, None, None)
+    product, at_nodes = np.abs(each.mu * gap), mu.nodal is not None
+    return Extremes(at_nodes, least, at(each.mu, int(each.mu.argmin())), at(product, int(product.argmax())))

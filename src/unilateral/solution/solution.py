@@ -218,7 +218,7 @@ class Solution:
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
-        return tables.of_cells(self.partition, self.multiplier, self.gap)
+        return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
 
     def certificate(self) -> dict[str, Any]:
         """What is known of the solution: the fields of docs/command-line.md.

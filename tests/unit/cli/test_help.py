@@ -11,10 +11,9 @@ import click
 import pytest
 from conftest import ROOT
 
-from unilateral.cli import main
+from unilateral.cli import main, solve_command
 from unilateral.cli.application import COMMANDS, application
 from unilateral.cli.command import CODES
-from unilateral.cli.commands import solve
 from unilateral.errors import meant
 from unilateral.solvers.stop import ALGORITHMS
 from unilateral.solvers.uzawa_steps import STEPS
@@ -71,7 +70,9 @@ def test_the_placeholders_of_an_option_are_its_own(run):
 def test_all_algorithms_can_be_named():
     """Those that iterate by steps are declared beside their steps."""
     assert set(STEPS) < set(ALGORITHMS)
-    assert f"default {solve.Stop.max_steps}" in str([param.help for param in command_of("solve").params[1:]])
+    assert f"default {solve_command.Stop.max_steps}" in str(
+        [param.help for param in command_of("solve").params[1:]]
+    )
 
 
 @pytest.mark.parametrize(

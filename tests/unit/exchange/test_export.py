@@ -13,10 +13,10 @@ import unilateral as ul
 from unilateral.cli import main
 from unilateral.errors import StorageError
 from unilateral.exchange import export as exporting
+from unilateral.exchange.boundary_function import obstacle
 from unilateral.exchange.case_formulas import DEFINITIONS, formulas
 from unilateral.exchange.export import LEVEL_FILES, export
 from unilateral.exchange.exported_folder import exported
-from unilateral.exchange.held_sides import obstacle
 from unilateral.fem.loads import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.geometry import mesh_files, polygon
@@ -231,7 +231,7 @@ def test_a_folder_that_is_there_is_not_touched(folder, capsys):
 
 def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
     """The second level's cells cannot be written."""
-    monkeypatch.setattr("unilateral.exchange.export._cells", lambda case, cells: 1 / (cells.n_cells - 8))
+    monkeypatch.setattr("unilateral.exchange.export.of_cells", lambda cells, **_: 1 / (cells.n_cells - 8))
     with pytest.raises((ZeroDivisionError, AttributeError)):
         export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out")
     assert not list(tmp_path.iterdir())

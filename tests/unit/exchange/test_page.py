@@ -125,7 +125,7 @@ def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, capsys):
 
 def test_g_along_the_boundary_is_that_of_the_case():
     """u - g at the nodes of the exact u is the case's gap; on the page it is drawn by `obstacle`."""
-    from unilateral.exchange.held_sides import obstacle
+    from unilateral.exchange.boundary_function import obstacle
 
     case, mesh = load("natural"), discrete("natural", 8, 4).mesh
     u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])

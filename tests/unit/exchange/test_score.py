@@ -20,8 +20,7 @@ from unilateral.exchange.boundary_function import constant, continuous, of_react
 from unilateral.exchange.diagnosis import Judged
 from unilateral.exchange.exported_folder import Foreign, exported, foreign
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.score import Rate, Scored, rates, score, verdict
-from unilateral.exchange.worst_places import Extreme, Extremes
+from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, rates, score, verdict
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
