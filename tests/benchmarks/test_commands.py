@@ -147,7 +147,7 @@ def _g(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def test_another_solution_does_not_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Control: u is judged by another one, which is 1 farther away."""
-    of = {"solvers": ["skfem"], "problems": ["own"], "sizes": [16], "repeats": 2}
+    of = {"solvers": ["skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
     given = small(typed=[], beside=[of])
     runs, runner = plan.commands(given), Whole(given, tmp_path)
     path = runner.data(runs[0])

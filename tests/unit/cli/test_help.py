@@ -11,7 +11,7 @@ import click
 import pytest
 from conftest import ROOT
 
-from unilateral.cli import main, solve_command
+from unilateral.cli import solve_command
 from unilateral.cli.application import COMMANDS, application
 from unilateral.cli.command import CODES
 from unilateral.errors import meant
@@ -24,12 +24,6 @@ EVERY = ["", *COMMANDS]
 
 def command_of(name):
     return application.get_command(click.Context(application), name) if name else application
-
-
-@pytest.fixture
-def run(capsys):
-    """The exit code, and what is printed on standard output and error."""
-    return lambda *arguments: (main(list(arguments)), *capsys.readouterr())
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -70,9 +64,8 @@ def test_the_placeholders_of_an_option_are_its_own(run):
 def test_all_algorithms_can_be_named():
     """Those that iterate by steps are declared beside their steps."""
     assert set(STEPS) < set(ALGORITHMS)
-    assert f"default {solve_command.Stop.max_steps}" in str(
-        [param.help for param in command_of("solve").params[1:]]
-    )
+    helps = [each.help for each in command_of("solve").params[1:]]
+    assert f"default {solve_command.Stop.max_steps}" in str(helps)
 
 
 @pytest.mark.parametrize(
@@ -143,25 +136,6 @@ def test_bash_completes(tmp_path, words, found):
     assert (done.stdout.strip(), done.stderr) == (found, "")
     takes_files = len(words) == 2 or "--polygon" in words
     assert ("compopt" in (tmp_path / "files").read_text()) == takes_files
-
-
-def test_case_names_are_completed_without_what_takes_long_to_import():
-    """Control: the names of polygons are read from YAML into arrays."""
-    assert imported_by("unilateral solve nat") == set()
-    assert "numpy" in imported_by("unilateral solve natural --polygon l")
-
-
-def imported_by(line):
-    """Which slow modules a completion imports."""
-    source = (
-        "import sys; from unilateral.cli import main; main([]); "
-        "print(*{'numpy', 'scipy', 'sympy', 'yaml', 'gmsh'} & set(sys.modules), file=sys.stderr)"
-    )
-    asked = {"_UNILATERAL_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
-    command = [sys.executable, "-c", source]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **asked}, timeout=60)
-    assert done.returncode == 0
-    return set(done.stderr.split())
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("solve", "nothing"), ("cases", "--nothing")])
