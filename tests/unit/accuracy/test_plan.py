@@ -4,7 +4,8 @@ import re
 from dataclasses import replace
 
 import pytest
-from conftest import DATA, load
+from conftest import load
+from searched import problem
 
 from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy import plan as of_plan
@@ -14,14 +15,7 @@ from unilateral.accuracy.level import Prospect
 from unilateral.accuracy.levels import MARGIN, levels, most_unknowns
 from unilateral.accuracy.plan import FAR, enough, hopeless, plan
 from unilateral.accuracy.search import search
-from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop
-
-
-def problem(name):
-    if name.endswith(".yaml"):
-        return problem_file.load(str(DATA / "problems" / name))
-    return load(name, "lshape" if name == "violates_j" else "square")
 
 
 def planned(done, goal):
@@ -152,8 +146,8 @@ def test_costs_and_what_they_allow_agree():
 
 
 def test_only_what_is_left_free_is_adapted():
-    """The bound of `reentrant` comes from its corner; a kind or a solver may ask for uniform meshes."""
-    *_, last = levels(load("reentrant", "lshape"), Goal(0.3), kind="structured")
+    """The bound comes from the L-shape's corner; a kind or a solver may ask for uniform meshes."""
+    *_, last = levels(problem("lshape.yaml"), Goal(0.3), kind="structured")
     assert Prospect([last], Stop(), "", 0.0).adapted
     for stop, kind in ((Stop(), "structured"), (Stop(rho=0.1), ""), (Stop(algorithm="nesterov"), "")):
         assert not Prospect([last], stop, kind, 0.0).adapted
