@@ -49,10 +49,10 @@ def listing() -> Iterator[str]:
 
 def records() -> dict[str, Any]:
     """The catalogue for programs."""
-    return {"cases": [_record(name) for name in case.names()]}
+    return {"cases": [_listed(name) for name in case.names()]}
 
 
-def _record(name: str) -> dict[str, Any]:
+def _listed(name: str) -> dict[str, Any]:
     on = [polygon_record(*found) for found in certified(name, domains(name))]
     return {"name": name, "title": case.declared(name)[0]["title"], "polygons": on}
 

@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
 INTERRUPTED = 130
-PASSED_ON = ("h", "H", "accuracy", "norm", "absolute", "dry_run", "max_unknowns", "max_seconds", "max_memory")
+LIMITS = ("max_unknowns", "max_seconds", "max_memory")
+PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMITS)
 OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
 """Options that are arguments of `api.solve` and of `Stop`, by the same names."""
 READING = "the formulas enclosed"
@@ -58,6 +59,7 @@ KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 
 def run(options: SimpleNamespace) -> int:
     """Solve and report; the exit code."""
+    options.sharp = options.sharp or options.norm == "hm12"
     _targets(options)
     keep_freed()
     drawn = sys.stderr.isatty() and not options.json
@@ -92,7 +94,6 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
         **{name: getattr(options, name) for name in PASSED_ON},
         mesh=_mesh(options.mesh, problem),
         stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
-        sharp=_sharp(options),
         tell=None if options.json else _told(problem, drawn),
         watch=watch,
     )
@@ -100,7 +101,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
-    search, sharp = found.search, _sharp(options)
+    search, sharp = found.search, options.sharp
     needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
     if needed > free:
         tell(f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free")
@@ -164,10 +165,6 @@ def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) ->
             as_json.write(printed, file)
         else:
             found.save(file)
-
-
-def _sharp(options: SimpleNamespace) -> bool:
-    return options.sharp or options.norm == "hm12"
 
 
 def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:

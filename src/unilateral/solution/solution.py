@@ -28,7 +28,7 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
 from unilateral.solution import tables
-from unilateral.solution.certificate import Bounds, record, steps, unique
+from unilateral.solution.certificate import Bounds, record
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import at_points
 from unilateral.system import as_json
@@ -152,7 +152,8 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        return steps(self.solved, self.search)
+        levels = [level.solved for level in self.search.done] if self.search else [self.solved]
+        return sum(level.result.iterations for level in levels)
 
     @property
     def converged(self) -> bool:
@@ -161,8 +162,11 @@ class Solution:
 
     @property
     def unique(self) -> bool:
-        """Whether lambda_H is known to be the only one; if not, beta may be 0."""
-        return unique(self.solved, self.search)
+        """Whether lambda_H is known to be the only one; if not, beta may be 0.
+
+        After a search it is, because a search takes two edges or more in every cell.
+        """
+        return bool(self.search) or self.solved.discrete.unique
 
     @property
     def certified(self) -> bool:
@@ -231,7 +235,7 @@ class Solution:
 
     def record(self, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
         """The fields of `certificate` with these errors and bounds, the `sharp` ones or the cheap ones."""
-        return record(self.solved, self.search, bounds, errors, sharp, self.contact, self.units)
+        return record(self, bounds, errors, sharp)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
