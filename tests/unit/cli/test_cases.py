@@ -159,34 +159,9 @@ def test_python_that_is_printed_runs_as_it_is(run):
     assert space["vertices"] == [[0, 0], [1, 0], [1, 1], [0, 1]]
 
 
-def test_what_has_no_formulas_says_so(run, refused):
+def test_what_has_no_formulas_says_so(run):
     """A Cantor family; what is known without formulas is shown."""
     code, out, err = run("cases", "violates_jjj")
     assert (code, err) == (0, "")
     assert out.count("there are no closed formulas, for u is a sum over the intervals of a Cantor set") == 3
     assert "contact on 85 intervals" in out  # 1 + 4 + 16 + 64 of four odd generations
-    for kind in ("python", "ufl"):
-        said = refused("cases", "violates_jjj", "--format", kind)
-        assert "'violates_jjj': there are no closed formulas" in said
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ("--format", "python"),
-            "--format python is for one case; name it, such as natural; see 'unilateral",
-        ),
-        (("--side", "1"), "--side is for one case"),
-        (
-            ("natural", "--format", "fortran"),
-            "argument --format: 'fortran' is none of text, json, python, ufl",
-        ),
-        (("natural", "--polygon", "lshape"), "case 'natural' is for square, not for 'lshape'"),
-        (("thirds", "--polygon", "none.yaml"), "there is no file none.yaml"),
-        (("thirds", "--side", "4"), "'square' has the sides 0 to 3, not 4"),
-        (("natural", "--polygon", SHELTER), "case 'natural' is for square, not for '"),
-    ],
-)
-def test_bad_arguments_are_one_error(refused, arguments, message):
-    assert message in refused("cases", *arguments)

@@ -68,45 +68,6 @@ def test_all_algorithms_can_be_named():
     assert f"default {solve_command.Stop.max_steps}" in str(helps)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "offered"),
-    [
-        (("slove",), "there is no command 'slove'; did you mean solve?; see 'unilateral --help'"),
-        (("solve", "natural", "--acuracy", "1"), "no option --acuracy; did you mean --accuracy?"),
-        (("solve", "natral", "--h", "1/8", "--H", "1/4"), "did you mean natural?"),
-        (("export", "smoth", "--h", "1/8", "--H", "1/4", "--out", "x"), "did you mean smooth?"),
-        (
-            ("solve", "thirds", "--h", "1/8", "--H", "1/4", "--polygon", "lshap"),
-            "polygon 'lshap' is unknown; the named ones are square, lshape, hexagon; did you mean lshape?",
-        ),
-        (("solve", "natural", "--accuracy", "0.1", "--norm", "hm1"), "none of h1, hm12; did you mean hm12?"),
-        (("solve", "natural", "--h", "1/8", "--H", "1/4", "--algorithm", "uzwa"), "did you mean uzawa?"),
-    ],
-    ids=["command", "option", "case", "case of export", "polygon", "norm", "algorithm"],
-)
-def test_what_is_like_a_misspelt_name_is_offered(run, arguments, offered):
-    code, out, err = run(*arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert offered in err
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("solve", "nothing", "--accuracy", "0.1"),
-        ("cases", "nothing"),
-        ("score", "nothing", "u.csv"),
-        ("infsup", "--h", "1"),
-        ("claims", "nothing"),
-    ],
-    ids=lambda arguments: arguments[0],
-)
-def test_with_json_bad_input_leaves_standard_output_empty(run, arguments):
-    """So that a program never reads half an object."""
-    code, out, err = run(*arguments, "--json")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-
-
 def test_nothing_is_offered_for_what_is_like_nothing():
     """Control."""
     assert meant("xyz", COMMANDS) == ""

@@ -126,24 +126,6 @@ def test_where_beta_is_0_it_is_said_and_long_lists_are_cut(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "infsup needs either --mesh or --h; see 'unilateral infsup --help'"),
-        (("--h", "1/4", "--mesh", "own.msh", "--H", "1"), "infsup needs either --mesh or --h"),
-        (("--h", "1/4"), "infsup needs either --cells or --H"),
-        (("--h", "1/4", "--H", "1"), "--h needs --polygon"),
-        (("--mesh", "none.msh", "--H", "1"), "argument --mesh: there is no file 'none.msh'"),
-        ((*SQUARE, "--h", "1/4", "--cells", "0"), "argument --cells: 0 must lie between 1 and 100000"),
-        ((*SQUARE, "--h", "1/4", "--cells", "none.csv"), "none.csv cannot be read: No such file"),
-        ((*SQUARE, "--h", "1e-7", "--H", "1"), "unknowns on 'square', which take at least"),
-        ((*SQUARE, "--h", "1/4", "--cells", "99999"), "of them on the boundary, take about"),
-    ],
-)
-def test_bad_arguments_are_one_error(refused, arguments, message):
-    assert message in refused("infsup", *arguments)
-
-
-@pytest.mark.parametrize(
     ("rows", "message"),
     [
         ("start,stop\n0,1", "the columns start and end are needed, a row per cell"),

@@ -118,15 +118,3 @@ def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     for picture in pictures:
         assert run("check", SHELTER, "--out", str(picture))[0] == 0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("natural",), "natural declares a case; 'unilateral cases' lists"),
-        (("none.yaml",), "there is no file none.yaml"),
-        ((SHELTER, "--out", "picture.txt"), "argument --out: picture.txt has to end in .svg, .png, .pdf"),
-    ],
-)
-def test_what_cannot_be_checked_is_refused(refused, arguments, message):
-    assert refused("check", *arguments).startswith(f"unilateral: {message}")

@@ -84,28 +84,6 @@ def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
     assert [(level["nodes"], level["cells"]) for level in levels] == [(16, 8), (49, 12)]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("natral", "--h", "1/4"), "case 'natral' is unknown"),
-        (("natural",), "either --h or --mesh"),
-        (("natural", "--h", "1/4", "--mesh", "own.msh"), "either --h or --mesh"),
-        (("natural", "--mesh", "none.msh"), "there is no file 'none.msh'"),
-        (("natural", "--h", "1/4", "--levels", "99"), "99 is more than 12"),
-        (("examples/shelter.yaml", "--h", "1/4"), "declares a problem"),
-        (("natural", "--polygon", "lshape", "--h", "1/4"), "is for square, not for 'lshape'"),
-        (("thirds", "--polygon", "lshap", "--h", "1/4"), "did you mean lshape"),
-        (("thirds", "--polygon", "examples/score_scikit_fem.py", "--h", "1/4"), "does not end in .yaml"),
-        (("thirds", "--polygon", "manufactured/thirds.yaml", "--h", "1/4"), "the field polygon is missing"),
-        (("thirds", "--side", "4", "--h", "1/4"), "has the sides 0 to 3, not 4"),
-        (("thirds", "--free-sides", "0", "--h", "1/4"), "has contact on side 0"),
-    ],
-)
-def test_bad_input_is_one_error_and_leaves_nothing(arguments, message, tmp_path, refused):
-    assert message in refused("export", *arguments, "--H", "1/2", "--out", tmp_path / "out")
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refused):
     """Only lines; and a file without anything, on which meshio gives up in words of its own."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.0]])
