@@ -31,10 +31,7 @@ NOTHING = 1e-140
 """Where u_h is 0, a bound up to this counts as no error, because no error is a fraction of 0."""
 BYTES_PER_MB = 2**20
 RECENT = 3
-"""The enclosure of f is expected to take the mean time of this many last levels.
-
-That time hardly depends on the size of a level.
-"""
+"""To enclose f hardly depends on a level's size: it is to take the mean time of this many last levels."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,10 +56,7 @@ If the budget allows neither the wanted step nor LEAST_STEP times the triangles,
 FOLLOW = 1.15
 """A mesh gets this many times the predicted triangles, because neighbours are refined, too."""
 OF_LAMBDA = 0.75
-"""On adapted meshes the bound on lambda falls like the unknowns to minus this power.
-
-That is the rate of H^{3/2}; 0.82 was observed.
-"""
+"""On adapted meshes lambda's bound falls like the unknowns to minus this, as H^{3/2}; 0.82 was observed."""
 RATES = (0.25, 2.0)
 """An observed rate is believed only as far as it lies between these two."""
 SPARE = 0.8
@@ -103,10 +100,7 @@ def levels(
 
 
 def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
-    """The coarsest mesh. Where all sides are short it is graded, if meshes are `free` to be so.
-
-    Raises InputError as `levels`.
-    """
+    """The coarsest mesh, graded where sides are short if it is `free` to be so. Raises as `levels`."""
     made, H = kind or natural_kind(polygon), float(polygon.lengths.max())
     expected = least_unknowns(polygon, H / 2)
     graded = expected > ENOUGH and made == "unstructured" and free
@@ -194,10 +188,7 @@ def division(prospect: Prospect) -> Division | None:
 
 
 def _best(prospect: Prospect) -> Division:
-    """The wanted division, which is uniform where that takes at most WORTH times the triangles.
-
-    If several steps are needed, they are of one size.
-    """
+    """The wanted division, uniform where that takes WORTH times the triangles; steps are of one size."""
     last, part = prospect.done[-1], wanted_part(prospect.done)
     shares, m = last.solved.shares, len(last.solved.shares)
     if part == 0 or not prospect.free or not 0 < shares.max() < math.inf:
@@ -226,10 +217,7 @@ def wanted_part(done: Sequence[Level]) -> float:
 
 
 def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
-    """The unknowns that each limit allows the next level to have.
-
-    Where they are predicted, it is that `part` of them.
-    """
+    """The unknowns that each limit allows the next level to have, that `part` of those that are predicted."""
     goal = prospect.done[-1].goal
     (of_memory, mb), (of_time, seconds) = goal.memory(SPARE * available_mb()), goal.seconds
     return {

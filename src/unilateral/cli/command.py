@@ -161,10 +161,7 @@ class Choice(click.Choice[str]):
 
 
 class Name(click.ParamType):
-    """A name that the library knows or, where it takes `files`, a file.
-
-    The library says what is wrong with it.
-    """
+    """A name that the library knows or, where it takes `files`, a file; the library says what is wrong."""
 
     name = "name"
 

@@ -49,10 +49,7 @@ OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
-"""Up to this many cells the error in H^{-1/2} is computed.
-
-For more it takes longer than all the rest.
-"""
+"""Up to this many cells the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
 KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
 """The names of the files in the folder of --out."""
 
@@ -136,10 +133,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
 
 
 def _targets(options: SimpleNamespace) -> list[Path]:
-    """The files that are asked for. The folder of --out is made.
-
-    Raises InputError for a file that cannot be written there.
-    """
+    """The files that are asked for; --out's folder is made. Raises InputError for what cannot be written."""
     files = [Path(name) for name in options.output]
     if (files or options.out) and options.dry_run:
         raise InputError("a --dry-run has no solution that could be kept; leave -o and --out out")
@@ -204,10 +198,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
-    """A function that prints each level when it is done, where a bar was drawn.
-
-    The first level comes below a line that says what is wanted.
-    """
+    """A function that prints each level, the first one below a line that says what is wanted."""
     first, length = True, problem.units.length
 
     def one(level: Level) -> None:
@@ -228,10 +219,7 @@ def _tell_faults(search: Search) -> None:
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
-    """The forces over the whole boundary, and over each side with multipliers.
-
-    None for more than SIDES sides.
-    """
+    """The forces over the boundary, and over each side with multipliers; None for more than SIDES sides."""
     n_sides, cells = found.mesh.polygon.n_sides, found.partition
     if n_sides > SIDES:
         return None

@@ -84,10 +84,7 @@ def _inside(of: Residual) -> Fault:
 
 
 def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """What is wrong with the multiplier.
-
-    u's equation at the boundary says what it has to be, and its conditions are checked.
-    """
+    """What is wrong with the multiplier, by u's equation at the boundary, and with its conditions."""
     if mu is None:
         return
     allowed, first = _allowed(of, own), MeantMultiplier("", mu.load(of.discrete.mesh), mu)
@@ -141,10 +138,7 @@ def _is_scaled(fit: Fit, allowed: float) -> bool:
 
 
 def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """A wrong sign of the multiplier, by the exact one, where u says nothing.
-
-    It is told only if it is surer than what is left and this project's error.
-    """
+    """A wrong sign by the exact multiplier, if it is surer than what is left and this project's error."""
     if mu is None:
         return
     fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))

@@ -226,10 +226,7 @@ class Handed(NamedTuple):
 
 
 def handed(file: str) -> Handed:
-    """What a file holds, by its ending: .csv, .nc, or one of meshio's.
-
-    Raises InputError if it cannot be read.
-    """
+    """What a file holds: .csv, .nc, or one of meshio's. Raises InputError if it cannot be read."""
     if not Path(file).is_file():
         raise InputError(f"there is no file {file}")
     try:

@@ -45,10 +45,7 @@ ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 def in_units(force: Force, unit: float) -> Force:
-    """A force in that unit, with bounds that stay bounds.
-
-    The unit is rounded once, and each product with it once more.
-    """
+    """A force in that unit, which is rounded once, as is each product with it; bounds stay bounds."""
     value, lower, upper = (unit * number for number in force)
     return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
 
@@ -126,10 +123,7 @@ class Solution:
         return Contact(self.partition, self.multiplier)
 
     def u_at(self, points: ArrayLike) -> Array:
-        """(k,) u_h at the points (k, 2), NaN at those outside the polygon.
-
-        Raises InputError for another shape.
-        """
+        """(k,) u_h at the points (k, 2), NaN outside the polygon. Raises InputError for another shape."""
         places = np.asarray(points, dtype=float)
         if places.ndim != 2 or places.shape[1] != 2:
             raise InputError(f"points: their shape {places.shape} must be (k, 2), a row for each point")
