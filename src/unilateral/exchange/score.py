@@ -29,6 +29,7 @@ For comparison: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) o
 """
 
 ROUNDING = 1e-12
+FAULTS, SHORT = "faults were found", "falls short of a proved rate"
 UNSEEN = "without a multiplier the conditions were not looked at"
 
 
@@ -73,9 +74,8 @@ def score(case: Case, given: Foreign) -> Scored:
     mesh, cells = given.level.mesh, given.level.cells
     discrete = discretise(case, mesh, cells)
     norm, solved = dual_norm(cells, [case]), solve(discrete)
-    own = _errors(
-        norm, case, given, solved.u_h, constant(cells, solved.lambda_H) if discrete.unique else None
-    )
+    lambda_H = constant(cells, solved.lambda_H) if discrete.unique else None
+    own = _errors(norm, case, given, solved.u_h, lambda_H)
     errors = _errors(norm, case, given, given.u, given.multiplier)
     told = judged(case, given, discrete, own, solved.u_h)
     return Scored(given, errors, own, told, extremes(case, given, discrete))
@@ -96,21 +96,23 @@ def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
     """
     ladder = sorted(scored, key=lambda each: -each.given.level.mesh.h)
     holds = all(case.declaration["hypotheses"].values())
-    found = {}
+    by_norm = {}
     for norm, proved in PROVED.items():
         declared = case.declaration["asymptotic"][norm]
         begin, factor = real(declared["from"], norm), float(declared.get("factor", 2))
         pairs = list(_pairs(ladder, begin, factor))
-        of, own = (
-            [math.log(error_in(a, norm) / error_in(b, norm)) / math.log(factor) for a, b in errors]
-            for errors in (
-                [(a.errors, b.errors) for a, b in pairs if _known(norm, a.errors, b.errors)],
-                [(a.own, b.own) for a, b in pairs if _known(norm, a.own, b.own)],
-            )
-        )
-        least, own_least = (min(each, default=math.nan) for each in (of, own))
-        found[norm] = Rate(least, len(of), own_least, proved if holds else math.nan)
-    return found
+        theirs = _observed([(a.errors, b.errors) for a, b in pairs], norm, factor)
+        own = _observed([(a.own, b.own) for a, b in pairs], norm, factor)
+        least, own_least = (min(each, default=math.nan) for each in (theirs, own))
+        by_norm[norm] = Rate(least, len(theirs), own_least, proved if holds else math.nan)
+    return by_norm
+
+
+def _observed(pairs: Sequence[tuple[Errors, Errors]], norm: str, factor: float) -> list[float]:
+    """The rates between errors that are neither NaN nor 0 up to rounding, which has no rate."""
+    errors = [(error_in(coarse, norm), error_in(fine, norm)) for coarse, fine in pairs]
+    known = [(coarse, fine) for coarse, fine in errors if coarse > ROUNDING and fine > ROUNDING]
+    return [math.log(coarse / fine) / math.log(factor) for coarse, fine in known]
 
 
 def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tuple[Scored, Scored]]:
@@ -122,11 +124,6 @@ def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tu
         for fine in ladder:
             if abs(level.mesh.h / fine.given.level.mesh.h - factor) < SAME:
                 yield coarse, fine
-
-
-def _known(norm: str, *errors: Errors) -> bool:
-    """Whether the errors are neither NaN nor 0 up to rounding, which has no rate."""
-    return all(error_in(each, norm) > ROUNDING for each in errors)
 
 
 def error_in(errors: Errors, norm: str) -> float:
@@ -169,19 +166,15 @@ def at_boundary(scored: Sequence[Scored]) -> str:
 
 def holds(scored: Sequence[Scored], found: dict[str, Rate]) -> bool:
     """Whether nothing is wrong, and no rate falls short of a proved one."""
-    return not any(each.faults for each in scored) and not any(map(_short, found.values()))
-
-
-def _short(rate: Rate) -> bool:
-    return rate.verdict == "falls short"
+    return verdict(scored, found) not in (FAULTS, SHORT)
 
 
 def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
     """The verdict in a few words: faults come before rates, and what was not looked at comes last."""
     if any(each.faults for each in scored):
-        return "faults were found"
-    if any(map(_short, found.values())):
-        return "falls short of a proved rate"
+        return FAULTS
+    if any(rate.verdict == "falls short" for rate in found.values()):
+        return SHORT
     judged = any(rate.verdict == "reaches the proved rate" for rate in found.values())
     if any(each.given.multiplier is None for each in scored):
         return f"{'reaches the proved rates' if judged else 'no fault was found inside'}; {UNSEEN}"
