@@ -37,12 +37,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 include: "workflow/rules/common.smk"
 include: "workflow/rules/scenes.smk"
-include: "workflow/rules/surveys.smk"
-include: "workflow/rules/sharpness.smk"
-include: "workflow/rules/cells.smk"
-include: "workflow/rules/adaptive.smk"
+include: "workflow/rules/experiments.smk"
 include: "workflow/rules/cost.smk"
-include: "workflow/rules/extremes.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/documents.smk"

@@ -1,4 +1,6 @@
-"""The examples of docs/adding.md: all of them are added to a copy of the project, and planned, not run.
+"""The examples of docs/adding.md: all of them are added to a copy of the project, and planned.
+
+The small experiment is run, and its claim judged; the rest is not.
 
 Control: in test_workflow.py and test_configuration.py what is named and not added, too, is refused.
 """
@@ -15,13 +17,28 @@ from conftest import ROOT, copy_project
 from documents import blocks
 
 CASE = next(block.text for block in blocks("manufactured/README.md") if block.kind == "yaml")
-POLYGON, RATES, SCENE, SURVEY, FIGURE, CLAIM, AXIS = (block.text for block in blocks("docs/adding.md"))
+POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, FIGURE, CLAIM, AXIS = (
+    block.text for block in blocks("docs/adding.md")
+)
+COUNTED = """claims:
+- id: "V.h"
+  title: "as many unknowns as nodes"
+  statement: 'a structured mesh of the square has $(1/h + 1)^2$ nodes'
+  where: "section 2"
+  verdict: "holds"
+  check: ledger.values
+  parameters: { table: counts/counts, variable: unknowns, required: 289, at_least: false }
+  reads: [counts/counts]
+  source: "derived: 17 squared"
+  control: { what: "one more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
+"""
+"""The claims of the experiment that is added."""
 KIND = """
 
 def calm(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return nothing(values, h, H, budget)
 """
-STABILITY = "src/unilateral/study/experiments/stability"
+STABILITY, COUNTS = (f"src/unilateral/study/experiments/{name}" for name in ("stability", "counts"))
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
@@ -29,6 +46,13 @@ PLACES = [
     ("workflow/config/study.yaml", "\nscenes:\n", SCENE),
     ("workflow/config/study.yaml", "\nsurveys:\n", SURVEY),
     (f"{STABILITY}/claims.yaml", "parameters: { scenes: [betasquare", ", mysurvey"),
+    (f"{COUNTS}/__init__.py", "", '"""Unknowns, counted."""\n'),
+    (f"{COUNTS}/measure.py", "", MEASURE),
+    (f"{COUNTS}/schema.yaml", "", SCHEMA),
+    (f"{COUNTS}/claims.yaml", "", COUNTED),
+    ("workflow/config/study.yaml", "", FIELDS),
+    ("workflow/rules/experiments.smk", "EXPERIMENTS = {\n", RULE),
+    ("src/unilateral/study/ledger/sections.yaml", "extremes: [", '"V.h", '),
     (f"{STABILITY}/my_figure_figure.py", "", (ROOT / STABILITY / "multiplier_figure.py").read_text()),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
@@ -36,10 +60,20 @@ PLACES = [
     ("src/unilateral/study/experiments/extremes/contact.py", "", KIND),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]
-"""What is added to a file, and behind which text or, without one, at its end.
+"""What is added to a file, and behind which text or, without one, at its end."""
 
-A figure has its example in tests/study/pages.py, too.
+USED = """
+from unilateral.study.experiments.counts.measure import measure_counts
+from unilateral.study.experiments.extremes.measure import KINDS
+from unilateral.study.ledger.claims import find
+from unilateral.study.tables import load
+
+measure_counts({"polygon": "square", "h": ["1/8", "1/16"]}, "counts/counts.nc")
+print(find("V.h").measure({"counts/counts": load("counts/counts.nc")}).observed)
+print(find("3.1d").reads)
+print(KINDS["calm"].__module__)
 """
+"""A program that uses what is added: the experiment and its claim, another claim, an axis."""
 
 
 def run(folder: Path, *arguments: str) -> str:
@@ -55,15 +89,15 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
     (project / "src/unilateral/manufactured").symlink_to(project / "manufactured")
     for name, marker, text in PLACES:
         file = project / name
+        file.parent.mkdir(exist_ok=True)
         old = file.read_text(encoding="utf-8") if file.exists() else ""
         assert old.count(marker) == 1 or not marker, name
         at = old.index(marker) + len(marker) if marker else len(old)
         file.write_text(old[:at] + text + old[at:], encoding="utf-8")
-    targets = ["results/myscene/rates.nc", "figures/my_figure.svg"]
+    targets = ["results/myscene/rates.nc", "results/counts/counts.nc", "figures/my_figure.svg"]
     table = run(project, "-m", "snakemake", "-n", "-c1", *targets).partition("Job stats:")[2]
-    jobs = {"dual_norm": 1, "solve": 1, "rates": 1, "surveys": 1, "figure": 1, "total": 5}
+    jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "figure"], 1) | {"total": 6}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
-    code = "from unilateral.study.ledger.claims import find; "
-    code += "from unilateral.study.experiments.extremes.measure import KINDS; "
-    code += "print(find('3.1d').reads, KINDS['calm'].__module__)"
-    assert run(project, "-c", code) == "('square/infsup',) unilateral.study.experiments.extremes.contact\n"
+    (project / "counts").mkdir()
+    said = ["289.0", "('square/infsup',)", "unilateral.study.experiments.extremes.contact"]
+    assert run(project, "-c", USED).splitlines() == said

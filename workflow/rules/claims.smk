@@ -1,30 +1,4 @@
-# Uzawa's algorithm, tried; and the ledger: every statement of the paper judged by the results.
-
-
-rule algorithm:
-    input:
-        code("experiments.algorithm.tables"),
-        case_files(config["algorithm"]["cases"]),
-    output:
-        steps="results/algorithm/steps.nc",
-        certificates="results/algorithm/certificates.nc",
-        singular="results/algorithm/singular.nc",
-        uniqueness="results/algorithm/uniqueness.nc",
-        unique="results/algorithm/unique.nc",
-        elimination="results/algorithm/elimination.nc",
-        split="results/algorithm/split.nc",
-        formulation="results/algorithm/formulation.nc",
-    log:
-        "results/logs/algorithm.log",
-    resources:
-        **SOLVES,
-    params:
-        job="experiments.algorithm.tables.try_algorithm",
-        study=config["algorithm"],
-    message:
-        "Uzawa's algorithm with steps inside and outside its range"
-    script:
-        "../scripts/job.py"
+# The ledger: every statement of the paper judged by the results.
 
 
 rule claims:

@@ -11,12 +11,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
-from unilateral.geometry.polygon import Polygon
-from unilateral.problems import case
-from unilateral.study import figure_entries, schema
+from unilateral.problems.case import load
+from unilateral.study import figure_entries, registry, schema
 from unilateral.system import declarations
 
 Fields = dict[str, Any]
@@ -48,7 +47,7 @@ def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
     Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
     that cannot be put on its polygon or that has no expected rates.
     """
-    checks = (_unknown, _disordered, figure_entries.faults, _beside_their_polygon, _unjudged)
+    checks = (_unknown, _misfits, figure_entries.faults, _beside_their_polygon, _unfit_surveys, _unjudged)
     for place, said in itertools.chain(schema.faults(study, rules), *(faults(study) for faults in checks)):
         raise InputError(f"{_where(place, sources)}: {said}")
 
@@ -62,52 +61,29 @@ def _where(place: Place, sources: Mapping[str, str]) -> str:
 
 
 def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: names that are not among those allowed in their place."""
-    for place, name, known in _names(study):
-        if name not in known:
-            yield place, f"it is '{name}'; it has to be one of {', '.join(known)}"
-
-
-def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
-    """Where a name stands, the name, and the names that are allowed there."""
-    scenes, cost = study["scenes"], study["cost"]
-
-    def listed(names: Iterable[str], known: Iterable[str], *place: str | int) -> Iterator[Any]:
-        yield from (((*place, i), name, known) for i, name in enumerate(names))
-
-    for name, cases in study["totals"]["scenes"].items():
-        yield ("totals", "scenes"), name, scenes
-        yield from listed(cases, scenes[name]["cases"], "totals", "scenes", name)
-    yield from listed(study["floors"], scenes, "floors")
-    base, vary = cost["base"], cost["vary"]
-    yield ("cost", "base", "scene"), base["scene"], scenes
-    yield from listed(vary.get("scene", []), scenes, "cost", "vary", "scene")
-    yield from listed([job["scene"] for job in cost["jobs"]], scenes, "cost", "jobs")
-    for scene in (base["scene"], *vary.get("scene", [])):
-        yield ("cost", "base", "case"), base["case"], scenes[scene]["cases"]
-    yield from listed(vary.get("case", []), scenes[base["scene"]]["cases"], "cost", "vary", "case")
-    for i, names in enumerate(cost["cross"]):
-        yield from listed(names, vary, "cost", "cross", i)
-
-
-def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: numbers that do not fit together."""
-    scenes = study["scenes"]
-    falling: list[tuple[Place, list[Any]]] = [
-        *((("scenes", name, "H"), scene["H"]) for name, scene in scenes.items()),
-        (("sharpness", "H"), study["sharpness"]["H"]),
-        (("sharpness", "fixed", "H"), study["sharpness"]["fixed"]["H"]),
-        (("cells", "H"), study["cells"]["H"]),
-        (("cost", "stops"), study["cost"]["stops"]),
+    """Faults: names that are not among those that the study has in another place."""
+    scenes, base, vary = study["scenes"], study["cost"]["base"], study["cost"]["vary"]
+    names: list[tuple[Place, str, Iterable[str]]] = [
+        (("totals", "scenes", scene, i), case, scenes[scene]["cases"])
+        for scene, cases in study["totals"]["scenes"].items()
+        for i, case in enumerate(cases)
     ]
-    for place, given in falling:
-        sizes = [real(size, "") for size in given]
-        if any(a <= b for a, b in itertools.pairwise(sizes)):
-            yield place, "each number has to be smaller than the one before it"
-    for i, name in itertools.product(range(len(study["finds"])), ("points", "nodes")):
-        if any(a >= b for a, b in itertools.pairwise(study["finds"][i][name])):
-            yield ("finds", i, name), "each number has to be larger than the one before it"
-    fewest = min(scenes[name]["mesh"]["levels"] for name in study["totals"]["scenes"])
+    for scene in (base["scene"], *vary.get("scene", [])):
+        names.append((("cost", "base", "case"), base["case"], scenes[scene]["cases"]))
+    for i, case in enumerate(vary.get("case", [])):
+        names.append((("cost", "vary", "case", i), case, scenes[base["scene"]]["cases"]))
+    for i, fields in enumerate(study["cost"]["cross"]):
+        names += [(("cost", "cross", i, k), field, vary) for k, field in enumerate(fields)]
+    for name, axis in study["extremes"]["axes"].items():
+        names.append((("extremes", "axes", name, "kind"), axis["kind"], registry.axes()))
+    for place, name, known in names:
+        if name not in known:
+            yield place, f"it is {shown(repr(name))}; it has to be one of {', '.join(known)}"
+
+
+def _misfits(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: numbers that do not fit together."""
+    fewest = min(study["scenes"][name]["mesh"]["levels"] for name in study["totals"]["scenes"])
     if study["totals"]["levels"] > fewest:
         yield ("totals", "levels"), f"it has to be at most {fewest}, the levels of its scenes"
     ratios = study["rates"]["ratios"]
@@ -115,63 +91,41 @@ def _disordered(study: Fields) -> Iterator[tuple[Place, str]]:
         yield ("rates", "judged_ratio"), f"it has to be one of ratios, {', '.join(map(str, ratios))}"
 
 
-def _beside_their_polygon(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: cases not declared, or not for their polygon or side; surveys that do not fit their polygon."""
-    chosen: list[tuple[Place, Fields, list[str]]] = [
-        *((("scenes", name, "cases"), scene, scene["cases"]) for name, scene in study["scenes"].items()),
-        *(((name, "cases"), study[name], study[name]["cases"]) for name in ("algorithm", "cells")),
-        *(
-            (("adaptive", "scenes", i, "cases"), scene, scene["cases"])
-            for i, scene in enumerate(study["adaptive"]["scenes"])
-        ),
-        *(
-            (("figures", name, "parameters"), entry["parameters"], [entry["parameters"]["case"]])
-            for name, entry in study["figures"].items()
-            if {"polygon", "case"} <= set(entry["parameters"])
-        ),
-    ]
-    for place, scene, names in chosen:
-        for i, name in enumerate(names):
-            fault = _case_fault(name, scene["polygon"], scene.get("side", 0))
-            if fault:
-                yield (*place, i) if place[-1] == "cases" else (*place, "case"), fault
+def _beside_their_polygon(given: Any, place: Place = ()) -> Iterator[tuple[Place, str]]:
+    """Faults: cases that are not declared, or not for the polygon and the side beside which they stand."""
+    if isinstance(given, dict) and "polygon" in given:
+        named = [((*place, "cases", i), name) for i, name in enumerate(given.get("cases", []))]
+        named += [((*place, "case"), given["case"])] if "case" in given else []
+        for at, name in named:
+            if fault := _case_fault(name, given["polygon"], given.get("side", 0)):
+                yield at, fault
+    parts = given.items() if isinstance(given, dict) else enumerate(given) if isinstance(given, list) else ()
+    for name, part in parts:
+        yield from _beside_their_polygon(part, (*place, name))
+
+
+def _unfit_surveys(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: polygons that are none, and numbers of cells that are not one for each side."""
     for name, survey in study["surveys"].items():
-        for place, said in _survey_faults(survey, name):
-            yield ("surveys", name, *place), said
-
-
-def _survey_faults(survey: Fields, name: str) -> Iterator[tuple[Place, str]]:
-    """Faults for which `families` would refuse a survey."""
-    try:
-        sides = _domain(survey["polygon"], name).n_sides
-    except InputError as error:
-        yield ("polygon",), str(error)
-        return
-    specs: list[tuple[Place, Fields]] = [(("mesh",), survey.get("mesh", {}))]
-    specs += [(("partitions", i), cells) for i, cells in enumerate(survey.get("partitions", []))]
-    for place, spec in specs:
-        if len(spec.get("counts", range(sides))) != sides:
-            yield (*place, "counts"), f"it has to have {sides} numbers, one for each side"
-        if real(spec.get("shift", 0), "") >= 1:
-            yield (*place, "shift"), f"it is {spec['shift']}; it has to be below 1"
-        for field in ("grading", "spread"):
-            if real(spec.get(field, 1), "") < 1:
-                yield (*place, field), f"it is {spec[field]}; it has to be at least 1"
-
-    for i, delta in enumerate(survey.get("deltas", [])):
-        if real(delta, "") > 0.5:
-            yield ("deltas", i), f"it is {delta}; it has to be at most 1/2"
-
-
-def _domain(given: Any, name: str) -> Polygon:
-    return polygon.named(given) if isinstance(given, str) else Polygon(given, name)
+        given, place = survey["polygon"], ("surveys", name)
+        try:
+            sides = (polygon.named(given) if isinstance(given, str) else polygon.Polygon(given, name)).n_sides
+        except InputError as error:
+            yield (*place, "polygon"), str(error)
+            continue
+        for i, cells in enumerate(survey.get("partitions", [])):
+            if len(cells.get("counts", range(sides))) != sides:
+                yield (
+                    (*place, "partitions", i, "counts"),
+                    f"it has to have {sides} numbers, one for each side",
+                )
 
 
 @cache
 def _case_fault(name: str, domain: str, side: int) -> str:
     """Why the case cannot be put on that side of that polygon; empty if it can."""
     try:
-        case.load(name, polygon.named(domain), side)
+        load(name, polygon.named(domain), side)
     except InputError as error:
         return str(error)
     return ""

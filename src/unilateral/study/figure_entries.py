@@ -16,8 +16,6 @@ from unilateral.study.tables import save_csv
 
 Fields = Mapping[str, Any]
 Place = tuple[str | int, ...]
-STUDIES = ("adaptive", "algorithm", "cells", "cost", "extremes", "sharpness")
-"""Folders of results that belong to no scene and no survey."""
 
 
 class Drawing(NamedTuple):
@@ -98,12 +96,9 @@ def faults(study: Fields) -> Iterator[tuple[Place, str]]:
 
 
 def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: a module, a scene or a field of the configuration that does not exist."""
+    """Faults: a module or a field of the configuration that does not exist."""
     if entry["module"] not in (known := registry.figures()):
         yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(known)}"
-    for i, scene in enumerate(entry["scenes"]):
-        if scene not in study["scenes"]:
-            yield ("scenes", i), f"it is '{scene}'; it has to be one of {', '.join(study['scenes'])}"
     for key, where in entry["study"].items():
         for scene in entry["scenes"] or [""]:
             try:
@@ -114,7 +109,7 @@ def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, s
 
 def _unfit(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: results or cases that do not exist, and arguments that the module's `table` does not take."""
-    folders = (*study["scenes"], *study["surveys"], *STUDIES)
+    folders = (*study["scenes"], *study["surveys"], *registry.experiments())
     for _, drawing in _of_entry(name, study):
         read = [(key, folder) for key, files in drawing.reads.items() for folder in _folders(files)]
         for key, folder in read:
