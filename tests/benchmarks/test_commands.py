@@ -125,7 +125,10 @@ def test_a_command_that_fails_is_told_and_does_not_count(
 
 
 def test_tiny_processes_beside_each_other(tmp_path: Path) -> None:
-    """The bound that is typed is that of the data which others are given, but for the iteration."""
+    """The bound that is typed is that of the data which others are given, but for the iteration.
+
+    Its dozen of processes import what they need: 10 seconds.
+    """
     of = {"solvers": ["bound", "skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
     given = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[of])
     records = Whole(given, tmp_path).all(plan.commands(given))

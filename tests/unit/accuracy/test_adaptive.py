@@ -60,7 +60,10 @@ def rate(unknowns, values):
     [("reentrant", 0.05), ("violates_j", 0.05), ("singular", 0.05), ("thirds", 0.05)],
 )
 def test_certificates_hold_and_the_search_gets_there(name, accuracy):
-    """Every level's bound against the true error, by quadrature with the exact solution."""
+    """Every level's bound against the true error, by quadrature with the exact solution.
+
+    To enclose the f of `reentrant`, which is singular, takes most of the time, here and below.
+    """
     case = problem(name)
     done = list(levels(case, Goal(accuracy, max_unknowns=12_000)))
     assert len(on_adapted(done)) > 1
@@ -71,7 +74,7 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
 
 
 def test_of_a_flux_that_is_not_square_integrable():
-    """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: meshes without it."""
+    """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
     case, errors = load("rough"), []
     for solved in steps(case, structured(square(), 1 / 8), 12):
         errors.append(h1_distance(case, solved.discrete.mesh, solved.u_h))

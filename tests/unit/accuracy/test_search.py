@@ -282,7 +282,8 @@ def test_no_multiplier_at_all_is_the_neumann_problem():
 def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
     """Not for structured meshes: up to an accuracy; at H = h, where lambda is not judged; in a scene's level.
 
-    That is solved with the dual norm's forms from their table. Control: those are made with it.
+    That is solved with the dual norm's forms from their table. Control: those are made with it. Its process
+    imports all of the method, which takes most of the time.
     """
     cells, table = partitions.uniform(square(), 1 / 4), tmp_path / "dual_norm.nc"
     dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
