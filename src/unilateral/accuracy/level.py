@@ -31,7 +31,7 @@ NOTHING = 1e-140
 """Where u_h is 0, a bound up to this counts as no error, because no error is a fraction of 0."""
 BYTES_PER_MB = 2**20
 RECENT = 3
-"""To enclose f hardly depends on a level's size: it is to take the mean time of this many last levels."""
+"""The time to enclose f, which hardly depends on the size, is taken to be the mean of so many last ones."""
 
 
 @dataclass(frozen=True, eq=False)

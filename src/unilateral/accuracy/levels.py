@@ -100,7 +100,10 @@ def levels(
 
 
 def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
-    """The coarsest mesh, graded where sides are short if it is `free` to be so. Raises as `levels`."""
+    """The coarsest mesh. Where all sides are short it is graded, if meshes are `free` to be so.
+
+    Raises InputError as `levels`.
+    """
     made, H = kind or natural_kind(polygon), float(polygon.lengths.max())
     expected = least_unknowns(polygon, H / 2)
     graded = expected > ENOUGH and made == "unstructured" and free
@@ -188,7 +191,10 @@ def division(prospect: Prospect) -> Division | None:
 
 
 def _best(prospect: Prospect) -> Division:
-    """The wanted division, uniform where that takes WORTH times the triangles; steps are of one size."""
+    """The wanted division, which is uniform where that takes at most WORTH times the triangles.
+
+    If several steps are needed, they are of one size.
+    """
     last, part = prospect.done[-1], wanted_part(prospect.done)
     shares, m = last.solved.shares, len(last.solved.shares)
     if part == 0 or not prospect.free or not 0 < shares.max() < math.inf:

@@ -24,7 +24,7 @@ VAST = 1e30
 
 @dataclass(frozen=True)
 class Plan:
-    """Unknowns of the finest mesh, seconds from the beginning, MB, and the limits `missed` by them."""
+    """Unknowns of the finest mesh, seconds from the beginning, MB; `missed` are the limits below that."""
 
     adapted: bool
     unknowns: int

@@ -1,4 +1,7 @@
-"""Functions on the boundary that are linear on the cells of a partition: what a multiplier is read as."""
+"""Functions on the boundary: those that are linear on cells, as which a multiplier is read, and the obstacle.
+
+The conditions of a case hold on all sides that are not free, and at the nodes of these.
+"""
 
 from __future__ import annotations
 

@@ -57,7 +57,10 @@ class Residual:
         return np.asarray(condensed.A_3 @ (self.u - condensed.solve(self.load))[boundary])
 
     def nearer_to(self, load: Array) -> Array:
-        """(nb,) The nearer one to `load`: `boundary`, or the reactions A u - f, with what is left inside."""
+        """(nb,) `boundary` or the reactions A u - f, whichever is nearer to `load`.
+
+        They differ by what is left inside.
+        """
         reactions = self.values[self.discrete.mesh.boundary]
         return min((self.boundary, reactions), key=lambda right: self.norm(load - right))
 
@@ -71,7 +74,7 @@ class Residual:
         return math.sqrt(max(float(self._inner(load[:, None])[0, 0]), 0.0))
 
     def whole(self, mu: Array | None) -> float:
-        """The dual norm over V_h of what is left beside a boundary load mu (nb,), if there is one."""
+        """The dual norm over V_h of what is left beside a boundary load mu (nb,); without it `inside`."""
         return self.inside if mu is None else math.hypot(self.inside, self.norm(self.boundary - mu))
 
     def plus(self, load: Array) -> Residual:
@@ -106,7 +109,7 @@ class Residual:
         return float(one @ self.discrete.spaces.condensed.solve_boundary(other))
 
     def fitted(self, load: Array, right: Array) -> Fit:
-        """The multiple of the right load that is nearest to a boundary load (nb,), 0 times one that is 0."""
+        """The multiple of the right load, by 0 if that is 0, that is nearest to a boundary load (nb,)."""
         square = self.product(right, right)
         factor = self.product(load, right) / square if square > 0 else 0.0
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))

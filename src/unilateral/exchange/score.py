@@ -1,4 +1,4 @@
-"""The errors of another solver's solutions beside this project's own, the rates, and a verdict."""
+"""The errors of other solvers' solutions beside this project's own, rates, the worst places, a verdict."""
 
 from __future__ import annotations
 
