@@ -14,12 +14,10 @@ from conftest import ROOT, condensed, coupled, discrete, load
 from scipy.sparse.linalg import splu
 
 from unilateral.discrete.condensed import solve
-from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
 from unilateral.solvers import uzawa_steps as acceleration
-from unilateral.solvers.active_set import active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
 from unilateral.study import operations
@@ -244,20 +242,6 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     assert residual_bound(operator, offset, result.lambda_H, rho) > 1e-9
 
 
-@pytest.mark.parametrize("method", ["barzilai_borwein", "newton"])
-@pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
-@pytest.mark.parametrize("ratio", [1.5, 2, 4])
-def test_all_methods_reach_the_solution_of_the_active_set(method, case, ratio):
-    """Lawson and Hanson's least distance, independent of this loop."""
-    of = problem(case, 24, ratio)
-    offset = of.offset
-    result = uzawa(of.spaces.operator, offset, 1e-11, method=method, max_steps=2000)
-    exact = active_set(of.spaces.operator, offset, math.inf).lambda_H
-    distance = np.linalg.norm(of.spaces.operator.half @ (result.lambda_H - exact))
-    assert result.lambda_H.min() >= 0
-    assert distance <= 1e-10
-
-
 def test_the_safeguard_cuts_a_step_to_its_minimum():
     rng = np.random.default_rng(4)
     S, b, y = spd(5, 5), -rng.random(5), rng.random(5)
@@ -270,12 +254,6 @@ def test_the_safeguard_cuts_a_step_to_its_minimum():
     assert (far - start) @ (S @ step.old + b) == pytest.approx(0, abs=1e-12)
     assert 0.5 * step.old @ S @ step.old + b @ step.old < 0.5 * far @ S @ far + b @ far
     assert start_F @ (far - start) < 0
-
-
-def test_newton_is_refused_where_S_is_singular():
-    operator = coupled("square", 8, 8).operator
-    with pytest.raises(InputError, match="regular S"):
-        uzawa(operator, np.ones(len(operator.H_i)), 1e-6, method="newton")
 
 
 def test_the_plan_varies_one_field_and_crosses_pairs():

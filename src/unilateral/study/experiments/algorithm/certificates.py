@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from unilateral.fem.condense import condense
-from unilateral.fem.nested_dissection import Sparse, dissected
+from unilateral.fem.linear_systems import Sparse, dissected
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
-from unilateral.fem.nested_dissection import elimination_order, factorise, last_block
+from unilateral.fem.linear_systems import elimination_order, factorise, last_block
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, crossing, judge, untooled
