@@ -27,7 +27,7 @@ from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file
 from unilateral.problems.case import load as load_case
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 from unilateral.study import tables
 from unilateral.study.ledger import claims
 

@@ -78,7 +78,7 @@ def case(
     from unilateral.problems import (
         case as cases,  # sympy, on which they rest, takes longer than a small problem
     )
-    from unilateral.problems.certificate import certify, with_free_sides
+    from unilateral.problems.case_certificate import certify, with_free_sides
 
     if polygon is None:
         polygons = cases.declared(str(name))[0]["polygons"]

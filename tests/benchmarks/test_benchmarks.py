@@ -22,7 +22,7 @@ from unilateral.errors import InputError
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 from unilateral.study import tables
 from unilateral.study.experiments.benchmarks import ratios as judge
 from unilateral.study.experiments.benchmarks import side_by_side as benchmark_tables

@@ -15,7 +15,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 from unilateral.problems.piecewise import ORDER, PLACES
 
 PARTS = 8

@@ -1,6 +1,6 @@
 """How a P2 function v is made to satisfy v >= g on the boundary, and what is still missing then.
 
-g is within `doubt` of a continuous piecewise polynomial p (`obstacle`). v is raised to p at the nodes and
+g is within `doubt` of a continuous piecewise polynomial p (`Obstacle`). v is raised to p at the nodes and
 midpoints of the boundary edges, or at a midpoint above p. On an edge where v is in contact r = p - v is left,
 of any sign, elsewhere r = (p - v)_+, p there less its rounding; both vanish at the edge's ends. The extension
 w of r into the triangle T at the edge e, homogeneous of degree 1 about the vertex off e, vanishes on the

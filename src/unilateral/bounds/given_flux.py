@@ -1,7 +1,7 @@
 """The flux tau that is given on free sides (q in problem files), on the boundary edges of a mesh.
 
 On an edge e tau is a piecewise polynomial p up to a function rho, and bounds on ||rho||_e and on its integral
-are known (`problems.flux`). tau~ is the L2 projection of p onto linear functions: int tau~ psi is int p psi
+are known (`Flux`). tau~ is the L2 projection of p onto linear functions: int tau~ psi is int p psi
 for all hats psi. tau - tau~ is the sum of p - tau~, which is orthogonal to linear functions, of rho less its
 mean, and of the mean of rho. For the first two see `oscillation`: with ||p - tau~||_e + ||rho||_e on
 triangles, and the sum of both with their constants on squares. For the third, with T the triangle at e,
@@ -32,7 +32,7 @@ from unilateral.norms.oscillation import (
     trace_constants,
     value_constants,
 )
-from unilateral.problems.flux import Flux
+from unilateral.problems.obstacle_and_flux import Flux
 from unilateral.problems.piecewise import ORDER
 
 ROUNDING = 64 * EPS

@@ -12,7 +12,7 @@ from unilateral.bounds.edge_flux import EdgeFlux, in_contact
 from unilateral.bounds.feasible_p2 import Missing, missing, raised
 from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 class Lifting(NamedTuple):

@@ -49,7 +49,7 @@ from unilateral.bounds.source import Source
 from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 @dataclass(frozen=True)

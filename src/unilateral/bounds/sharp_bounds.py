@@ -49,7 +49,7 @@ from unilateral.bounds.source import Source
 from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 
 ENOUGH = 0.01
 """The steps end when one of v and one of q together lower eta^2 by less than this fraction of it.

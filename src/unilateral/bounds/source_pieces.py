@@ -9,8 +9,8 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.bounds.polynomial_means import ORDER
 from unilateral.bounds.source_jumps import cut, rounding, shares, sides
-from unilateral.formulas.elementary import Steps
 from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.formulas.taylor_functions import Steps
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 

@@ -11,8 +11,8 @@ from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case, problem_file
 from unilateral.problems.case import Case
-from unilateral.problems.certificate import PROVED, ROUND_OFF, Certificate, certify
-from unilateral.problems.polar import Polar
+from unilateral.problems.case_certificate import PROVED, ROUND_OFF, Certificate, certify
+from unilateral.problems.polar_atoms import Polar
 from unilateral.system.as_json import text as as_text
 
 MOST_INTERVALS = 4

@@ -125,7 +125,7 @@ class Positive(click.ParamType):
         except InputError:
             number = math.nan
         if not 0 < number < math.inf:
-            mended = load("unilateral.formulas.hints").comma(value)
+            mended = load("unilateral.formulas.grammar").comma(value)
             self.fail(f"'{value}' must be a positive number or a fraction such as 1/64{mended}", param, ctx)
         return number
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
-from unilateral.formulas.constants import rounded
 from unilateral.formulas.decimals import down, up
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file

@@ -20,7 +20,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import ExactErrors
 from unilateral.problems.data import Data
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Obstacle
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 

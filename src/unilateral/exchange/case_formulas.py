@@ -14,7 +14,7 @@ import sympy
 from unilateral.errors import InputError
 from unilateral.problems.atoms import D, Smooth, T, Tensor, X, Y
 from unilateral.problems.case import Case
-from unilateral.problems.polar import THETA, Polar, R
+from unilateral.problems.polar_atoms import THETA, Polar, R
 
 DEFINITIONS = (
     "from numpy import *\n"

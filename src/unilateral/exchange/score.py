@@ -20,7 +20,7 @@ from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
-from unilateral.problems.certificate import PROVED
+from unilateral.problems.case_certificate import PROVED
 
 ROOM = 0.1
 """A rate between finite levels may stay below the proved one by this: set, not derived.

@@ -34,16 +34,16 @@ def between(lower: float, upper: float, spec: str, word: str = "to") -> str:
 
 
 def _rounded(x: float, spec: str, rounding: str) -> str:
-    found = SPEC.fullmatch(spec)
-    if found is None:
+    parts = SPEC.fullmatch(spec)
+    if parts is None:
         raise ValueError(f"'{spec}' is not a format such as .4e, .2f or .3g")
     if x == 0 or not math.isfinite(x):
         return format(x, spec)
     with localcontext(rounding=rounding):
-        if found[2] == "f":
+        if parts[2] == "f":
             return format(Decimal(x), spec)
-        general = found[2] == "g"
-        digits = max(int(found[1]), 1) if general else int(found[1]) + 1
+        general = parts[2] == "g"
+        digits = max(int(parts[1]), 1) if general else int(parts[1]) + 1
         mantissa, _, power = format(Decimal(x), f".{digits - 1}e").partition("e")
     exponent = int(power)
     if general and -4 <= exponent < digits:

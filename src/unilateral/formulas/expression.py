@@ -156,8 +156,8 @@ def total(terms: Iterable[tuple[Product, Fraction]]) -> Expression:
     collected: dict[Product, Fraction] = {}
     for of, c in terms:
         collected[of] = collected.get(of, Fraction(0)) + c
-    found = [(of, c) for of, c in collected.items() if c]
-    return Expression(tuple(sorted(found, key=lambda term: _key(term[0]))))
+    kept = [(of, c) for of, c in collected.items() if c]
+    return Expression(tuple(sorted(kept, key=lambda term: _key(term[0]))))
 
 
 def _key(of: Product) -> str:
@@ -194,13 +194,13 @@ ZERO, ONE = number(0), number(1)
 @lru_cache(maxsize=1024)
 def parts_in(formulas: tuple[Expression, ...]) -> dict[Part, int]:
     """The sums and powers that formulas are made of, outer ones first, and how often each occurs."""
-    found: dict[Part, int] = {}
+    counts: dict[Part, int] = {}
     waiting: list[Part] = [*formulas]
     for part in waiting:
-        found[part] = found.get(part, 0) + 1
-        if found[part] == 1:
+        counts[part] = counts.get(part, 0) + 1
+        if counts[part] == 1:
             waiting += _made_of(part)
-    return found
+    return counts
 
 
 def _made_of(part: Part) -> list[Part]:

@@ -16,8 +16,9 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
-from unilateral.formulas import grammar, hints
-from unilateral.formulas.constants import apply, nearest, rounded, sign
+from unilateral.formulas import grammar
+from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas.exact_numbers import apply, nearest, rounded, sign
 from unilateral.formulas.expression import (
     ZERO,
     Atom,
@@ -29,8 +30,7 @@ from unilateral.formulas.expression import (
     total,
 )
 from unilateral.formulas.expression import number as exact
-from unilateral.formulas.positive_part import positive_power
-from unilateral.formulas.reading import Reading
+from unilateral.formulas.interval import positive_power
 
 Compiled = Callable[..., list[Array]]
 
@@ -47,7 +47,7 @@ def parse(text: object, variables: Sequence[str], where: str) -> Expression:
         part: grammar.FormulaPart = grammar.Reader(source, variables, where).visit(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        mended = hints.hint(source, error)
+        mended = grammar.hint(source, error)
         raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{mended}") from None
     return part.value
 
@@ -58,18 +58,18 @@ def substituted(formula: Expression, values: Mapping[str, Expression], where: st
     Raises InputError if the result is not known to be a finite real function.
     """
     try:
-        found = _Substituted((formula,), {Atom(name): value for name, value in values.items()}).of(formula)
-        finite = grammar.is_finite_and_real(found)
+        result = _Substituted((formula,), {Atom(name): value for name, value in values.items()}).of(formula)
+        finite = grammar.is_finite_and_real(result)
     except ArithmeticError:
         finite = False
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
     if not finite:
         raise InputError(f"{where}: it is not a finite real function")
-    return found
+    return result
 
 
-class _Formulas(Reading[Expression]):
+class _Formulas(Evaluation[Expression]):
     def number(self, value: Fraction) -> Expression:
         return exact(value)
 
@@ -119,7 +119,7 @@ def compile_numpy(formulas: Sequence[Expression], names: Sequence[str]) -> Compi
     return evaluate
 
 
-class _Arrays(Reading[Array]):
+class _Arrays(Evaluation[Array]):
     def number(self, value: Fraction) -> Array:
         return np.array(float(value))
 
@@ -142,10 +142,10 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
     have any), or a non-integer power hides elsewhere.
     """
     if has_root(formula):
-        raise ValueError(hints.NO_ROOT)
+        raise ValueError(grammar.NO_ROOT)
     if atoms_in(formula, "log"):
-        raise ValueError(f"log is not allowed here; known are {hints.offered(grammar.FUNCTIONS)}")
-    found: set[tuple[float, Fraction]] = set()
+        raise ValueError(grammar.NO_LOG)
+    zeros: set[tuple[float, Fraction]] = set()
     for power in atoms_in(formula, "pos"):
         argument, exponent = power.args
         polynomial = coefficients(argument, (name,))
@@ -155,8 +155,8 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
         of = [polynomial.get((i,), ZERO) for i in range(degree, -1, -1)]
         if degree > 2 and any(c.rational is None for c in of):
             raise ValueError(f"the argument of {power} must have rational coefficients")
-        found |= {(root, exponent.rational or Fraction(0)) for root in _real_roots(of)}
-    return sorted(found)
+        zeros |= {(root, exponent.rational or Fraction(0)) for root in _real_roots(of)}
+    return sorted(zeros)
 
 
 def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, ...], Expression] | None:
@@ -164,7 +164,7 @@ def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, .
 
     Raises ValueError where one cannot be told from 0.
     """
-    found: dict[tuple[int, ...], Expression] = {}
+    sums: dict[tuple[int, ...], Expression] = {}
     for of, c in _Expanded((formula,), {}).of(formula).terms:
         exponents = {
             base.name: k for base, k in of if isinstance(base, Atom) and base.variables and not base.args
@@ -175,8 +175,8 @@ def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, .
         ):
             return None
         key = tuple(int(exponents.get(name, 0)) for name in names)
-        found[key] = found.get(key, ZERO) + product(c, rest)
-    return {key: c for key, c in found.items() if sign(c)}
+        sums[key] = sums.get(key, ZERO) + product(c, rest)
+    return {key: c for key, c in sums.items() if sign(c)}
 
 
 def _real_roots(of: Sequence[Expression]) -> list[float]:
@@ -195,8 +195,8 @@ def _real_roots(of: Sequence[Expression]) -> list[float]:
         return real_roots([c.rational or Fraction(0) for c in of])
     a, b, c = of
     if any(each.rational is None for each in of):
-        found = np.roots([nearest(each) for each in of])
-        return [float(root) for root in found[found.imag == 0].real]
+        roots = np.roots([nearest(each) for each in of])
+        return [float(root) for root in roots[roots.imag == 0].real]
     square = b**2 - (a * c).scaled(4)
     if sign(square) < 0:
         return []

@@ -1,9 +1,10 @@
-"""The grammar of formulas: a whitelist, and limits that are looked at before any work."""
+"""The grammar of formulas: a whitelist, limits that are looked at before any work, and hints in messages."""
 
 from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Callable, Iterable
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -11,9 +12,8 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.constants import apply, rounded, sign
+from unilateral.formulas.exact_numbers import apply, rounded, sign
 from unilateral.formulas.expression import ZERO, Expression, hides_kink, number, variable
-from unilateral.formulas.hints import STEP, comma, not_called, offered
 
 MAX_LENGTH = 2000
 MAX_NESTING = 30
@@ -33,6 +33,28 @@ MAX_BITS = 1000
 
 FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sinh", "cosh", "tanh"), 1)
 """The functions of formulas, each with the number of its arguments."""
+OFFERED = ", ".join(name for name in FUNCTIONS if name not in ("log", "sqrt"))
+"""The functions that messages offer: formulas may have those two of numbers, not of x, y or t."""
+INSTEAD = {
+    "abs": "pos(a, 1) + pos(-a, 1) for abs(a)",
+    "max": "b + pos(a - b, 1) for max(a, b)",
+    "min": "a - pos(a - b, 1) for min(a, b)",
+    "ln": "the number itself, such as 0.6931 for ln(2); there is no logarithm of x or y",
+    "tan": "sin(a)/cos(a) for tan(a)",
+    "sign": "2*pos(a, 0) - 1 for sign(a)",
+    "where": "b + (a - b)*pos(c, 0) for where(c > 0, a, b)",
+} | dict.fromkeys(("heaviside", "Heaviside", "step"), "pos(a, 0), which is 1 where a > 0 and else 0")
+"""What to write in place of functions that people try."""
+NO_LOG = f"log is not allowed here; known are {OFFERED}"
+NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
+STEP = (
+    "; there are no conditions in formulas; pos(a, 0) is 1 where a > 0 and 0 elsewhere, "
+    "such as pos(x - 1/2, 0) for x > 1/2"
+)
+CONDITION = re.compile(r"[<>]|\bif\b")
+COMMA = re.compile(r"(?<![\w.])(\d+),(\d+)")
+FACTOR = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()")
+"""A number and what it multiplies without a sign, such as 2x."""
 HALF = Fraction(1, 2)
 OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
     ast.Add: lambda a, b: a + b,
@@ -61,10 +83,10 @@ def tree(source: str, where: str) -> ast.expr:
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
     _check(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
     _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} parentheses in each other")
-    found = ast.parse(source, mode="eval").body
-    operations = sum(isinstance(node, COUNTED) for node in ast.walk(found))
+    body = ast.parse(source, mode="eval").body
+    operations = sum(isinstance(node, COUNTED) for node in ast.walk(body))
     _check(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
-    return found
+    return body
 
 
 def _check(size: int, limit: int, message: str) -> None:
@@ -91,28 +113,27 @@ class Reader(ast.NodeVisitor):
     ) -> FormulaPart:
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         try:
-            found = value()
-            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in _numbers(found)):
+            result = value()
+            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in _numbers(result)):
                 raise self.refuse(node, "has a number that is too large or too small")
-            finite = is_finite_and_real(found)
-            if not found.variables and finite and sign(found) == 0:
-                found = ZERO
+            finite = is_finite_and_real(result)
+            if not result.variables and finite and sign(result) == 0:
+                result = ZERO
         except ArithmeticError:
             finite = False
         except ValueError:
             raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
-        return FormulaPart(found, degree, functions if found.variables else 0)
+        return FormulaPart(result, degree, functions if result.variables else 0)
 
     def generic_visit(self, node: ast.AST) -> FormulaPart:
         raise self.refuse(node, "is not allowed in a formula")
 
-    def visit_Compare(self, node: ast.Compare) -> FormulaPart:
+    def visit_Compare(self, node: ast.AST) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{STEP}")
 
-    def visit_IfExp(self, node: ast.IfExp) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{STEP}")
+    visit_IfExp = visit_Compare
 
     def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
@@ -128,7 +149,7 @@ class Reader(ast.NodeVisitor):
 
     def visit_Name(self, node: ast.Name) -> FormulaPart:
         if node.id not in self.names:
-            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {offered(FUNCTIONS)}")
+            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {OFFERED}")
         return self.names[node.id]
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> FormulaPart:
@@ -142,10 +163,10 @@ class Reader(ast.NodeVisitor):
         chain = [node]
         while isinstance(chain[-1].left, ast.BinOp):
             chain.append(chain[-1].left)
-        found: FormulaPart = self.visit(chain[-1].left)
+        part: FormulaPart = self.visit(chain[-1].left)
         for each in reversed(chain):
-            found = self.combined(each, found, self.visit(each.right))
-        return found
+            part = self.combined(each, part, self.visit(each.right))
+        return part
 
     def combined(self, node: ast.BinOp, left: FormulaPart, right: FormulaPart) -> FormulaPart:
         """The part of a formula that an operator makes of two."""
@@ -167,8 +188,7 @@ class Reader(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> FormulaPart:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
-            factor = isinstance(node.func, ast.Constant) or self.text(node.func) in self.names
-            raise self.refuse(node, not_called(self.text(node.func), factor, FUNCTIONS))
+            raise self.not_called(node, self.text(node.func))
         function, arity = node.func.id, FUNCTIONS[node.func.id]
         if len(node.args) != arity:
             mended = comma(self.text(node)) if len(node.args) > arity else ""
@@ -183,6 +203,13 @@ class Reader(ast.NodeVisitor):
             self.check_kink(node, values[0], HALF)
             return self.checked(node, lambda: values[0] ** HALF, degree, functions)
         return self.checked(node, lambda: apply(function, *values), degree, functions)
+
+    def not_called(self, node: ast.Call, name: str) -> InputError:
+        """The refusal of a call of what is no function; it may have been meant as a factor."""
+        if isinstance(node.func, ast.Constant) or name in self.names:
+            return self.refuse(node, f"is not a product; write {shown(name)}*(...)")
+        meant = f"write {INSTEAD[name]}" if name in INSTEAD else f"known are {OFFERED}"
+        return self.refuse(node, f"is not a known function; {meant}")
 
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
         if degree > MAX_DEGREE:
@@ -221,3 +248,20 @@ def is_finite_and_real(value: Expression) -> bool:
 def _numbers(e: Expression) -> Iterable[Fraction]:
     """The coefficients and exponents of its terms."""
     return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]
+
+
+def hint(source: str, error: Exception) -> str:
+    """How to mend what Python's parser refused, after a semicolon; nothing where that cannot be guessed."""
+    if "leading zeros" in str(error):
+        return "; write 10 for 010"
+    if CONDITION.search(source):
+        return STEP
+    if product := FACTOR.search(source):
+        return f"; write {product[1]}*{product[2]} for {shown(product[0])}"
+    return comma(source)
+
+
+def comma(source: str) -> str:
+    """What to write in place of a decimal comma, if there may be one."""
+    pair = COMMA.search(source)
+    return f"; write {pair[1]}.{pair[2]} for {pair[0]}" if pair else ""

@@ -12,7 +12,6 @@ from functools import reduce
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.positive_part import positive_power
 
 Interval = tuple[Array, Array]
 ULPS = 8
@@ -45,8 +44,8 @@ def total(a: Interval, b: Interval) -> Interval:
 
 @QUIET
 def product(a: Interval, b: Interval) -> Interval:
-    found = [x * y for x in a for y in b]
-    return outward(reduce(np.minimum, found), reduce(np.maximum, found))
+    products = [x * y for x in a for y in b]
+    return outward(reduce(np.minimum, products), reduce(np.maximum, products))
 
 
 @QUIET
@@ -85,6 +84,20 @@ def of_positive_part(base: Interval, k: float) -> Interval:
         ]
     low, high = low * (1 - spare[0]), high * (1 + spare[1])
     return np.maximum(low, 0.0), np.where(base[1] > 0, high, 0.0)
+
+
+def positive_power(a: Array, k: float) -> Array:
+    """a_+^k elementwise: 0 where a <= 0, whatever the sign of k."""
+    a = np.asarray(a, dtype=float)
+    positive = a > 0
+    safe = np.where(positive, a, 1.0)
+    if k == int(k) and 0 <= k <= 8:
+        power = np.ones_like(safe)
+        for _ in range(int(k)):
+            power *= safe
+    else:
+        power = np.sqrt(safe) ** round(2 * k) if 2 * k == round(2 * k) else safe**k
+    return np.where(positive, power, 0.0)
 
 
 def sin(a: Interval) -> Interval:

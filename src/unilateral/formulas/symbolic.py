@@ -12,11 +12,11 @@ import sympy
 from sympy.core.evalf import PrecisionExhausted
 from sympy.core.function import ArgumentIndexError
 
-from unilateral.formulas import elementary, formula
-from unilateral.formulas.constants import apply, sign
+from unilateral.formulas import formula, taylor_functions
+from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas.exact_numbers import apply, sign
 from unilateral.formulas.expression import Atom, Expression, number, total, variable
 from unilateral.formulas.formula import Compiled
-from unilateral.formulas.reading import Reading
 from unilateral.formulas.taylor import Model
 
 DIGITS = 2000
@@ -51,21 +51,21 @@ def value(e: Expression, context: Any) -> Any:
     Raises ArithmeticError where it is no real number, and ValueError where it cannot be told from 0 by
     DIGITS digits.
     """
-    found = symbolic(e)
-    if found.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
+    exact = symbolic(e)
+    if exact.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
         raise ArithmeticError("no real number")
-    if found.is_Rational:
-        return context.mpf(int(found.p)) / int(found.q)
+    if exact.is_Rational:
+        return context.mpf(int(exact.p)) / int(exact.q)
     try:
-        close = found.evalf(17, maxn=DIGITS, strict=True)
+        close = exact.evalf(17, maxn=DIGITS, strict=True)
     except PrecisionExhausted:
-        raise ValueError(f"'{found}' cannot be told from 0; write it as a single number") from None
+        raise ValueError(f"'{exact}' cannot be told from 0; write it as a single number") from None
     if not close.is_Float:
         raise ArithmeticError("no real number")
     return context.mpf(close)
 
 
-class _Symbolic(Reading[sympy.Expr]):
+class _Symbolic(Evaluation[sympy.Expr]):
     def number(self, value: Fraction) -> sympy.Expr:
         return sympy.Rational(value.numerator, value.denominator)
 
@@ -106,7 +106,7 @@ def plain(e: sympy.Expr) -> Expression:
 
 def evaluate(e: sympy.Expr, variables: Mapping[sympy.Symbol, Model]) -> Model:
     """A formula on the boxes of its variables' models."""
-    return elementary.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
+    return taylor_functions.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
 
 
 def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:

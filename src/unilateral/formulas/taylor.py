@@ -53,12 +53,12 @@ class Basis(NamedTuple):
 @cache
 def basis(d: int, n: int) -> Basis:
     """The basis for d variables up to degree n."""
-    found = sorted((a for a in cartesian(range(n + 1), repeat=d) if sum(a) <= n), key=lambda a: (sum(a), a))
-    exponents = np.array(found, dtype=np.intp)
-    degree, place = exponents.sum(axis=1), {a: i for i, a in enumerate(found)}
+    alphas = sorted((a for a in cartesian(range(n + 1), repeat=d) if sum(a) <= n), key=lambda a: (sum(a), a))
+    exponents = np.array(alphas, dtype=np.intp)
+    degree, place = exponents.sum(axis=1), {a: i for i, a in enumerate(alphas)}
     first = np.searchsorted(degree, np.arange(n + 2))
     times = []
-    for a in found:
+    for a in alphas:
         sums = exponents[: first[n - sum(a) + 1]] + np.array(a)
         times.append(_runs(np.array([place[tuple(b)] for b in sums.tolist()])))
     return Basis(exponents, degree, first, tuple(times))
@@ -144,15 +144,15 @@ def joined(parts: Sequence[tuple[Model, Index]]) -> Model:
 
 def by_part(parts: Sequence[tuple[Callable[..., Model], Mask]], *arguments: Model) -> Model:
     """Functions of models, each on its part of the boxes, and 0 on the rest."""
-    found, rest = [], np.ones(len(arguments[0].rad), dtype=bool)
+    done, rest = [], np.ones(len(arguments[0].rad), dtype=bool)
     for of, where in parts:
         rest &= ~where
         if where.all():
             return of(*arguments)
         if where.any():
-            found.append((of(*(argument.on(where) for argument in arguments)), np.flatnonzero(where)))
+            done.append((of(*(argument.on(where) for argument in arguments)), np.flatnonzero(where)))
     zero = number(arguments[0].on(rest), 0.0)
-    return joined([*found, (zero, np.flatnonzero(rest))])
+    return joined([*done, (zero, np.flatnonzero(rest))])
 
 
 @QUIET

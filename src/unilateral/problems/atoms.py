@@ -8,6 +8,7 @@ in units of L, so that an atom's flux does not depend on L: u = L v(x / L), and
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -53,8 +54,36 @@ class Regularity(NamedTuple):
     finite: bool = True
 
 
+class OfFormulas(ABC):
+    """An atom that is given by formulas."""
+
+    @property
+    @abstractmethod
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+        """u and its two derivatives, and -Delta u + u, in two variables."""
+
+    @cached_property
+    def _values(self) -> tuple[Compiled, Compiled]:
+        formulas, variables = self._formulas
+        return compile_numpy(formulas[:3], variables), compile_numpy(formulas, variables)
+
+    @abstractmethod
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        """The values of all formulas or the first three at points + offset (k, 2), with gradients (k, 2)."""
+
+    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+        """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
+        value, gradient = self._at(self._values[0], points, offset)
+        return value, gradient
+
+    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
+        """What `value_and_gradient` returns, and (k,) values of -Delta u + u."""
+        value, gradient, f = self._at(self._values[1], points, offset)
+        return value, gradient, f
+
+
 @dataclass(frozen=True, eq=False)
-class Smooth:
+class Smooth(OfFormulas):
     """A formula in x, y; the case's `u` where no atom is needed."""
 
     u: sympy.Expr
@@ -64,10 +93,9 @@ class Smooth:
     def _f(self) -> sympy.Expr:
         return self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
 
-    @cached_property
-    def _values(self) -> tuple[Compiled, Compiled]:
-        values = [self.u, sympy.diff(self.u, X), sympy.diff(self.u, Y)]
-        return compile_numpy(values, (X, Y)), compile_numpy([*values, self._f], (X, Y))
+    @property
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+        return [self.u, sympy.diff(self.u, X), sympy.diff(self.u, Y), self._f], (X, Y)
 
     def value_model(self, x: Model, y: Model) -> Model:
         """u on the boxes of x and y."""
@@ -77,15 +105,9 @@ class Smooth:
         """-Delta u + u on the boxes of x and y."""
         return evaluate(self._f, {X: x, Y: y})
 
-    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        """(k,) values and (k, 2) gradients at the places points + offset (k, 2)."""
-        value, dx, dy = self._values[0](*(points + offset).T)
-        return value, np.column_stack([dx, dy])
-
-    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        """What `value_and_gradient` returns, and (k,) values of -Delta u + u."""
-        value, dx, dy, f = self._values[1](*(points + offset).T)
-        return value, np.column_stack([dx, dy]), f
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        value, dx, dy, *f = formulas(*(points + offset).T)
+        return value, np.column_stack([dx, dy]), *f
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
@@ -154,7 +176,7 @@ class Local:
 
 
 @dataclass(frozen=True, eq=False)
-class Tensor(Local):
+class Tensor(Local, OfFormulas):
     """-d l(t) (1 - (d / cutoff)^2)_+^4, d the distance to the side in side lengths, l in H2."""
 
     profile: sympy.Expr
@@ -170,10 +192,9 @@ class Tensor(Local):
         laplacian, scale = sympy.diff(self.v, T, 2) + sympy.diff(self.v, D, 2), sympy.Float(self.length, 17)
         return scale * self.v - laplacian / scale
 
-    @cached_property
-    def _values(self) -> tuple[Compiled, Compiled]:
-        values = [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D)]
-        return compile_numpy(values, (T, D)), compile_numpy([*values, self._f], (T, D))
+    @property
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+        return [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D), self._f], (T, D)
 
     def value_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)
@@ -185,13 +206,9 @@ class Tensor(Local):
         support = (d.range[0] < float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
         return by_part([(lambda t, d: evaluate(self._f, {T: t, D: d}), support)], t, d)
 
-    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        v, v_t, v_d = self._values[0](*self.local(points, offset))
-        return self.length * v, self.to_xy(v_t, v_d)
-
-    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        v, v_t, v_d, f = self._values[1](*self.local(points, offset))
-        return self.length * v, self.to_xy(v_t, v_d), f
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        v, v_t, v_d, *f = formulas(*self.local(points, offset))
+        return self.length * v, self.to_xy(v_t, v_d), *f
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
         """(k,) values of u and of its outward normal derivative on the side."""

@@ -1,7 +1,7 @@
 """Cases: manufactured solutions, declared in YAML files and derived here.
 
 A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + u, lambda = du/dn
-and g = u - gap follow. `certificate.certify` checks what the paper asks of them.
+and g = u - gap follow. `case_certificate.certify` checks what the paper asks of them.
 """
 
 from __future__ import annotations
@@ -21,31 +21,30 @@ import sympy
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
-from unilateral.formulas.elementary import Steps
 from unilateral.formulas.expression import Atom as Part
 from unilateral.formulas.formula import Compiled
 from unilateral.formulas.symbolic import compile_numpy, kinks, plain
 from unilateral.formulas.taylor import Model
+from unilateral.formulas.taylor_functions import Steps
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T
-from unilateral.problems.cantor import Cantor
-from unilateral.problems.case_parts import Atom, Builder, constants_of
+from unilateral.problems.cantor_atom import Cantor
+from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import KnownSolution, on_sides, places
-from unilateral.problems.flux import Flux, none
-from unilateral.problems.obstacle import Obstacle, enclosed
+from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_obstacle, no_flux
 from unilateral.problems.units import Units
 from unilateral.system import declarations
 
 
 @dataclass(frozen=True, eq=False)
 class Case(KnownSolution):
-    """A manufactured problem on a polygon; lengths along a side are measured from its start.
+    """A manufactured problem on a polygon, as `Data`; lengths along a side are measured from its start.
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
     `side`. On `free_sides` lambda is 0, and the method has no multipliers there;
-    `certificate.with_free_sides` checks that lambda is 0.
+    `case_certificate.with_free_sides` checks that lambda is 0.
     """
 
     name: str
@@ -80,28 +79,24 @@ class Case(KnownSolution):
 
     @property
     def jumps(self) -> dict[Part, Kink]:
-        """The steps in f: none."""
         return {}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """f on the boxes of x and y."""
         return reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
+        """g = u - gap, see `Data`."""
         x, y = places(self.polygon, side, t)
         u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
         return u + on_sides([plain(-gap) for gap in self.gaps], side, {T.name: t})
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
-        """g on all sides, enclosed."""
-        return enclosed(self.polygon, self.obstacle_model, cuts=self.singular())
+        return enclose_obstacle(self.polygon, self.obstacle_model, cuts=self.singular())
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        """The flux q on free sides: none is given."""
-        return none(self.polygon)
+        return no_flux(self.polygon)
 
     def boundary(
         self, side: Index, s: Array, near: tuple[Array, Array] | None = None
@@ -152,7 +147,7 @@ class Case(KnownSolution):
     def gap_order(self) -> float:
         """u - g is in H^tau on every side for every tau below this: k + 1/2 for powers s_+^k.
 
-        From that half of the dimension of the set of transitions is subtracted, see `cantor`.
+        From that half of the dimension of the set of transitions is subtracted, see `cantor_atom`.
         """
         powers = [float(k) for side in self.gap_kinks for _, k in side]
         dimensions = [atom.family.dimension for atom in self.atoms if isinstance(atom, Cantor)]
@@ -187,12 +182,12 @@ class Case(KnownSolution):
 
     @cached_property
     def _singular(self) -> list[Singular]:
-        found = [point for atom in self.atoms for point in atom.singular()]
-        found += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        points_of_all = [point for atom in self.atoms for point in atom.singular()]
+        points_of_all += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
-            found += [Singular(side, t, exponent.denominator) for t, exponent in points]
+            points_of_all += [Singular(side, t, exponent.denominator) for t, exponent in points]
         merged: dict[tuple[int, float], Singular] = {}
-        for point in found:
+        for point in points_of_all:
             t = round(point.t, 12)
             if 0 <= t <= 1:
                 known = merged.get((point.side, t), point)
@@ -201,9 +196,9 @@ class Case(KnownSolution):
         return [merged[key] for key in sorted(merged)]
 
 
-def _summed(found: Iterable[tuple[Array, ...]]) -> list[Array]:
+def _summed(values: Iterable[tuple[Array, ...]]) -> list[Array]:
     """The sums of the atoms' values."""
-    return [sum(others, start=first) for first, *others in zip(*found, strict=True)]
+    return [sum(others, start=first) for first, *others in zip(*values, strict=True)]
 
 
 def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:

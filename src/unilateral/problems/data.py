@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Protocol, TypeGuard
 import numpy as np
 
 from unilateral.arrays import Index
-from unilateral.formulas.elementary import Steps, evaluate
 from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.taylor import Model, joined, number
+from unilateral.formulas.taylor_functions import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.flux import Flux
-from unilateral.problems.obstacle import Obstacle
+from unilateral.problems.obstacle_and_flux import Flux, Obstacle
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array, Mask, blocks
-from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
+from unilateral.formulas.taylor_functions import evaluate
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 
@@ -31,7 +31,7 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
     v = polygon.vertices
     boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
     value = compile_numpy([formula], "xy")
-    found, met = (np.inf, -np.inf), (np.inf, -np.inf)
+    bounds, met = (np.inf, -np.inf), (np.inf, -np.inf)
     for _ in range(MOST_LEVELS):
         meets, inside = _part(polygon, boxes)
         with np.errstate(all="ignore"):
@@ -43,23 +43,23 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MOST_BOXES:
             wide[:] = False
-        found = (
-            min(found[0], lower[~wide].min(initial=np.inf)),
-            max(found[1], upper[~wide].max(initial=-np.inf)),
+        bounds = (
+            min(bounds[0], lower[~wide].min(initial=np.inf)),
+            max(bounds[1], upper[~wide].max(initial=-np.inf)),
         )
         boxes = _quarters(boxes[wide])
         if len(boxes) == 0:
             break
     lower, upper = _bounds(formula, boxes)
-    return float(min(found[0], lower.min(initial=np.inf))), float(max(found[1], upper.max(initial=-np.inf)))
+    return float(min(bounds[0], lower.min(initial=np.inf))), float(max(bounds[1], upper.max(initial=-np.inf)))
 
 
 def _bounds(formula: Expression, boxes: Array) -> Interval:
     """(k,), (k,) lower and upper bounds on the formula on the boxes (k, 2, 2)."""
-    found = [(np.zeros(0), np.zeros(0))]
+    ranges = [(np.zeros(0), np.zeros(0))]
     for block in (boxes[of] for of in blocks(len(boxes), FEW)):
-        found.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate("xy")}).range)
-    lower, upper = (np.concatenate(ends) for ends in zip(*found, strict=True))
+        ranges.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate("xy")}).range)
+    lower, upper = (np.concatenate(ends) for ends in zip(*ranges, strict=True))
     return lower, upper
 
 

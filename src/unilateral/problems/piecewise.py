@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,15 +52,8 @@ class IntervalPieces(NamedTuple):
     upper: Array
 
     def of(self, kept: Mask | Index) -> IntervalPieces:
-        side, start, end = self.side[kept], self.start[kept], self.end[kept]
-        return IntervalPieces(
-            side, start, end, self.c[:, kept], self.rad[kept], self.lower[kept], self.upper[kept]
-        )
-
-    @property
-    def ordered(self) -> IntervalPieces:
-        """The pieces in their order along the boundary."""
-        return self.of(np.lexsort([self.start, self.side]))
+        fields: tuple[Any, ...] = self
+        return IntervalPieces(*(each[..., kept] for each in fields))
 
     def points(self, polygon: Polygon) -> Array:
         """(k + 1,) the arc lengths of their ends, if they are ordered."""
@@ -139,7 +132,8 @@ def in_pieces(
             np.concatenate([first[wide], second[wide]])
             for first, second in ((side, side), (start, middle), (middle, end))
         )
-    return _together(done).ordered
+    pieces = _together(done)
+    return pieces.of(np.lexsort([pieces.start, pieces.side]))
 
 
 def _first_intervals(
@@ -164,14 +158,12 @@ def _only_rounded(model: SideModel, pieces: IntervalPieces) -> Mask:
 
 
 def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
-    parts = [_on_block(model, side[at], start[at], end[at]) for at in blocks(len(side), FEW)]
+    parts = []
+    for at in blocks(len(side), FEW):
+        a, b = start[at], end[at]
+        values = model(side[at], affine(basis(1, ORDER), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
+        parts.append(IntervalPieces(side[at], a, b, values.c, values.rad, *values.range))
     return _together(parts)
-
-
-def _on_block(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
-    t = affine(basis(1, ORDER), 0.5 * (start + end), 0.5 * (end - start)[None], (start, end))
-    found = model(side, t)
-    return IntervalPieces(side, start, end, found.c, found.rad, *found.range)
 
 
 def _together(pieces: Sequence[IntervalPieces]) -> IntervalPieces:

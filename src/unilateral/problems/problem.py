@@ -8,18 +8,16 @@ from fractions import Fraction
 from functools import cached_property
 
 from unilateral.arrays import Index
-from unilateral.formulas.constants import magnitude, rounded, sign
-from unilateral.formulas.elementary import Steps, evaluate
+from unilateral.formulas.exact_numbers import magnitude, rounded, sign
 from unilateral.formulas.expression import ZERO, Atom, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
 from unilateral.formulas.taylor import EPS, Model
+from unilateral.formulas.taylor_functions import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems import flux
 from unilateral.problems.data import on_sides, places
-from unilateral.problems.flux import Flux
 from unilateral.problems.formula_range import range_in
-from unilateral.problems.obstacle import Obstacle, enclosed
+from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
 
 FAR = 1e-100
@@ -34,7 +32,7 @@ class Problem:
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
-    which is 0 on those that are not free; if `q` is empty, the flux is 0.
+    which is 0 on those that are not free; if `q` is empty, the flux is 0. What is enclosed is told by `Data`.
     """
 
     name: str
@@ -47,18 +45,14 @@ class Problem:
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
-        """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
         steps = (power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0)
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """f on the boxes of x and y, on which the steps have the values `steps`, NaN for both 0 and 1."""
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        """g on intervals of the sides (k,), t the arc length in side lengths."""
-        x, y = places(self.polygon, side, t)
-        return on_sides(self.g, side, {"x": x, "y": y})
+        return self._on_sides(self.g, side, t)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -67,12 +61,15 @@ class Problem:
         It is less precise below a = inf f / c: as u >= a, see `idle_sides`, u is also the solution for any
         other obstacle that is at most a where g is.
         """
-        return enclosed(self.polygon, self.obstacle_model, self.free_sides, self.least)
+        return enclose_obstacle(self.polygon, self.obstacle_model, self.free_sides, self.least)
 
     def flux_model(self, side: Index, t: Model) -> Model:
-        """q on intervals of the sides (k,), t the arc length in side lengths."""
+        """q as `obstacle_model` has g."""
+        return self._on_sides(self.q, side, t)
+
+    def _on_sides(self, formulas: tuple[Expression, ...], side: Index, t: Model) -> Model:
         x, y = places(self.polygon, side, t)
-        return on_sides(self.q, side, {"x": x, "y": y})
+        return on_sides(formulas, side, {"x": x, "y": y})
 
     @property
     def flux_sides(self) -> tuple[int, ...]:
@@ -81,8 +78,7 @@ class Problem:
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        """q on the `flux_sides`, enclosed."""
-        return flux.enclosed(self.polygon, self.flux_model, self.flux_sides)
+        return enclose_flux(self.polygon, self.flux_model, self.flux_sides)
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.constants import rounded
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
 from unilateral.formulas.formula import kinks, number, parse, substituted
-from unilateral.formulas.grammar import FUNCTIONS
-from unilateral.formulas.hints import NO_ROOT, offered
+from unilateral.formulas.grammar import NO_LOG, NO_ROOT
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import catalogue
 from unilateral.problems.problem import Problem, curve
+from unilateral.problems.sampled import jump_of_g
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.units import Units
 from unilateral.system import declarations
@@ -77,8 +77,8 @@ def polygon_of(name: str) -> Polygon:
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    found = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
-    return Polygon(found.vertices, file.name)
+    polygon = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
+    return Polygon(polygon.vertices, file.name)
 
 
 def made(declaration: Any, name: str) -> Problem:
@@ -111,13 +111,13 @@ def made(declaration: Any, name: str) -> Problem:
 
 def _coefficient(given: object, where: str) -> Expression:
     """An exact number that is positive and of a size that leaves room for those of the data."""
-    found = number(given, where)
-    if not 1 / MOST_COEFFICIENT <= rounded(found) <= MOST_COEFFICIENT:
+    coefficient = number(given, where)
+    if not 1 / MOST_COEFFICIENT <= rounded(coefficient) <= MOST_COEFFICIENT:
         raise InputError(
             f"{where}: it is {shown(given)}; it has to be a positive number, "
             f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}"
         )
-    return found
+    return coefficient
 
 
 def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tuple[int, ...]:
@@ -137,10 +137,8 @@ def _obstacles(
     given: Any, vertices: list[list[Expression]], free: tuple[int, ...], where: str
 ) -> tuple[Expression, ...]:
     """g on every side as a formula in x, y; 0 on free sides."""
-    n = len(vertices)
-    if isinstance(given, list) and len(given) != n:
-        raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
-    found = []
+    _check_count(given, len(vertices), where)
+    formulas = []
     for side, ((x0, y0), (x1, y1)) in enumerate(zip(vertices, vertices[1:] + vertices[:1], strict=True)):
         text, place = (given[side], f"{where}[{side}]") if isinstance(given, list) else (given, where)
         if text is None and side not in free:
@@ -148,13 +146,9 @@ def _obstacles(
                 f"{place}: there is no formula, and side {side} is not free; "
                 "write one, or name the side in free_sides"
             )
-        _check_given(text, place, "in a list write null for a side that is named in free_sides")
-        formula = _plain(0 if text is None else text, place)
-        if side in free:
-            found.append(ZERO)
-            continue
-        found.append(formula)
-        if not atoms_in(formula, "pos"):
+        formula = _plain(text, place, "in a list write null for a side that is named in free_sides")
+        formulas.append(ZERO if side in free else formula)
+        if not atoms_in(formulas[-1], "pos"):
             continue
         t = variable("t")
         on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}
@@ -165,13 +159,18 @@ def _obstacles(
             raise InputError(f"{place}: {error}") from None
         if any(k < 1 for k in powers):
             raise InputError(f"{place}: a power of pos below 1 on side {side}; g must be Lipschitz")
-    return tuple(found)
+    return tuple(formulas)
+
+
+def _check_count(given: Any, n: int, where: str) -> None:
+    """Raises InputError for a list that does not have one formula per side."""
+    if isinstance(given, list) and len(given) != n:
+        raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
 
 
 def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[Expression, ...]:
     """q on every side as a formula in x, y; 0 where there is none. One formula is for all free sides."""
-    if isinstance(given, list) and len(given) != n:
-        raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
+    _check_count(given, n, where)
     if not isinstance(given, list):
         formula = _flux(given, where)
         if formula.rational != 0 and not free:
@@ -187,30 +186,27 @@ def _fluxes(given: Any, n: int, free: tuple[int, ...], where: str) -> tuple[Expr
 
 def _flux(text: object, where: str) -> Expression:
     """A formula in x, y that may jump; 0 where there is none."""
-    _check_given(text, where, "write 0 where there is none, or in a list null")
-    return _plain(0 if text is None else text, where)
+    return _plain(text, where, "write 0 where there is none, or in a list null")
 
 
-def _check_given(text: object, where: str, instead: str) -> None:
-    """Raises InputError for a word that says that there is no formula."""
+def _plain(text: object, where: str, instead: str) -> Expression:
+    """A formula in x, y without logarithms and roots, 0 for None.
+
+    Raises InputError for a word that says that there is no formula; `instead` is what to write for it.
+    """
     if isinstance(text, str) and text.strip().lower() in NOTHING:
         raise InputError(f"{where}: '{text}' is no formula; {instead}")
-
-
-def _plain(text: object, where: str) -> Expression:
-    """A formula in x, y without logarithms and roots."""
-    found = parse(text, ("x", "y"), where)
-    if atoms_in(found, "log"):
-        raise InputError(f"{where}: log is not allowed here; known are {offered(FUNCTIONS)}")
-    if has_root(found):
+    formula = parse(0 if text is None else text, ("x", "y"), where)
+    if atoms_in(formula, "log"):
+        raise InputError(f"{where}: {NO_LOG}")
+    if has_root(formula):
         raise InputError(f"{where}: {NO_ROOT}")
-    return found
+    return formula
 
 
 def _formula(text: object, where: str) -> Expression:
     """A formula in x, y whose kinks can be found."""
-    _check_given(text, where, "write 0 where there is none")
-    f = _plain(text, where)
+    f = _plain(text, where, "write 0 where there is none")
     for power in atoms_in(f, "pos"):
         try:
             curve(power.args[0])
@@ -241,10 +237,7 @@ def _check(problem: Problem, name: str) -> None:
     for side, before in ((side, (side - 1) % n) for side in constrained):
         end, start, doubt = obstacle.at_vertex(side)
         if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
-            raise InputError(
-                f"{name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
-                f"{start:.6g} on side {side}; it has to be continuous"
-            )
+            raise jump_of_g(name, before, end, side, start)
 
 
 def _check_size(given: float, one: float, unit: float, where: str, place: str, least: bool = True) -> None:

@@ -50,10 +50,10 @@ class Sampled:
         return self._on_sides({i: self.q[i] for i in self.free_sides if self.q}, "q", side, s)
 
     def _on_sides(self, functions: Mapping[int, Function], name: str, side: Index, s: Array) -> Array:
-        points, found = self.polygon.at(side, s), np.zeros(len(s))
+        points, numbers = self.polygon.at(side, s), np.zeros(len(s))
         for i in np.intersect1d(side, [*functions]).astype(int).tolist():
-            found[side == i] = values(functions[i], points[side == i], f"{self.name}, field {name}[{i}]")
-        return found
+            numbers[side == i] = values(functions[i], points[side == i], f"{self.name}, field {name}[{i}]")
+        return numbers
 
 
 def check_vertices(of: Sampled) -> None:
@@ -65,10 +65,15 @@ def check_vertices(of: Sampled) -> None:
     for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
         end, start = ends[before][1], ends[side][0]
         if abs(start - end) > JUMP * largest:
-            raise InputError(
-                f"{of.name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
-                f"{start:.6g} on side {side}; it has to be continuous"
-            )
+            raise jump_of_g(of.name, before, end, side, start)
+
+
+def jump_of_g(name: str, before: int, end: float, side: int, start: float) -> InputError:
+    """The refusal of a g with the value `end` at the end of the side before and `start` where one begins."""
+    return InputError(
+        f"{name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
+        f"{start:.6g} on side {side}; it has to be continuous"
+    )
 
 
 def values(function: Function, points: Array, where: str) -> Array:
@@ -79,7 +84,7 @@ def values(function: Function, points: Array, where: str) -> Array:
             given = np.asarray(function(x, y))
             if np.iscomplexobj(given):
                 raise InputError(f"{where}: the function returns complex numbers; it has to return real ones")
-            found = np.broadcast_to(np.asarray(given, dtype=float), x.shape)
+            numbers = np.broadcast_to(np.asarray(given, dtype=float), x.shape)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise
@@ -87,7 +92,7 @@ def values(function: Function, points: Array, where: str) -> Array:
             f"{where}: the function failed ({type(error).__name__}: {error}); it has to take two arrays "
             "x and y and return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
         ) from error
-    if not np.isfinite(found).all():
-        at = np.unravel_index(np.argmin(np.isfinite(found)), found.shape)
-        raise InputError(f"{where}: the function is {found[at]} at ({x[at]:.6g}, {y[at]:.6g})")
-    return found
+    if not np.isfinite(numbers).all():
+        at = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
+        raise InputError(f"{where}: the function is {numbers[at]} at ({x[at]:.6g}, {y[at]:.6g})")
+    return numbers

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.formulas.elementary import Steps
 from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS, Model
+from unilateral.formulas.taylor_functions import Steps
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems import flux
 from unilateral.problems.data import Data
-from unilateral.problems.flux import Flux
-from unilateral.problems.obstacle import Obstacle, enclosed
+from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
 
@@ -57,30 +55,29 @@ class Scaled:
         }
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """k^{1/2} f / c on the boxes of X and Y."""
+        """k^{1/2} f / c on boxes of the scaled domain."""
         units = self.of.units
-        found = self.of.source_model(x.scaled(units.length), y.scaled(units.length), steps)
-        return found.scaled(1 / units.load)
+        f = self.of.source_model(x.scaled(units.length), y.scaled(units.length), steps)
+        return f.scaled(1 / units.load)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        """k^{1/2} g on intervals of the sides (k,), t the arc length in side lengths, which stays."""
+        """k^{1/2} g; t, in side lengths, stays."""
         return self.of.obstacle_model(side, t).scaled(1 / self.of.units.value)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
-        """k^{1/2} g on the sides that are not free, enclosed; see `Problem`."""
+        """See `Problem`."""
         least = self.of.least / self.of.units.value
         least -= 4 * EPS * abs(least)
-        return enclosed(self.polygon, self.obstacle_model, self.free_sides, least)
+        return enclose_obstacle(self.polygon, self.obstacle_model, self.free_sides, least)
 
     def flux_model(self, side: Index, t: Model) -> Model:
-        """c^{-1/2} q on intervals of the sides (k,), t the arc length in side lengths, which stays."""
+        """c^{-1/2} q; t, in side lengths, stays."""
         return self.of.flux_model(side, t).scaled(1 / self.of.units.flux)
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        """c^{-1/2} q on free sides, enclosed."""
-        return flux.enclosed(self.polygon, self.flux_model, self.of.flux_sides)
+        return enclose_flux(self.polygon, self.flux_model, self.of.flux_sides)
 
 
 def scaled_polygon(of: Problem | Sampled) -> Polygon:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
-from unilateral.formulas.constants import rounded
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ONE, Expression
 
 HALF = Fraction(1, 2)

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from unilateral.accuracy.level import Level
-from unilateral.formulas.constants import rounded
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.norms.dual import Errors
 from unilateral.solution.contact import Contact
 

@@ -16,7 +16,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import structured
 from unilateral.problems import case
 from unilateral.problems.case import Case
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 
 
 def domain(scene: Mapping[str, Any]) -> Polygon:

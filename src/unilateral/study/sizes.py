@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from unilateral.formulas.constants import sign
+from unilateral.formulas.exact_numbers import sign
 from unilateral.formulas.formula import number, real
 
 

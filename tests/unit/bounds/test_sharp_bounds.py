@@ -35,9 +35,10 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE
 from unilateral.norms.reference import boundary_facets, normal_fluxes
-from unilateral.problems import data, obstacle
+from unilateral.problems import data
 from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import Case
+from unilateral.problems.obstacle_and_flux import enclose_obstacle
 
 
 class Manufactured:
@@ -77,7 +78,7 @@ class Manufactured:
         return evaluate(self.formulas[0], {X: x, Y: y})
 
     def enclosed(self, free=()):
-        return obstacle.enclosed(self.polygon, self.obstacle_model, free)
+        return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
         x, y = data.places(self.polygon, side, t)

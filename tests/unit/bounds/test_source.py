@@ -13,9 +13,9 @@ from skfem.helpers import dot, grad
 from unilateral.bounds import source, source_jumps
 from unilateral.bounds import source_pieces as pieces_of
 from unilateral.bounds.source import J, enclosed, poincare
-from unilateral.formulas.elementary import evaluate
 from unilateral.formulas.expression import Atom, atoms_in
 from unilateral.formulas.formula import compile_numpy, parse
+from unilateral.formulas.taylor_functions import evaluate
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.plane import cross

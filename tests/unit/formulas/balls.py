@@ -1,4 +1,4 @@
-"""Formulas by arb (python-flint): balls, whose precision is raised until a bound certainly holds or fails."""
+"""Values by arb (python-flint): balls, whose precision is raised until a bound certainly holds or fails."""
 
 import math
 from fractions import Fraction
@@ -8,6 +8,7 @@ import sympy
 from flint import arb, ctx, fmpq
 
 from unilateral.formulas.symbolic import pos
+from unilateral.formulas.taylor import affine, basis
 
 PRECISIONS = (128, 512, 2048, 8192)
 """Bits."""
@@ -92,3 +93,20 @@ def between(lower, number, upper):
     if (lower > -np.inf and number < lower) or (upper < np.inf and number > upper):
         return False
     return True if (lower == -np.inf or number >= lower) and (upper == np.inf or number <= upper) else None
+
+
+def holds(model, j, sigma, f):
+    """Whether a value f at sigma is in the model's range and within its remainder; None if not known."""
+    low, high, rad = (float(each[j]) for each in (*model.range, model.rad))
+    p = polynomial(model.c[:, j].tolist(), model.basis.exponents.tolist(), sigma)
+    answers = between(low, f, high), between(-rad, f - p, rad)
+    return False if False in answers else (None if None in answers else True)
+
+
+def box(order, centre, arms):
+    """The models of x and y on one box each, affine in sigma: centre (2,), arms (2, 2)."""
+    models = []
+    for c, of in zip(centre, np.asarray(arms, dtype=float), strict=True):
+        size, at = np.abs(of).sum(), np.array([c])
+        models.append(affine(basis(2, order), at, of[:, None], (at - size, at + size)))
+    return dict(zip("xy", models, strict=True))

@@ -1,14 +1,15 @@
 """Intervals and Taylor models against arb, from the smallest numbers to the largest."""
 
+import operator
 import random
 
 import numpy as np
 import pytest
 import sympy
-from balls import between, certain, exact, polynomial, positive_power, value
+from balls import between, box, certain, exact, holds, polynomial, positive_power, value
 from flint import acb, arb
 
-from unilateral.formulas import elementary, interval, taylor
+from unilateral.formulas import interval, taylor, taylor_functions
 from unilateral.formulas.formula import parse
 from unilateral.formulas.symbolic import evaluate, pos, symbolic
 from unilateral.formulas.taylor import Model, affine, basis, constant
@@ -19,8 +20,11 @@ EXPONENTS = [1, 2, 3, 10, 31, 100, -1, -2, -3, -7, -100]
 FRACTIONS = [
     sympy.Rational(k) for k in ("1", "2", "10", "1/20", "1/3", "3/2", "141/20", "100/7", "199/2", "-1/4")
 ]
-BOXES = 120
+BOXES = 180
 POINTS = 3
+FORMULAS = 25
+OF_EACH = 90
+"""Boxes of a random formula, a point in each."""
 
 
 def numbers(rng, k):
@@ -40,21 +44,28 @@ def intervals(rng, k):
 
 
 def models(rng, of, k):
-    """Polynomials with coefficients of all scales, alike or not, and remainders that may be 0."""
+    """Polynomials with coefficients of all scales, alike or not, and remainders that may be 0.
+
+    A third of them are about 1, linear and without a remainder, so that only that of the operation counts.
+    """
     size, shrink = numbers(rng, k) / 64, 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
     c = size * shrink ** of.degree[:, None] * rng.uniform(-1, 1, (len(of.degree), k))
     rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
+    at, plain = rng.uniform(0.2, 3.0, k), rng.uniform(size=k) < 1 / 3
+    arms = 0.3 * np.minimum(at, 1.0) * rng.choice([0.0, 1e-9, 1.0, 1.0], k) * rng.choice([-1, 1], (2, k))
+    c[:, plain], rad[plain] = 0.0, 0.0
+    c[:3, plain] = np.vstack([at, arms])[:, plain]
     reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
     return Model(of, c, rad, interval.outward(c[0] - reach, c[0] + reach))
 
 
 def tally(answers):
     """How many of them are True, and how many False."""
-    found = list(answers)
-    return found.count(True), found.count(False)
+    known = [*answers]
+    return known.count(True), known.count(False)
 
 
-def of_intervals(of, oracle, rng, arity=1, k=BOXES):
+def of_intervals(of, oracle, rng, arity, k):
     """Whether values of the `oracle` at points of random boxes lie in the ranges that `of` finds."""
     arguments = [intervals(rng, k) for _ in range(arity)]
     low, high = of(*arguments)
@@ -70,15 +81,7 @@ def of_intervals(of, oracle, rng, arity=1, k=BOXES):
             yield certain(answer, j, t)
 
 
-def holds(model, j, sigma, f):
-    """Whether a value f at sigma is in the model's range and within its remainder; None if not known."""
-    low, high, rad = (float(each[j]) for each in (*model.range, model.rad))
-    p = polynomial(model.c[:, j].tolist(), model.basis.exponents.tolist(), sigma)
-    answers = between(low, f, high), between(-rad, f - p, rad)
-    return False if False in answers else (None if None in answers else True)
-
-
-def of_models(of, oracle, rng, arity=1, k=BOXES, order=3, points=POINTS):
+def of_models(of, oracle, rng, arity, k, order=3, points=POINTS):
     """The same of Taylor models: the arguments differ from their polynomials by a share of the remainders."""
     space = basis(2, order)
     arguments = [models(rng, space, k) for _ in range(arity)]
@@ -99,53 +102,45 @@ def of_models(of, oracle, rng, arity=1, k=BOXES, order=3, points=POINTS):
             yield certain(answer, j, sigma, share)
 
 
-def of_positive(of, k):
-    return lambda a: of(a, float(k))
+def raised(of, k):
+    """A function of a base and an exponent as one of the base."""
+    return lambda a: of(a, k)
 
 
-OF_INTERVALS = {
-    "sum": (interval.total, lambda a, b: a + b, 2),
-    "product": (interval.product, lambda a, b: a * b, 2),
-    **{name: (getattr(interval, name), getattr(arb, name), 1) for name in elementary.FUNCTIONS},
-    **{f"power {n}": (lambda a, n=n: interval.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS},
-    **{
-        f"positive power {k}": (
-            of_positive(interval.of_positive_part, k),
-            lambda a, k=k: positive_power(a, exact(k)),
-            1,
-        )
-        for k in FRACTIONS
-    },
+OPERATIONS = {  # the functions of balls, of intervals and of models
+    "sum": (operator.add, interval.total, Model.__add__),
+    "product": (operator.mul, interval.product, Model.__mul__),
 }
-OF_MODELS = {
-    "sum": (Model.__add__, lambda a, b: a + b, 2),
-    "product": (Model.__mul__, lambda a, b: a * b, 2),
-    **{f"times {n}": (lambda a, n=n: a.scaled(n), lambda a, n=n: a * n, 1) for n in (1e-320, -1 / 3, 1e300)},
-    **{name: (of, getattr(arb, name), 1) for name, of in elementary.FUNCTIONS.items()},
-    **{f"power {n}": (lambda a, n=n: elementary.power(a, n), lambda a, n=n: a**n, 1) for n in EXPONENTS},
-    **{
-        f"positive power {k}": (
-            of_positive(elementary.positive_power, k),
-            lambda a, k=k: positive_power(a, exact(k)),
-            1,
-        )
-        for k in FRACTIONS
-    },
-}
+for name, of in taylor_functions.FUNCTIONS.items():
+    OPERATIONS[name] = getattr(arb, name), getattr(interval, name), of
+for n in EXPONENTS:
+    OPERATIONS[f"power {n}"] = raised(pow, n), raised(interval.power, n), raised(taylor_functions.power, n)
+for k in FRACTIONS:
+    OPERATIONS[f"positive power {k}"] = (
+        raised(lambda a, k: positive_power(a, exact(k)), k),
+        raised(interval.of_positive_part, float(k)),
+        raised(taylor_functions.positive_power, float(k)),
+    )
+for n in (1e-320, -1 / 3, 1e300):
+    OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(Model.scaled, n)
 
 
-@pytest.mark.parametrize("name", OF_INTERVALS)
-def test_every_operation_of_intervals(name):
-    of, oracle, arity = OF_INTERVALS[name]
-    inside, outside = tally(of_intervals(of, oracle, np.random.default_rng(1), arity))
-    assert outside == 0
-    assert inside > 0.5 * BOXES * POINTS
+def tried(name, k=BOXES, seed=1):
+    """How many values of that operation are in its enclosures, and how many are not."""
+    operation, kind = name.split(" of ")
+    oracle, *functions = OPERATIONS[operation]
+    trying, of = (of_intervals, functions[0]) if kind == "intervals" else (of_models, functions[1])
+    arity = 2 if operation in ("sum", "product") else 1
+    return tally(trying(of, oracle, np.random.default_rng(seed), arity, k))
 
 
-@pytest.mark.parametrize("name", OF_MODELS)
-def test_every_operation_of_models(name):
-    of, oracle, arity = OF_MODELS[name]
-    inside, outside = tally(of_models(of, oracle, np.random.default_rng(2), arity))
+ENCLOSED = [f"{name} of intervals" for name, functions in OPERATIONS.items() if functions[1]]
+ENCLOSED += [f"{name} of models" for name in OPERATIONS]
+
+
+@pytest.mark.parametrize("name", ENCLOSED)
+def test_every_operation(name):
+    inside, outside = tried(name)
     assert outside == 0
     assert inside > 0.5 * BOXES * POINTS
 
@@ -164,11 +159,9 @@ def random_formula(rng, depth):
         return a + b if kind < 0.2 else a * b
     if kind < 0.6:
         return a ** rng.choice(EXPONENTS)
-    return (
-        pos(a, rng.choice(FRACTIONS))
-        if kind < 0.75
-        else getattr(sympy, rng.choice(list(elementary.FUNCTIONS)))(a)
-    )
+    if kind < 0.75:
+        return pos(a, rng.choice([sympy.Integer(0), *FRACTIONS]))
+    return getattr(sympy, rng.choice(list(taylor_functions.FUNCTIONS)))(a)
 
 
 def formulas(seed, n):
@@ -181,15 +174,15 @@ def formulas(seed, n):
             yield found
 
 
-def of_formulas(seed, n=25, k=60):
+def of_formulas(seed):
     rng = np.random.default_rng(seed)
-    for formula in formulas(seed, n):
+    for formula in formulas(seed, FORMULAS):
         yield from of_models(
             lambda x, y, e=formula: evaluate(e, {X: x, Y: y}),
             lambda x, y, e=formula: value(e, {X: x, Y: y}),
             rng,
             arity=2,
-            k=k,
+            k=OF_EACH,
             points=1,
             order=int(rng.choice([2, 4])),
         )
@@ -197,51 +190,61 @@ def of_formulas(seed, n=25, k=60):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_random_formulas(seed):
-    """18 000 pairs of a formula and a box in all, besides those of single operations."""
+    """27 000 pairs of a formula and a box in all, besides those of single operations."""
     inside, outside = tally(of_formulas(seed))
     assert outside == 0
-    assert inside > 0.5 * 25 * 60
+    assert inside > 0.5 * FORMULAS * OF_EACH
 
 
-CONTROLS = {
-    "underflow": (taylor, "TINY", ["product", "exp", "power -3", "positive power 141/20"]),
-    "rounding of sums": (taylor, "EPS", ["sum"]),
-    "rounding of products": (taylor, "EPS", ["product"]),
-    "rounding of numbers": (taylor, "EPS", ["times -0.3333333333333333"]),
-    "coefficients of powers": (elementary, "EPS", ["positive power 1/3"]),
+def last_times(factor, own):
+    """The same sequence with its last member spoilt."""
+
+    def sequence(*arguments):
+        values = own(*arguments)
+        values[-1] *= factor
+        return values
+
+    return sequence
+
+
+WIDENED = ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1")
+UNDERFLOWING = ("product", "exp", "power -3", "positive power 141/20")
+FACTORIALS = last_times(2.5, taylor_functions._factorials)
+BINOMIALS = last_times(0.4, taylor_functions._binomials)
+CONTROLS = {  # what is spoilt, and operations that need it
+    "widening": (interval, "ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
+    "factors of powers": (interval, "PRODUCT", 0.0, ["positive power 199/2 of intervals"]),
+    "fractional exponents": (interval, "EXPONENT", 0.0, ["positive power 100/7 of intervals"]),
+    "underflow": (taylor, "TINY", 0.0, [f"{name} of models" for name in UNDERFLOWING]),
+    "rounding of sums": (taylor, "EPS", 0.0, ["sum of models"]),
+    "rounding of products": (taylor, "EPS", 0.0, ["product of models"]),
+    "rounding of numbers": (taylor, "EPS", 0.0, ["times -0.3333333333333333 of models"]),
+    "coefficients of powers": (taylor_functions, "EPS", 0.0, ["positive power 100/7 of models"]),
+    "last factorial": (taylor_functions, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
+    "last binomial": (taylor_functions, "_binomials", BINOMIALS, ["positive power 3/2 of models"]),
+    "Cauchy's estimate": (taylor_functions, "AROUND_TANH", 0.01, ["tanh of models"]),
 }
 
 
 @pytest.mark.parametrize("name", CONTROLS)
-def test_without_a_rounding_term_values_lie_outside(monkeypatch, name):
-    module, constant, operations = CONTROLS[name]
-    monkeypatch.setattr(module, constant, 0.0)
+def test_without_a_term_values_lie_outside(monkeypatch, name):
+    """Each term of a bound is needed: factorials 2.5 times too large, binomials 2.5 times too small."""
+    module, attribute, smaller, operations = CONTROLS[name]
+    monkeypatch.setattr(module, attribute, smaller)
     for operation in operations:
-        of, oracle, arity = OF_MODELS[operation]
-        _, outside = tally(of_models(of, oracle, np.random.default_rng(2), arity, k=4 * BOXES))
-        assert outside > 0, operation
-
-
-def test_without_the_widening_values_lie_outside(monkeypatch):
-    monkeypatch.setattr(interval, "ULPS", 0)
-    for operation in ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1"):
-        of, oracle, arity = OF_INTERVALS[operation]
-        _, outside = tally(of_intervals(of, oracle, np.random.default_rng(1), arity))
-        assert outside > 0, operation
+        assert tried(operation, 4 * BOXES)[1] > 0, operation
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", elementary, "OF_TANH")]
+    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", taylor_functions, "OF_TANH")]
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
-    own, (_, oracle, _) = getattr(np, name), OF_MODELS[name]
-    of = elementary.FUNCTIONS[name]
+    own = getattr(np, name)
     monkeypatch.setattr(np, name, lambda x: own(x) + 4 * np.spacing(np.abs(own(x))))
-    assert tally(of_intervals(getattr(interval, name), oracle, np.random.default_rng(3)))[1] == 0
-    assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] == 0
+    assert tried(f"{name} of intervals", seed=3)[1] == tried(f"{name} of models", seed=3)[1] == 0
     monkeypatch.setattr(module, constant, 0.0)
-    assert tally(of_models(of, oracle, np.random.default_rng(3)))[1] > 0
+    assert tried(f"{name} of models", seed=3)[1] > 0
 
 
 @pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])
@@ -279,8 +282,8 @@ def test_tanh_near_the_real_axis():
     """|tanh| <= AROUND_TANH where |Im z| <= 1; the largest is at z = i, tan 1."""
     for x in np.linspace(-3, 3, 61).tolist():
         for y in np.linspace(-1, 1, 21).tolist():
-            assert abs(acb(x, y).tanh()) <= elementary.AROUND_TANH
-    assert abs(acb(0, 1).tanh()) > elementary.AROUND_TANH * (1 - 1e-3)
+            assert abs(acb(x, y).tanh()) <= taylor_functions.AROUND_TANH
+    assert abs(acb(0, 1).tanh()) > taylor_functions.AROUND_TANH * (1 - 1e-3)
 
 
 LEAVING = {
@@ -303,37 +306,31 @@ LEAVING = {
 def test_formulas_of_which_parts_leave_the_range(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
-    formula, at = symbolic(parse(text, ("x", "y"), "here")), np.array(centre)
-    ends = at - 1.001 * half, at + 1.001 * half
-    variables = {
-        z: affine(
-            basis(2, 4),
-            at[i : i + 1],
-            half * np.eye(2)[:, i : i + 1],
-            (ends[0][i : i + 1], ends[1][i : i + 1]),
-        )
-        for i, z in enumerate((X, Y))
-    }
-    found = evaluate(formula, variables)
+    formula = parse(text, ("x", "y"), "here")
+    model = taylor_functions.evaluate(formula, box(4, centre, half * np.eye(2)))
 
     def answer(sigma):
-        places = {z: exact(at[i]) + exact(half) * sigma[i] for i, z in enumerate((X, Y))}
-        return holds(found, 0, sigma, value(formula, places))
+        x, y = (exact(c) + exact(half) * s for c, s in zip(centre, sigma, strict=True))
+        return holds(model, 0, sigma, value(symbolic(formula), {X: x, Y: y}))
 
     sigmas = np.random.default_rng(5).uniform(-1, 1, (10, 2)).tolist()
     assert all(certain(answer, sigma) for sigma in [[0.0, 0.0], [1.0, 1.0], *sigmas])
 
 
 NUMBERS = [
-    *(
-        "cos(exp((842/488)**12))",
-        "sin(exp(600))",
-        "cos(sinh(700))",
-        "exp(-700)",
-        "tanh(20) - 1",
-        "sqrt(2)*1e-300",
-    ),
-    *("1/3", "1e300/3", "pi*1e-301", "sin(1e99)", "cosh(700)", "log(3)**99", "exp(1/3)**-99"),
+    "cos(exp((842/488)**12))",
+    "sin(exp(600))",
+    "cos(sinh(700))",
+    "exp(-700)",
+    "tanh(20) - 1",
+    "sqrt(2)*1e-300",
+    "1/3",
+    "1e300/3",
+    "pi*1e-301",
+    "sin(1e99)",
+    "cosh(700)",
+    "log(3)**99",
+    "exp(1/3)**-99",
 ]
 
 

@@ -12,9 +12,9 @@ from sympy.core.function import ArgumentIndexError
 
 from unilateral.errors import InputError
 from unilateral.formulas import formula, grammar
-from unilateral.formulas.constants import rounded
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.formula import kinks, number, parse
-from unilateral.formulas.positive_part import positive_power
+from unilateral.formulas.interval import positive_power
 from unilateral.formulas.symbolic import compile_numpy, pos, symbolic
 
 X, Y, T = (sympy.Symbol(name, real=True) for name in "xyt")
@@ -303,28 +303,30 @@ def test_positive_power_is_the_power(k):
     assert not np.any(positive_power(np.array([-1.0, -0.0, 0.0]), k))
 
 
-def test_a_kink_beyond_all_numbers_is_at_infinity():
-    """The zero of 1e-300 t - 1e300 is 1e600, which no float is; control: 1e-300 t - 1 has the zero 1e300."""
-    ((root, _),) = kinks(parse("pos(1e-300*t - 1e300, 1)", ("t",), "here"), "t")
-    assert root == math.inf
-    ((root, _),) = kinks(parse("pos(1e-300*t - 1, 1)", ("t",), "here"), "t")
-    assert root == 1e300
+def near(root):
+    return pytest.approx(root, rel=1e-15)
 
 
-def test_kinks_with_their_exponents():
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "t*pos((t - 1/3)*(2/3 - t), 3) + pos(t**2 + 1, 5) + sin(pos(2 - 3*t, 1/2))",
+            [(1 / 3, 3), (2 / 3, 0.5), (2 / 3, 3)],
+        ),
+        ("exp(t) + t**3", []),
+        ("pos(sqrt(2)*t - 1, 2)", [(near(0.5**0.5), 2)]),
+        ("pos(t**2 - pi/8, 2)", [(pytest.approx(sign * math.sqrt(math.pi / 8)), 2) for sign in (-1, 1)]),
+        ("pos(t**2 + pi, 2)", []),
+        ("pos(2*t**2 - 2*t - 1, 2)", [(near((1 + sign * math.sqrt(3)) / 2), 2) for sign in (-1, 1)]),
+        ("pos((t - 1/2)**2, 3)", [(0.5, 3)]),
+        ("pos(1e-300*t - 1e300, 1)", [(math.inf, 1)]),  # 1e600, which no float is
+        ("pos(1e-300*t - 1, 1)", [(1e300, 1)]),
+    ],
+)
+def test_kinks_with_their_exponents(text, expected):
     """Roots by hand: (t - 1/3)(2/3 - t) has two, t^2 + 1 has none, 2 - 3 t one."""
-    f = parse("t*pos((t - 1/3)*(2/3 - t), 3) + pos(t**2 + 1, 5) + sin(pos(2 - 3*t, 1/2))", ("t",), "here")
-    half, three = sympy.Rational(1, 2), sympy.Integer(3)
-    assert kinks(f, "t") == [(1 / 3, three), (2 / 3, half), (2 / 3, three)]
-    assert kinks(parse("exp(t) + t**3", ("t",), "here"), "t") == []
-    ((root, _),) = kinks(parse("pos(sqrt(2)*t - 1, 2)", ("t",), "here"), "t")
-    assert root == pytest.approx(0.5**0.5, rel=1e-15)
-    of_square = [root for root, _ in kinks(parse("pos(t**2 - pi/8, 2)", ("t",), "here"), "t")]
-    assert of_square == pytest.approx([-math.sqrt(math.pi / 8), math.sqrt(math.pi / 8)])
-    assert kinks(parse("pos(t**2 + pi, 2)", ("t",), "here"), "t") == []
-    of_rational = [root for root, _ in kinks(parse("pos(2*t**2 - 2*t - 1, 2)", ("t",), "here"), "t")]
-    assert of_rational == pytest.approx([(1 - math.sqrt(3)) / 2, (1 + math.sqrt(3)) / 2], rel=1e-15)
-    assert kinks(parse("pos((t - 1/2)**2, 3)", ("t",), "here"), "t") == [(0.5, three)]
+    assert kinks(parse(text, ("t",), "here"), "t") == expected
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ from unilateral.formulas.symbolic import compile_numpy
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along
-from unilateral.problems.cantor import DUST, Cantor, Family, gap
-from unilateral.problems.certificate import certify
-from unilateral.problems.harmonic import harmonic
+from unilateral.problems.cantor_atom import DUST, Cantor, Family, gap
+from unilateral.problems.case_certificate import certify
+from unilateral.problems.polar_atoms import harmonic
 
 KEEP = Q(9, 20)
 LARGE = Polygon(2 * square().vertices, "large")

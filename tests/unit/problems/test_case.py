@@ -15,7 +15,7 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import Along, Smooth, X, Y
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 
 POLYGONS = {"square": square(), "lshape": named("lshape")}
 PLACES = [("natural", "square", 0)] + [
@@ -116,15 +116,27 @@ def test_a_case_vanishes_on_a_circle_beyond_its_cutoff(name, reach, inside, radi
     assert case.vanishes(centre, np.array([size * radius])).tolist() == [zero]
 
 
-@pytest.mark.parametrize(("polygon", "side"), [p[1:] for p in PLACES if p[0] == "thirds"])
-def test_the_harmonic_atoms_flux(polygon, side):
-    """lambda = s_+^(1/2) (1 - (4 s)^2)_+^4 on the own side, else 0; s = t - 1/3 in side lengths."""
-    case = load("thirds", polygon, side)
-    s = np.linspace(-1 / 3, 2 / 3, 1001)
-    expected = np.sqrt(np.maximum(s, 0)) * np.maximum(1 - (4 * s) ** 2, 0) ** 4
+ROOT_FLUXES = [  # the case, where it is put, the start and the cutoff of the flux, and its rounding
+    *((*place, 1 / 3, 1 / 4, 1e-14) for place in PLACES if place[0] == "thirds"),
+    *(
+        ("vertex", *at, 0, 5 / 12, 1e-12)
+        for at in (("square", 0), ("square", 3), ("lshape", 0), ("lshape", 5))
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "polygon", "side", "start", "cutoff", "rounding"), ROOT_FLUXES)
+def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
+    """lambda = s_+^(1/2) (1 - (s/cutoff)^2)_+^4 on the own side, else 0; s = t - start in side lengths.
+
+    At a vertex, sides of other lengths see the cutoff's end from coordinates.
+    """
+    case, t = load(name, polygon, side), np.linspace(0, 1, 1001)
+    s = t - start
+    expected = np.sqrt(np.maximum(s, 0)) * np.maximum(1 - (s / cutoff) ** 2, 0) ** 4
     for i in range(case.polygon.n_sides):
-        _, flux, _ = case.boundary(np.full(1001, i), (s + 1 / 3) * case.polygon.lengths[i])
-        np.testing.assert_allclose(flux, expected if i == side else 0, rtol=0, atol=1e-14)
+        _, flux, _ = case.boundary(np.full(1001, i), t * case.polygon.lengths[i])
+        np.testing.assert_allclose(flux, expected if i == side else 0, rtol=0, atol=rounding)
 
 
 @on_every_place

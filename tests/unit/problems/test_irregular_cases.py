@@ -15,8 +15,8 @@ from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems.atoms import Along
-from unilateral.problems.certificate import certify
-from unilateral.problems.harmonic import corner, harmonic
+from unilateral.problems.case_certificate import certify
+from unilateral.problems.polar_atoms import corner, harmonic
 
 ALPHA = {
     "borderline_0.25": 0.25,
@@ -29,8 +29,8 @@ ALPHA = {
 ON = {"vertex": "square", "violates_j": "lshape", "reentrant": "lshape"} | dict.fromkeys(ALPHA, "square")
 
 
-def load(name, polygon=None, side=0):
-    return load_on(name, polygon or ON[name], side)
+def load(name):
+    return load_on(name, ON[name])
 
 
 def polar(kind, alpha=None, vertex=2):
@@ -143,23 +143,6 @@ def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
         cell = means(load("rough"), partitions.uniform(square(), 1 / 8), near=False)[2]
     exact = float(cut_off_power(np.array([3 / 8 - 1 / 3]), -0.95, 0.25)[0]) * 8
     assert not cell >= 0.95 * exact
-
-
-def on_sides(case, t):
-    n = case.polygon.n_sides
-    return {i: case.boundary(np.full(len(t), i), t * case.polygon.lengths[i]) for i in range(n)}
-
-
-@pytest.mark.parametrize(("polygon", "side"), [("square", 0), ("square", 3), ("lshape", 0), ("lshape", 5)])
-def test_the_flux_of_a_transition_at_a_vertex(polygon, side):
-    """t^(1/2) (1 - (12 t/5)^2)_+^4 on the side that begins there, 0 on the others, also the one before.
-
-    To 1e-12: sides of other lengths see the cutoff's end from coordinates.
-    """
-    t = np.linspace(0, 1, 501)
-    for i, (_, flux, _) in on_sides(load("vertex", polygon, side), t).items():
-        expected = np.sqrt(t) * np.maximum(1 - (12 * t / 5) ** 2, 0) ** 4 if i == side else 0 * t
-        np.testing.assert_allclose(flux, expected, atol=1e-12)
 
 
 def test_the_corners_of_the_l_shape():

@@ -16,7 +16,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 from unilateral.solvers.stop import Stop
 from unilateral.study.experiments.cells.measure import alternating, measure
 

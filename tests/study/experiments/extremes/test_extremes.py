@@ -20,7 +20,7 @@ from unilateral.geometry.structured import tensor
 from unilateral.norms.exact_errors import cell_means, exact
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
-from unilateral.problems.certificate import certify
+from unilateral.problems.case_certificate import certify
 from unilateral.solvers import uzawa
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import iterate

@@ -19,8 +19,8 @@ from unilateral.geometry.polygon import named
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means, exact
 from unilateral.problems.case import Case
-from unilateral.problems.certificate import certify
-from unilateral.problems.harmonic import harmonic
+from unilateral.problems.case_certificate import certify
+from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 from unilateral.study.experiments.sharpness import surfaces
 from unilateral.study.experiments.sharpness.measure import (

@@ -30,9 +30,9 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import Exact, cell_means_of_gaps
 from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.atoms import T
-from unilateral.problems.cantor import Cantor
+from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case import Case
-from unilateral.problems.harmonic import harmonic
+from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 from unilateral.study import scenes, tables
 

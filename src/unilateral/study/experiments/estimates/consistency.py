@@ -16,7 +16,7 @@ import numpy as np
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import Case
-from unilateral.problems.polar import Polar
+from unilateral.problems.polar_atoms import Polar
 
 
 class Transition(NamedTuple):

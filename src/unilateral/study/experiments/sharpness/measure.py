@@ -31,7 +31,7 @@ from unilateral.norms.infsup import infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T
 from unilateral.problems.case import Case
-from unilateral.problems.harmonic import harmonic
+from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 from unilateral.study import tables
 from unilateral.study.experiments.sharpness.surfaces import along_levels, rates_over

@@ -7,8 +7,8 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any
 
+from unilateral.formulas.evaluation import Evaluation
 from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
-from unilateral.formulas.reading import Reading
 
 BITS = 160
 SHARP = 2.0**-62
@@ -51,9 +51,9 @@ def magnitude(e: Expression) -> int:
 @lru_cache(maxsize=1024)
 def _value(e: Expression) -> Any:
     """The value, of any size: the middle of an interval that contains it, or by sympy if that is wide."""
-    iv, found = _intervals(), _Intervals((e,), {}).of(e)
-    if abs(found).a > 0 and found.delta <= SHARP * abs(found).a:
-        return found.mid
+    iv, enclosure = _intervals(), _Intervals((e,), {}).of(e)
+    if abs(enclosure).a > 0 and enclosure.delta <= SHARP * abs(enclosure).a:
+        return enclosure.mid
     from unilateral.formulas import symbolic  # whose import takes longer than a small problem
 
     return symbolic.value(e, iv)
@@ -68,7 +68,7 @@ def _intervals() -> Any:
     return context
 
 
-class _Intervals(Reading[Any]):
+class _Intervals(Evaluation[Any]):
     """The values of numbers as intervals, each of which contains its number."""
 
     def number(self, value: Fraction) -> Any:

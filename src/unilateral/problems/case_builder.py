@@ -15,13 +15,12 @@ from unilateral.errors import InputError, shown
 from unilateral.formulas import formula
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
-from unilateral.formulas.symbolic import kinks, pos, symbolic
+from unilateral.formulas.symbolic import kinks, number_of, pos, symbolic
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
-from unilateral.problems.cantor import Cantor, Family
-from unilateral.problems.cantor import gap as cantor_gap
-from unilateral.problems.harmonic import corner, harmonic
-from unilateral.problems.polar import Polar
+from unilateral.problems.cantor_atom import Cantor, Family
+from unilateral.problems.cantor_atom import gap as cantor_gap
+from unilateral.problems.polar_atoms import Polar, corner, harmonic
 
 RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
 Atom = Smooth | Tensor | Polar | Cantor
@@ -47,10 +46,6 @@ def _check_name(name: str, where: str) -> None:
         raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
 
 
-def _number(text: object, where: str) -> sympy.Expr:
-    return symbolic(formula.number(text, where))
-
-
 @dataclass(frozen=True)
 class Builder:
     where: str
@@ -64,12 +59,12 @@ class Builder:
 
     def along_side(self, text: object, where: str) -> sympy.Expr:
         """A formula in t whose kinks can be found."""
-        found = self.formula(text, (T,), where)
+        of_t = self.formula(text, (T,), where)
         try:
-            kinks(found, T)
+            kinks(of_t, T)
         except ValueError as error:
             raise InputError(f"{where}: {error}") from None
-        return found
+        return of_t
 
     def side(self, offset: int) -> int:
         return (self.base + offset) % self.polygon.n_sides
@@ -85,7 +80,7 @@ class Builder:
             raise InputError(
                 f"{where}, vertex: '{self.polygon.name}' has the vertices 0 to {self.polygon.n_sides - 1}"
             )
-        cutoff = _number(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
+        cutoff = number_of(entry["cutoff"], f"{where}, cutoff") if "cutoff" in entry else None
         if cutoff is not None and cutoff <= 0:
             raise InputError(f"{where}, cutoff: {cutoff} must be positive")
         if entry["atom"] == "tensor":
@@ -93,19 +88,19 @@ class Builder:
             if any(k <= Fraction(3, 2) for _, k in kinks(profile, T)):
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
             return Tensor(self.polygon, side, 0.0, profile, cutoff)
-        times = _number(entry.get("times", 1), f"{where}, times")
+        times = number_of(entry.get("times", 1), f"{where}, times")
         alpha = self._fraction(entry, "alpha", where) if "alpha" in entry else None
         if entry["atom"] == "cantor":
             return Cantor(self.polygon, side, 0.0, self.family(entry, where), alpha)
         if entry["atom"] == "corner":
             return corner(self.polygon, side, entry["kind"], alpha, cutoff, times)
-        at = _number(entry["at"], f"{where}, at")
+        at = number_of(entry["at"], f"{where}, at")
         if not 0 < at < 1:
             raise InputError(f"{where}, at: {at} must lie between 0 and 1")
         return harmonic(self.polygon, side, at, alpha, cutoff, times)
 
     def family(self, entry: Mapping[str, Any], where: str) -> Family:
-        keep, inset = (_number(entry[name], f"{where}, {name}") for name in ("keep", "inset"))
+        keep, inset = (number_of(entry[name], f"{where}, {name}") for name in ("keep", "inset"))
         for name, value in (("keep", keep), ("inset", inset)):
             if not 0 < value < sympy.Rational(1, 2):
                 raise InputError(f"{where}, {name}: {value} must lie between 0 and 1/2")
@@ -113,7 +108,7 @@ class Builder:
 
     def _fraction(self, entry: Mapping[str, Any], name: str, where: str) -> sympy.Expr:
         """The exponent in the field `name`, a simple fraction."""
-        exponent = _number(entry[name], f"{where}, {name}")
+        exponent = number_of(entry[name], f"{where}, {name}")
         if not (exponent.is_Rational and exponent.q <= MAX_DENOMINATOR):
             limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
             raise InputError(f"{where}, {name}: {exponent} must be {limit}")

@@ -14,7 +14,7 @@ from unilateral.formulas.expression import Atom, Expression, Part, Power, parts_
 V = TypeVar("V", bound=Any)
 
 
-class Reading(ABC, Generic[V]):
+class Evaluation(ABC, Generic[V]):
     """Computes the values of formulas from those of the variables and other `known` atoms.
 
     Values may be of any kind that can be added. Those of parts that occur more than once in the `formulas`
@@ -59,8 +59,8 @@ class Reading(ABC, Generic[V]):
         return reduce(add, [*parts, self.of(fixed)] if fixed.terms else parts)
 
     def _term(self, times: Expression, of: Sequence[Power]) -> V:
-        found = reduce(self.product, (self._power(power) for power in of))
-        return found if times.rational == 1 else self.times(found, times)
+        value = reduce(self.product, (self._power(power) for power in of))
+        return value if times.rational == 1 else self.times(value, times)
 
     def _power(self, power: Power) -> V:
         return self._kept(power, self._raised)
@@ -76,7 +76,7 @@ class Reading(ABC, Generic[V]):
     def _kept(self, part: Any, read: Any) -> V:
         if part in self.kept:
             return self.kept[part]
-        found = read(part)
+        value = read(part)
         if self.count.get(part, 0) > 1:
-            self.kept[part] = found
-        return found
+            self.kept[part] = value
+        return value

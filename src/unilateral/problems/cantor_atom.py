@@ -26,8 +26,7 @@ from unilateral.formulas.symbolic import compile_numpy, pos
 from unilateral.formulas.taylor import EPS, Model, settled
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity, T
-from unilateral.problems.harmonic import harmonic
-from unilateral.problems.polar import THETA, Polar, R
+from unilateral.problems.polar_atoms import THETA, Polar, R, harmonic
 
 Interval = tuple[sympy.Expr, sympy.Expr]
 DUST = sympy.Rational(1, 100)

@@ -1,5 +1,7 @@
 """Polar atoms: c rho^beta cos(beta (theta - theta_0)), harmonic, times a smooth radial cutoff.
 
+`harmonic` makes those of cases at a point inside a side, `corner` those at a vertex.
+
 rho and theta are polar coordinates about a point of the boundary, rho in side lengths and theta from the
 side's direction into Omega. Values are computed from them, never from x and y.
 """
@@ -8,24 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache, cached_property
 
 import numpy as np
 import sympy
 
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.elementary import real_power
+from unilateral.errors import InputError
 from unilateral.formulas.formula import Compiled
-from unilateral.formulas.symbolic import compile_numpy, evaluate, pos
+from unilateral.formulas.grammar import MAX_DENOMINATOR
+from unilateral.formulas.symbolic import evaluate, pos
 from unilateral.formulas.taylor import Model, by_part, number
+from unilateral.formulas.taylor_functions import real_power
 from unilateral.geometry.curves import Kink, Singular
-from unilateral.problems.atoms import Along, Local, Regularity
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.atoms import ON_SIDE, Along, Local, OfFormulas, Regularity
 
 R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
 
 
 @dataclass(frozen=True, eq=False)
-class Polar(Local):
+class Polar(Local, OfFormulas):
     """times * factor rho^beta cos(beta (theta - theta_0)) (1 - (rho / cutoff)^2)_+^4, rho = r / L.
 
     No cutoff factor where `cutoff` is None. `omega` is Omega's angle at the centre: pi inside the side, or
@@ -43,12 +49,11 @@ class Polar(Local):
         """v, dv/dr, (dv/dtheta)/r and Delta v."""
         return _derived(self.factor, self.beta, self.theta_0, self.cutoff)
 
-    @cached_property
-    def _values(self) -> tuple[Compiled, Compiled]:
+    @property
+    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
         v, v_r, v_theta, laplacian = self.symbolic
         scale = sympy.Float(self.length, 17)
-        values, f = [v, v_r, v_theta], scale * v - laplacian / scale
-        return compile_numpy(values, (R, THETA)), compile_numpy([*values, f], (R, THETA))
+        return [v, v_r, v_theta, scale * v - laplacian / scale], (R, THETA)
 
     def value_model(self, x: Model, y: Model) -> Model:
         return self._in_support(x, y, lambda phi, eta, _: (phi * eta).scaled(self.length))
@@ -79,14 +84,6 @@ class Polar(Local):
         laplacian = (48 * Q * pos(1 - Q, 2) - 16 * (1 + self.beta) * pos(1 - Q, 3)) / self.cutoff**2
         return phi, evaluate(pos(1 - Q, 4), {Q: q}), evaluate(laplacian, {Q: q})
 
-    def _polar(self, points: Array, offset: Array | float) -> tuple[Mask, Array, Array]:
-        """Which (k,) of the places lie in the support, and there rho (m,) and theta (m,) in [0, 2 pi)."""
-        along, into = self.local_inside(points, offset)
-        r = np.hypot(along, into)
-        inside = self._in_disc(r)
-        theta = np.arctan2(into[inside], along[inside])
-        return inside, r[inside], np.where(theta < 0, theta + 2 * np.pi, theta)
-
     @property
     def _reach(self) -> float:
         return np.inf if self.cutoff is None else float(self.cutoff)
@@ -95,16 +92,16 @@ class Polar(Local):
         """(k,) where functions are not 0: not outside the support and not at the centre."""
         return (r < self._reach) & (r > 0)
 
-    def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        inside, r, theta = self._polar(points, offset)
-        v, v_r, v_theta = self._values[0](r, theta)
-        return _spread(inside, self.length * v), _spread(inside, self.polar_to_xy(theta, v_r, v_theta))
-
-    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        inside, r, theta = self._polar(points, offset)
-        v, v_r, v_theta, f = self._values[1](r, theta)
-        gradient = self.polar_to_xy(theta, v_r, v_theta)
-        return _spread(inside, self.length * v), _spread(inside, gradient), _spread(inside, f)
+    def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
+        """Formulas are evaluated in the support only."""
+        along, into = self.local_inside(points, offset)
+        r = np.hypot(along, into)
+        inside = self._in_disc(r)
+        theta = np.arctan2(into[inside], along[inside])
+        theta = np.where(theta < 0, theta + 2 * np.pi, theta)
+        v, v_r, v_theta, *f = formulas(r[inside], theta)
+        there = (self.length * v, self.polar_to_xy(theta, v_r, v_theta), *f)
+        return tuple(_spread(inside, values) for values in there)
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
         return np.hypot(*self.local(centre)) - radius / self.length > self._reach
@@ -164,9 +161,9 @@ def _spread(inside: Mask, values: Array) -> Array:
     """(k, ...) the values (m, ...) where `inside` (k,), 0 elsewhere."""
     if inside.all():
         return values
-    found = np.zeros((len(inside), *values.shape[1:]))
-    found[inside] = values
-    return found
+    everywhere = np.zeros((len(inside), *values.shape[1:]))
+    everywhere[inside] = values
+    return everywhere
 
 
 @cache
@@ -179,3 +176,58 @@ def _derived(
     d_phi, d_eta = sympy.diff(phi, R), sympy.diff(eta, R)
     laplacian = 2 * d_phi * d_eta + phi * (sympy.diff(d_eta, R) + d_eta / R)
     return phi * eta, d_phi * eta + phi * d_eta, sympy.diff(phi, THETA) / R * eta, laplacian
+
+
+def harmonic(
+    polygon: Polygon,
+    side: int,
+    t: sympy.Expr,
+    alpha: sympy.Expr,
+    cutoff: sympy.Expr | None = None,
+    times: sympy.Expr = sympy.S.One,
+) -> Polar:
+    """The atom with flux times * s_+^alpha on its side: C rho^(1+alpha) cos((1+alpha)(pi - theta)).
+
+    C = 1 / ((1 + alpha) sin(alpha pi)), alpha > -1 not an integer. Raises InputError for other alpha,
+    and where it has no cutoff and Omega reaches behind its side, so that theta would not be unique.
+    """
+    if alpha.is_integer or alpha <= -1:
+        raise InputError(f"a harmonic atom needs alpha > -1 that is not an integer, not {alpha}")
+    factor = times / ((1 + alpha) * sympy.sin(alpha * sympy.pi))
+    atom = Polar(polygon, side, float(t), 1 + alpha, sympy.pi, factor, cutoff)
+    if cutoff is None and np.any(atom.local(polygon.vertices)[1] < -ON_SIDE):
+        raise InputError(f"a harmonic atom on side {side} of '{polygon.name}' needs a cutoff")
+    return atom
+
+
+def corner(
+    polygon: Polygon,
+    side: int,
+    kind: str,
+    alpha: sympy.Expr | None = None,
+    cutoff: sympy.Expr | None = None,
+    times: sympy.Expr = sympy.S.One,
+) -> Polar:
+    """An atom at the vertex of angle omega at which the side begins, by its kind.
+
+    `free`: rho^(pi/omega) cos(pi theta/omega), without flux on both sides. `held`:
+    -rho^(pi/omega) sin(pi theta/omega), without trace, lambda = (pi/omega) rho^(pi/omega - 1) on both.
+    `transition`: lambda = rho^alpha on the side that begins there and 0 on the one before.
+    Raises InputError where omega is no simple fraction of pi, or the transition would need a logarithm.
+    """
+    share = sympy.Rational(Fraction(polygon.angles[side] / np.pi).limit_denominator(MAX_DENOMINATOR))
+    if abs(float(share) * np.pi - polygon.angles[side]) > ON_SIDE:
+        raise InputError(
+            f"the angle at vertex {side} of '{polygon.name}' is no fraction of pi with a denominator of at "
+            f"most {MAX_DENOMINATOR}, as an atom there needs"
+        )
+    omega = share * sympy.pi
+    if kind != "transition":
+        beta, theta_0, factor = (1 / share, sympy.S.Zero, 1) if kind == "free" else (1 / share, omega / 2, -1)
+    elif alpha is None or ((1 + alpha) * share).is_integer or alpha <= -1:
+        raise InputError(
+            f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
+        )
+    else:
+        beta, theta_0, factor = 1 + alpha, omega, -1 / ((1 + alpha) * sympy.sin(omega * (1 + alpha)))
+    return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega)

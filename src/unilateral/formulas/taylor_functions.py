@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.formulas import interval
-from unilateral.formulas.constants import nearest
+from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas.exact_numbers import nearest
 from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.interval import QUIET, Interval
-from unilateral.formulas.reading import Reading
 from unilateral.formulas.taylor import (
     EPS,
     OF_FUNCTIONS,
@@ -53,31 +52,17 @@ def _factorials(n: int) -> Array:
     return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
 
 
-@QUIET
-def exp(a: Model) -> Model:
-    at, values, n = _around(a)
-    fact = _factorials(n)
-    return composed(a, np.exp(at) / fact[:-1], interval.exp(values)[1] / fact[-1], interval.exp(a.range))
+def _entire(cycle: Callable[[Array], list[Array]], bound: Range | None, range_of: Range) -> Function:
+    """A function whose derivatives at points (k,) repeat a `cycle`; `bound` is for all of them, else 1 is."""
 
-
-def _wave(shift: int, range_of: Range) -> Function:
-    def function(a: Model) -> Model:
-        at, _, n = _around(a)
-        fact, turns = _factorials(n), [np.sin(at), np.cos(at), -np.sin(at), -np.cos(at)]
-        found = np.stack([turns[(k + shift) % 4] for k in range(n + 1)]) / fact[:-1]
-        # sin and cos are accurate to a unit of 1, not relatively
-        return composed(a, found, 1 / fact[-1] + 0 * at, range_of(a.range), error=4 * EPS)
-
-    return function
-
-
-def _hyperbolic(first: Any, second: Any, range_of: Range) -> Function:
     @QUIET
     def function(a: Model) -> Model:
         at, values, n = _around(a)
-        fact = _factorials(n)
-        found = np.stack([(first, second)[k % 2](at) for k in range(n + 1)]) / fact[:-1]
-        return composed(a, found, interval.cosh(values)[1] / fact[-1], range_of(a.range))
+        fact, derivatives = _factorials(n), cycle(at)
+        coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / fact[:-1]
+        if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
+            return composed(a, coefficients, 1 / fact[-1], range_of(a.range), error=4 * EPS)
+        return composed(a, coefficients, bound(values)[1] / fact[-1], range_of(a.range))
 
     return function
 
@@ -94,10 +79,10 @@ def tanh(a: Model) -> Model:
 
 def _binomials(exponent: float, n: int) -> Array:
     """(n + 2, 1) coefficients of (1 + z)^exponent."""
-    found = [1.0]
+    coefficients = [1.0]
     for k in range(n + 1):
-        found.append(found[-1] * (exponent - k) / (k + 1))
-    return np.array(found)[:, None]
+        coefficients.append(coefficients[-1] * (exponent - k) / (k + 1))
+    return np.array(coefficients)[:, None]
 
 
 @QUIET
@@ -108,9 +93,9 @@ def _power_series(a: Model, exponent: float, range_: Interval) -> Model:
     is 0.
     """
     at, (low, high), n = _around(a)
-    *found, next_ = _binomials(exponent, n)
+    *binomials, next_ = _binomials(exponent, n)
     either_sign = exponent == int(exponent)
-    coefficients = np.array(found) * at ** (exponent - np.arange(n + 1)[:, None])
+    coefficients = np.array(binomials) * at ** (exponent - np.arange(n + 1)[:, None])
     nearest = np.where(low > 0, low, -high if either_sign else np.nan)
     farthest = np.maximum(np.abs(low), np.abs(high))
     ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
@@ -126,10 +111,10 @@ def power(a: Model, n: int) -> Model:
     values = interval.power(a.range, n)
     if n < 0:
         return _power_series(a, float(n), values)
-    found = a
+    product = a
     for bit in bin(n)[3:]:
-        found = found * found * a if bit == "1" else found * found
-    return settled(found.basis, found.c, found.rad, values)
+        product = product * product * a if bit == "1" else product * product
+    return settled(product.basis, product.c, product.rad, values)
 
 
 def positive_power(a: Model, k: float) -> Model:
@@ -144,8 +129,8 @@ def positive_power(a: Model, k: float) -> Model:
         values = interval.of_positive_part(a.range, k)
         if not whole:
             return _power_series(a, k, values)
-        found, beyond = power(a, int(k)), interval.of_positive_part((-a.range[1], -a.range[0]), k)[1]
-        return settled(a.basis, found.c, found.rad + beyond, values)
+        whole_power, beyond = power(a, int(k)), interval.of_positive_part((-a.range[1], -a.range[0]), k)[1]
+        return settled(a.basis, whole_power.c, whole_power.rad + beyond, values)
 
     def of_both(a: Model) -> Model:
         return constant(a.basis, interval.of_positive_part(a.range, k))
@@ -165,11 +150,11 @@ def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> M
     z, sizes = (x.c + 1j * y.c) * turn, np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
     at, reach = np.abs(z[0]), np.abs(z[1:]).sum(axis=0) + rad
-    found, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
-    coefficients = found[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
+    binomials, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
+    coefficients = binomials[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
     error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
     ratio = (1 + OF_EXPONENT) * max(1.0, (beta - n - 1) / (n + 2)) * reach / at
-    last = np.where(ratio < 1, np.abs(found[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
+    last = np.where(ratio < 1, np.abs(binomials[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
     c, rad = series(x.basis, (z, rad), coefficients, (1 + OF_EXPONENT) * last, error)
     reach = upward(x.basis, at + reach)
     most = interval.of_positive_part((reach, reach), beta)[1]
@@ -177,11 +162,11 @@ def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> M
 
 
 FUNCTIONS: dict[str, Function] = {
-    "exp": exp,
-    "sin": _wave(0, interval.sin),
-    "cos": _wave(1, interval.cos),
-    "sinh": _hyperbolic(np.sinh, np.cosh, interval.sinh),
-    "cosh": _hyperbolic(np.cosh, np.sinh, interval.cosh),
+    "exp": _entire(lambda a: [np.exp(a)], interval.exp, interval.exp),
+    "sin": _entire(lambda a: [np.sin(a), np.cos(a), -np.sin(a), -np.cos(a)], None, interval.sin),
+    "cos": _entire(lambda a: [np.cos(a), -np.sin(a), -np.cos(a), np.sin(a)], None, interval.cos),
+    "sinh": _entire(lambda a: [np.sinh(a), np.cosh(a)], interval.cosh, interval.sinh),
+    "cosh": _entire(lambda a: [np.cosh(a), np.sinh(a)], interval.cosh, interval.cosh),
     "tanh": tanh,
 }
 
@@ -199,7 +184,7 @@ def evaluate(formula: Expression, variables: Mapping[str, Model], steps: Steps |
     return _Models((formula,), known).of(formula)
 
 
-class _Models(Reading[Model]):
+class _Models(Evaluation[Model]):
     def number(self, value: Fraction) -> Model:
         return number(next(iter(self.known.values())), float(value))
 

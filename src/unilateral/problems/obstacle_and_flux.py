@@ -1,0 +1,118 @@
+"""g and q on the sides of a polygon, enclosed: piecewise polynomials, and how far g and q are from them.
+
+This is done once for a problem, whatever the mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.geometry.curves import Singular
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.piecewise import ORDER, PLACES, SHORTEST, SIGNS, Piecewise, SideModel, in_pieces
+
+CUT = (3 - 5**0.5) / 2
+"""Where q is given a side is first cut at this part of its length.
+
+Then no jump that is written as a fraction is in the middle of a piece. There it would be taken for rounding,
+which no shorter piece takes away.
+"""
+WIDE = 4 * PLACES
+"""For q no piece is cut in parts shorter than half of this many units in the last place of the perimeter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle(Piecewise):
+    """g, -inf on sides that are free. Where two pieces meet on a side their polynomials agree."""
+
+    def means(self, points: Array) -> Array:
+        """(m,) the polynomials' means between the arc lengths `points` (m + 1,) of the perimeter."""
+        cuts = np.union1d(points, self.points[(self.points > points[0]) & (self.points < points[-1])])
+        x, w = np.polynomial.legendre.leggauss(ORDER // 2 + 1)
+        middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
+        value, _ = self.at(self.on(middle)[:, None], middle[:, None] + half[:, None] * x)
+        cell = np.searchsorted(points, middle) - 1
+        return np.asarray(np.bincount(cell, half * (value @ w), len(points) - 1) / np.diff(points))
+
+    def at_vertex(self, vertex: int) -> tuple[float, float, float]:
+        """The polynomials at a vertex, on the side before and the one after, and the sum of their doubts."""
+        before = (vertex - 1) % self.polygon.n_sides
+        last, first = np.flatnonzero(self.side == before)[-1], np.flatnonzero(self.side == vertex)[0]
+        return (
+            float(self.c[:, last].sum()),
+            float(SIGNS @ self.c[:, first]),
+            float(self.doubt[[last, first]].sum()),
+        )
+
+
+def enclose_obstacle(
+    polygon: Polygon,
+    model: SideModel,
+    free: Sequence[int] = (),
+    least: float = -np.inf,
+    cuts: Iterable[Singular] = (),
+) -> Obstacle:
+    """g on the sides that are not `free`; below `least`, which u exceeds, it need not be known as well.
+
+    It takes fewer pieces if these begin and end at the points where g is known not to be smooth. Each piece
+    but a side's last is changed linearly to end where the next one begins.
+    """
+    pieces = in_pieces(polygon, model, free, least, cuts)
+    side, _, _, c, rad, lower, upper = pieces
+    gap = np.append((SIGNS @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
+    gap[np.append(side[1:] != side[:-1], True)] = 0.0
+    c[:2] += 0.5 * gap
+    points = pieces.points(polygon)
+    rounding = pieces.rounding(points)
+    doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
+    return Obstacle(polygon, points, side, c, doubt, lower - rounding, _of_neighbours(upper, side) + rounding)
+
+
+def _of_neighbours(values: Array, side: Index) -> Array:
+    """(k,) the largest value on a piece and those beside it on its side, where a rounded place may lie."""
+    largest, same = values.copy(), side[1:] == side[:-1]
+    for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+        largest[one] = np.where(same, np.maximum(largest[one], values[other]), largest[one])
+    return largest
+
+
+@dataclass(frozen=True, eq=False)
+class Flux(Piecewise):
+    """q on the pieces where it is `given` (k,), and 0 on the others. It may jump.
+
+    Near a jump q is known less well, as far as a short piece and the rounding of places reach: within `reach`
+    of points[i] it differs from the polynomials on both sides by at most `jumps` (k + 1,)[i].
+    """
+
+    given: Mask
+    jumps: Array
+    reach: float
+
+    @property
+    def least(self) -> float:
+        """A lower bound on q on the sides on which it is given; infinite if there are none."""
+        return float(self.lower[self.given].min(initial=np.inf))
+
+
+def enclose_flux(polygon: Polygon, model: SideModel, on: Sequence[int]) -> Flux:
+    """q, given on the sides `on`, and 0 elsewhere."""
+    without = np.setdiff1d(np.arange(polygon.n_sides), on).tolist()
+    unit = float(np.spacing(polygon.perimeter))
+    shortest = np.maximum(SHORTEST, WIDE * unit / polygon.lengths)
+    pieces = in_pieces(polygon, model, without, cuts=[Singular(i, CUT, 1) for i in on], shortest=shortest)
+    points = pieces.points(polygon)
+    doubt = pieces.rad + pieces.rounding(points)
+    side, _, _, c, _, lower, upper = pieces
+    ends = np.abs((SIGNS @ c)[1:] - c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
+    inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
+    given, jumps = np.isin(side, on), np.concatenate([[0.0], inner, [0.0]])
+    return Flux(polygon, points, side, c, doubt, lower, upper, given, jumps, PLACES * unit)
+
+
+def no_flux(polygon: Polygon) -> Flux:
+    """No flux is given: q = 0 on free sides."""
+    return enclose_flux(polygon, lambda _, t: t, ())

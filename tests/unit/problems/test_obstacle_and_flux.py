@@ -1,0 +1,291 @@
+"""g and q on the sides: within their doubt of the polynomials, at peaks, kinks and jumps, and rounded."""
+
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from conftest import load
+
+import unilateral as ul
+from unilateral.formulas.expression import ZERO
+from unilateral.formulas.formula import parse
+from unilateral.formulas.symbolic import symbolic
+from unilateral.formulas.taylor_functions import evaluate
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.problems import piecewise
+from unilateral.problems.atoms import T, X, Y
+from unilateral.problems.obstacle_and_flux import enclose_obstacle, no_flux
+from unilateral.problems.piecewise import ORDER, IntervalPieces, Piecewise
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+IN_40_DIGITS = {"pos": lambda a, k: a**k if a > 0 else mpmath.mpf(0)}
+
+
+def beyond(formula, symbol, s, p):
+    """(k,) values of a formula at s (k,) less p (k,), with 40 digits."""
+    value = sympy.lambdify(symbol, symbolic(formula), [IN_40_DIGITS, "mpmath"])
+    with mpmath.workdps(40):
+        pairs = zip(s.tolist(), p.tolist(), strict=True)
+        return np.array([float(value(mpmath.mpf(at)) - mpmath.mpf(of_p)) for at, of_p in pairs])
+
+
+def pieces(rng, k=40):
+    """On one side of a square, with ends that are no sums of powers of 2, and coefficients of many sizes."""
+    start = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, k - 1))])
+    c = rng.standard_normal((ORDER + 1, k)) * 10.0 ** rng.uniform(-3, 3, (ORDER + 1, k))
+    zero, side = np.zeros(k), np.zeros(k, dtype=np.intp)
+    return IntervalPieces(side, start, np.append(start[1:], 1.0), c, zero, zero, zero)
+
+
+def errors_over_bounds(seed):
+    """At random places, known exactly by their shares of the side."""
+    rng = np.random.default_rng(seed)
+    polygon = Polygon(np.array([[0, 0], [1 / 3, 1 / 7], [0.1, 0.9]]))
+    of, length = pieces(rng), float(polygon.lengths[0])
+    points = of.points(polygon)
+    points[-1] = length
+    bound = of.rounding(points)
+    found = Piecewise(polygon, points, of.side, of.c, *np.zeros((3, len(of.side))))
+    for i, (start, end) in enumerate(zip(of.start.tolist(), of.end.tolist(), strict=True)):
+        t = Fraction(start) + (Fraction(end) - Fraction(start)) * Fraction(rng.uniform(0.01, 0.99))
+        value = found.at(np.array([i]), np.array([float(t * Fraction(length))]))[0].item()
+        sigma = 2 * (t - Fraction(start)) / (Fraction(end) - Fraction(start)) - 1
+        exact = sum(Fraction(x) * sigma**k for k, x in enumerate(of.c[:, i].tolist()))
+        yield float(abs(Fraction(value) - exact)) / bound[i]
+
+
+def test_values_are_off_by_no_more_than_is_allowed():
+    """Control: a thousandth of that would be too little."""
+    worst = max(max(errors_over_bounds(seed)) for seed in range(5))
+    assert 1e-3 < worst <= 1
+
+
+def test_large_constants_are_rounded_as_sums_are():
+    """At a place that is exact, of a large constant with a little more, which a shift hardly changes."""
+    rng, worst = np.random.default_rng(1), 0.0
+    for _ in range(50):
+        c = rng.standard_normal((ORDER + 1, 1))
+        c[0] *= 1e6
+        of = IntervalPieces(np.zeros(1, dtype=np.intp), *np.array([[0.0], [1.0]]), c, *np.zeros((3, 1)))
+        polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
+        found = Piecewise(polygon, np.array([0.0, 1.0]), of.side, c, *np.zeros((3, 1)))
+        value = found.at(np.array([0]), np.array([0.75]))[0].item()
+        exact = sum(Fraction(x) / 2**k for k, x in enumerate(c[:, 0].tolist()))
+        allowed = of.rounding(np.array([0.0, 1.0])).item()
+        worst = max(worst, float(abs(Fraction(value) - exact)) / allowed)
+    assert 1e-3 < worst <= 1
+
+
+def g_on_bottom(text, least=-np.inf):
+    """g on side 0 of the unit square from a formula in t, enclosed; the other sides are free."""
+    formula = parse(text, ("t",), "here")
+
+    def model(side, t):
+        assert np.all(side == 0)
+        return evaluate(formula, {"t": t})
+
+    return enclose_obstacle(square(), model, (1, 2, 3), least)
+
+
+OF_G = [
+    "sin(20*t)",
+    "4*exp(-((t - 3/10)*1000)**2) - 1",
+    "pos(t - 1/3, 1)*exp(t) + pos(1/2 - t, 3/2)",
+    "pos((t - 1/4)*(2/3 - t), 2)",
+    "1/3",
+    "(t - 1/7)**9",
+    "-1e6*pos(2/5 - t, 1) + t/3",
+]
+
+
+@pytest.mark.parametrize("text", OF_G)
+def test_g_is_within_its_doubt_of_the_polynomials(text):
+    """At random points and next to every end of a piece, with 40 digits; the doubt is near round-off."""
+    found = g_on_bottom(text)
+    inner = found.points[(found.points > 0) & (found.points < 1)]
+    s = np.concatenate([np.random.default_rng(1).random(200), inner[:100] - 1e-12, inner[:100] + 1e-12])
+    piece = found.on(s)
+    p, _ = found.at(piece, s)
+    g = beyond(parse(text, ("t",), "here"), T, s, p)
+    assert np.all(np.abs(g) <= found.doubt[piece] + 1e-15 * np.abs(p))
+    assert np.all((found.lower[piece] <= g + p + 1e-9) & (g + p - 1e-9 <= found.upper[piece]))
+    spread = max(np.ptp(p), np.abs(p).max() * 1e-3)
+    assert found.doubt.max() <= 1e-9 * spread
+    assert len(found.doubt) <= 1500
+
+
+def test_polynomials_agree_where_they_meet_and_have_their_derivatives():
+    found = g_on_bottom("sin(20*t) + pos(t - 1/3, 3/2)")
+    inner = found.points[1:-1][found.points[1:-1] < 1]
+    piece = np.arange(len(inner))
+    before, after = found.at(piece, inner)[0], found.at(piece + 1, inner)[0]
+    np.testing.assert_allclose(before, after, atol=1e-15)
+    s, step = np.linspace(0.011, 0.993, 50), 1e-6
+    slope = found.at(found.on(s), s)[1]
+    exact = 20 * np.cos(20 * s) + 1.5 * np.sqrt(np.maximum(s - 1 / 3, 0))
+    np.testing.assert_allclose(slope, exact, atol=1e-5)
+    difference = (found.at(found.on(s), s + step)[0] - found.at(found.on(s), s - step)[0]) / (2 * step)
+    np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6)
+
+
+def test_means_are_those_of_closed_forms():
+    """A peak narrower than a cell's hundredth, a kink and a power; cells of thirds."""
+    points = np.array([0, 1 / 3, 2 / 3, 1, 4])
+    peak = g_on_bottom("exp(-((t - 1/2)*1000)**2)").means(points)
+    assert peak[:3] == pytest.approx([0, 3 * np.sqrt(np.pi) / 1000, 0], rel=1e-8, abs=1e-10)
+    power = g_on_bottom("pos(t - 1/2, 3/2)").means(points)
+    exact = 3 * np.diff(0.4 * np.maximum(points[:4] - 1 / 2, 0) ** 2.5)
+    assert power[:3] == pytest.approx(exact, rel=1e-8, abs=1e-10)
+
+
+def test_below_what_u_reaches_less_is_known():
+    """A dive to -1e10 beside a peak of height 1: with u >= -1 the peak is known to 1e-9."""
+    found = g_on_bottom("exp(-1e8*(t - 0.5123)**2) - 1e10*pos(t - 3/4, 2)", -1.0)
+    near = np.abs(0.5 * (found.points[1:] + found.points[:-1]) - 0.5123) < 1e-3
+    assert found.doubt[near].max() < 1e-9
+    assert found.range(0)[1] == pytest.approx(1, abs=1e-6)
+    means = found.means(np.array([0, 0.75, 1, 4]))
+    assert means[0] == pytest.approx(np.sqrt(np.pi) * 1e-4 / 0.75, rel=1e-6)
+    assert means[1] == pytest.approx(-1e10 * 0.25**2 / 3, rel=1e-8)
+
+
+def test_what_takes_too_many_pieces_is_known_less_well(monkeypatch):
+    """A wave of length 1/1000 with 100 pieces: up to its height; control: with more of them."""
+    wave = "sin(2000*pi*t)"
+    assert g_on_bottom(wave).doubt.max() < 1e-8
+    monkeypatch.setattr(piecewise, "MOST_PIECES", 100)
+    assert g_on_bottom(wave).doubt.max() >= 1
+
+
+@pytest.mark.parametrize("name", ["thirds", "natural", "vertex", "reentrant", "violates_j", "smooth"])
+def test_g_of_a_case_is_that_of_its_formulas(name):
+    """u - gap by `Case.boundary`, which is tested elsewhere, on all sides."""
+    case = load(name, "lshape" if name in ("reentrant", "violates_j") else "square")
+    found, polygon = case.enclosed_obstacle, case.polygon
+    s = np.sort(np.random.default_rng(1).random(2000)) * polygon.perimeter
+    side = np.searchsorted(polygon.starts, s, side="right") - 1
+    u, _, gap = case.boundary(side, s - polygon.starts[side])
+    piece = found.on(s)
+    p, _ = found.at(piece, s)
+    assert np.all(np.abs(u - gap - p) <= found.doubt[piece] + 1e-14 * np.abs(u).max())
+    assert found.doubt.max() < 1e-8
+
+
+def test_free_sides_have_no_g():
+    found = g_on_bottom("t")
+    assert found.side.tolist() == [0, 1, 2, 3]
+    assert found.range(2) == (-np.inf, -np.inf)
+    assert found.at_vertex(0)[1] == 0
+
+
+def test_a_place_that_rounding_puts_beyond_a_kink_is_covered():
+    """The steep side is tiny and far along the boundary, where arc lengths are rounded by 1e-12 of it."""
+    polygon = [(0, 0), (1e4, 0), (1e4, 1e-3), (9999.999, 1e-2), (0, 1e4)]
+    problem = ul.Problem(polygon, f=0, g="pos(1e6*(y - 0.0005), 1)*pos(0.01 - y, 1)")
+    found = problem.enclosed_obstacle
+    for k in np.flatnonzero(found.side == 1):
+        for s in found.points[k : k + 2].tolist():
+            y = (
+                (Fraction(s) - Fraction(found.polygon.starts[1]))
+                * Fraction(1e-3)
+                / Fraction(found.polygon.lengths[1])
+            )
+            y = min(max(y, Fraction(0)), Fraction(1e-3))
+            g = max(10**6 * (y - Fraction(1, 2000)), 0) * (Fraction(1, 100) - y)
+            p, _ = found.at(np.array(k), np.array(s))
+            assert abs(g - Fraction(float(p))) <= Fraction(found.doubt[k])
+            assert g <= Fraction(found.upper[k])
+
+
+OF_Q = [
+    "sin(20*x)",
+    "4*exp(-((x - 3/10)*1000)**2) - 1",
+    "pos(x - 1/3, 0) - 2*pos(1/2 - x, 0)*x",
+    "pos(x - 1/3, 3/2) - pos(x - 1/5, 1)",
+    "pos(x - 1/7, 1/2)",
+    "pos(x - 1/4, 0) + 2*pos(x - 5/8, 0)",
+    "1e6",
+]
+
+
+def q_on_bottom(q):
+    """q on side 0 of the unit square, from y = 0 to y = 0, where x is the arc length."""
+    return ul.Problem(SQUARE, f=0, g=0, free_sides=[0], q=[q, None, None, None])
+
+
+@pytest.mark.parametrize("text", OF_Q)
+def test_q_is_within_its_doubt_of_the_polynomials(text):
+    """At random points and next to every end of a piece, with 40 digits; near ends by less than the jump.
+
+    In L2 a millionth of its size is left, where half of a jump is in doubt on two pieces of 1e-12.
+    """
+    problem = q_on_bottom(text)
+    found = problem.enclosed_flux
+    inner = found.points[(found.points > 0) & (found.points < 1)]
+    at_ends = [inner + sign * k * found.reach / 4 for sign in (-1, 1) for k in (0, 1, 2, 4)]
+    s = np.concatenate([np.random.default_rng(1).random(200), *at_ends])
+    piece = found.on(s)
+    p, _ = found.at(piece, s)
+    away = np.abs(beyond(problem.q[0], X, s, p))
+    near = np.minimum(np.searchsorted(found.points, s), len(found.points) - 1)
+    jumps = np.stack(
+        [np.where(np.abs(found.points[k] - s) <= found.reach, found.jumps[k], 0) for k in (near, near - 1)]
+    )
+    assert np.all(away <= np.maximum(found.doubt[piece], jumps.max(axis=0)) + 1e-15 * np.abs(p))
+    square = np.diff(found.points) @ found.doubt**2
+    assert np.sqrt(square) <= 1e-6 * np.abs(p).max()
+    assert len(found.doubt) <= 1500
+
+
+@pytest.mark.parametrize("at", ["1/3", "1/2", "1/4", "0.3", "0.191", "0.382", "0.5 + 1e-14"])
+def test_a_jump_costs_nothing_but_short_pieces(at):
+    """In L2 a millionth of it: half of the jump on a piece of 1e-12. Control: the doubt there is that half.
+
+    The jump itself is told at the piece's ends.
+    """
+    found = q_on_bottom(f"3*pos(x - ({at}), 0)").enclosed_flux
+    assert found.doubt.max() == pytest.approx(1.5)
+    assert found.jumps.max() == pytest.approx(3, rel=1e-9)
+    assert np.diff(found.points)[found.doubt > 0.1].sum() <= 1e-12
+    assert len(found.doubt) < 100
+
+
+def test_no_piece_is_shorter_than_places_are_known():
+    """On a side of 1e-5 of a perimeter of 4e4 a halving too much would put the jump into a wrong piece."""
+    polygon = [(0, 0), (1e4, 0), (1e4, 1e4), (0.4, 1e4), (0, 9999.6)]
+    problem = ul.Problem(polygon, f=0, g=0, free_sides=[3], q="pos(x - 0.1, 0)")
+    found = problem.enclosed_flux
+    assert np.diff(found.points)[found.given].min() >= 2 * found.reach
+    assert found.doubt.max() == pytest.approx(0.5)
+
+
+def test_only_sides_with_a_flux_have_one():
+    problem = ul.Problem(SQUARE, f=0, g=0, free_sides=[0, 2], q=["x - 2", None, 0, None])
+    found = problem.enclosed_flux
+    assert {*found.side[found.given].tolist()} == {0}
+    assert found.range(0) == pytest.approx((-2, -1))
+    assert found.least == pytest.approx(-2)
+    assert no_flux(square()).least == np.inf
+    assert not ul.case("natural").enclosed_flux.given.any()
+
+
+def test_one_formula_is_for_all_free_sides():
+    problem = ul.Problem(SQUARE, f=0, g=0, free_sides=[1, 2], q="x*y")
+    assert [*map(symbolic, problem.q)] == [0, X * Y, X * Y, 0]
+    assert ul.Problem(SQUARE, f=0, g=0, free_sides=[1]).q == (ZERO,) * 4
+
+
+IDLE = {"f": "1 + x*y", "g": 1 / 2, "free_sides": [2]}
+
+
+def test_a_flux_into_the_domain_leaves_sides_idle_and_one_out_of_it_does_not():
+    """u >= inf f = 1 holds for q >= 0. Control: with q = -4 there is contact on sides that were idle."""
+    assert ul.Problem(SQUARE, **IDLE, q="x**2 + 1/10").idle_sides() == (0, 1, 3)
+    problem = ul.Problem(SQUARE, **IDLE, q="-4*x")
+    assert problem.least == -np.inf
+    assert problem.idle_sides() == ()
+    found = ul.solve(problem, h=1 / 16, H=1 / 8)
+    assert found.u.min() < 0.5 + 1e-9
+    assert found.contact.lengths[1] > 0
