@@ -7,7 +7,17 @@ import numpy as np
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import square
-from unilateral.study.experiments.extremes.outcome import NOTHING, Axis, Budget, by_law, predicted, within
+from unilateral.study.experiments.extremes.outcome import (
+    NOTHING,
+    Axis,
+    Budget,
+    Start,
+    attempts,
+    by_law,
+    condition,
+    predicted,
+    within,
+)
 from unilateral.study.experiments.extremes.problem import (
     Array,
     ExtremeProblem,
@@ -18,7 +28,6 @@ from unilateral.study.experiments.extremes.problem import (
     waves,
 )
 from unilateral.study.experiments.extremes.shapes import SLACK
-from unilateral.study.experiments.extremes.trial import Start, attempts, condition
 
 
 def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:

@@ -9,7 +9,7 @@ from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
 from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.solvers.uzawa_steps import STEPS
-from unilateral.study.experiments.extremes.outcome import Axis, Budget, predicted, within
+from unilateral.study.experiments.extremes.outcome import Axis, Budget, attempts, predicted, within
 from unilateral.study.experiments.extremes.problem import (
     Array,
     ExtremeProblem,
@@ -21,7 +21,6 @@ from unilateral.study.experiments.extremes.problem import (
     structured_square,
     waves,
 )
-from unilateral.study.experiments.extremes.trial import attempts
 
 TOUCH = 1 / 3
 SCALES = 1e-10
