@@ -26,8 +26,7 @@ from unilateral.study import operations
 from unilateral.study.experiments.cost import history, trade
 from unilateral.study.experiments.cost import measure as cost
 from unilateral.study.experiments.cost import tables as cost_tables
-from unilateral.study.experiments.cost.collected import along
-from unilateral.study.experiments.cost.variants import REFRESH, Variant, plan
+from unilateral.study.experiments.cost.variants import REFRESH, Variant, along, plan
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
 BASE = Variant("square", "thirds", 2.0, "uzawa", "S", "float64")

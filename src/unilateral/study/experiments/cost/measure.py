@@ -21,10 +21,9 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.problems.case import Case
 from unilateral.study import scenes, tables
-from unilateral.study.experiments.cost.collected import along_runs
 from unilateral.study.experiments.cost.history import Reached
 from unilateral.study.experiments.cost.run import Measured, Shared, method_of
-from unilateral.study.experiments.cost.variants import Variant, plan
+from unilateral.study.experiments.cost.variants import Variant, along_runs, plan
 from unilateral.system.memory import forget_peak, peak_mb
 
 LONGER = 2
