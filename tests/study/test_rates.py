@@ -7,8 +7,7 @@ import pytest
 import xarray as xr
 
 from unilateral.errors import InputError
-from unilateral.study import rates_table
-from unilateral.study.rates import Expectation, judge
+from unilateral.study.rates import Expectation, collect, judge, smallest_rate, summary
 
 UNFIT = "algebraic error is above"
 LEVELS = 0.5 ** np.arange(3, 9)
@@ -218,14 +217,14 @@ def test_no_run_at_a_ratio_fails(rate):
 
 
 def test_the_collected_table_tells_what_was_judged():
-    found = rates_table.collect(
+    found = collect(
         {("made_up", "h1", 0.5): judged(table(0.9)), ("made_up", "h1", 0.25): judged(table())}, 0.5
     )
     row = found.sel(case="made_up", norm="h1")
     assert row["verdict"].sel(h_over_H=0.5).item() == "fails"
     assert row["verdict"].sel(h_over_H=0.25).item() == "not judged"
-    assert rates_table.smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
-    assert "is below 0.970" in rates_table.summary(found, 0.5)
+    assert smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
+    assert "is below 0.970" in summary(found, 0.5)
 
 
 def test_the_collected_table_has_what_was_observed_and_expected():
@@ -233,7 +232,7 @@ def test_the_collected_table_has_what_was_observed_and_expected():
     few = judged(table(0.5), expected=changed(proved=0.5, rate=0.75, factor=4))
     exact = judged(table(), expected=changed(rate="exact"))
     ratios = {0.5: few, 0.25: judged(table(1.5)), 1.0: exact}
-    found = rates_table.collect({("made_up", "h1", ratio): of for ratio, of in ratios.items()}, 0.25)
+    found = collect({("made_up", "h1", ratio): of for ratio, of in ratios.items()}, 0.25)
     row = found.sel(case="made_up", norm="h1")
     np.testing.assert_allclose(row["finest_error"], 3 * LEVELS[-1] ** np.array([1.5, 0.5, 1]), rtol=1e-12)
     np.testing.assert_allclose(row["fitted"], [1.5, 0.5, np.nan], rtol=1e-12)
@@ -251,8 +250,8 @@ def test_a_level_counts_from_an_H_on_that_the_judged_ratio_gives(ratio, levels):
 
 def test_the_smallest_rate_is_of_asymptotic_pairs():
     of = xr.Dataset({"rate": ("pair", [0.1, 1.5, 1.2]), "asymptotic": ("pair", [0.0, 1.0, 1.0])})
-    assert rates_table.smallest_rate(of) == 1.2
-    assert np.isnan(rates_table.smallest_rate(of.isel(pair=[0])))
+    assert smallest_rate(of) == 1.2
+    assert np.isnan(smallest_rate(of.isel(pair=[0])))
 
 
 def test_what_is_expected_is_as_declared():

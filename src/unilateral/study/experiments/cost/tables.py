@@ -10,7 +10,7 @@ import xarray as xr
 
 from unilateral.study.experiments.cost import trade
 from unilateral.study.formats import TITLES, cells, shown, span
-from unilateral.study.rates import NORMS
+from unilateral.study.tables import NORMS
 
 NAMES = {
     "newton": "active set (`newton`)",

@@ -13,8 +13,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 from unilateral.study import style, tables
-from unilateral.study.scenes import partitions
-from unilateral.study.sizes import normed
+from unilateral.study.scenes import normed, partitions
 
 FUNCTIONS = {"one": r"$\mu=1$", "alternating": r"$\mu=\pm 1$, cell by cell"}
 NEGLIGIBLE = 1e-12

@@ -13,8 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from unilateral.study.rates import NORMS
-from unilateral.study.tables import error_in
+from unilateral.study.tables import NORMS, error_in
 
 Array = NDArray[np.float64]
 MEASURED = (*NORMS, "discrete")
