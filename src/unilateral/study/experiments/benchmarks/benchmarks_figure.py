@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import NullLocator
 
 from unilateral.study import style, tables
 from unilateral.study.experiments.benchmarks import ratios as judge
@@ -98,10 +96,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for (panel, (title, below)), place in zip(PANELS.items(), PLACES, strict=True):
             axes = style.axes_at(figure, *place, ACROSS, TALL)
             for label, line in data[data["panel"] == panel].groupby("label", sort=False):
-                _draw_line(axes, line, _look(panel, str(label)))
+                style.log_line(axes, line["x"], line["y"], **{**THIN, **_look(panel, str(label))})
             axes.set(title=title, xlabel=below)
             for axis in (axes.xaxis, axes.yaxis):
-                _ticked(axis, *axis.get_view_interval())
+                low, high = axis.get_view_interval()
+                axis.set_minor_locator(NullLocator())
+                if high < SHORT * low:
+                    style.few_powers(axis)
         solvers = [style.key(name, lw=1.0, ms=4.0, **look) for name, look in SOLVERS.values()]
         ways = [style.key(name, lw=1.0, color=GREY, **look) for name, look in ALGORITHMS.values()]
         ways += [style.key(name, lw=1.0, ms=4.0, **look) for name, look in BY.values()]
@@ -114,18 +115,3 @@ def _look(panel: str, label: str) -> style.Look:
         return SOLVERS[label][1]
     by, algorithm = label.split()
     return BY[by][1] | ALGORITHMS[algorithm][1]
-
-
-def _draw_line(axes: Axes, line: pd.DataFrame, look: style.Look) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    style.light_grid(axes)
-    axes.plot(line["x"], line["y"], **{**THIN, **look})
-
-
-def _ticked(axis: Axis, low: float, high: float) -> None:
-    """On a short axis ticks at 1, 2 and 5, with plain numbers; no others on any."""
-    axis.set_minor_locator(NullLocator())
-    if high < SHORT * low:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")

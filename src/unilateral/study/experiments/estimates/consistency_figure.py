@@ -19,7 +19,7 @@ from unilateral.study import scenes as configured
 from unilateral.study import style, tables
 from unilateral.study.experiments.estimates.consistency import first_transition, leading
 
-HEIGHT = 10.7
+HEIGHT, MARKER = 10.7, 4.4
 PROVED: style.Look = {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt"}
 MEANS = {"gap_mean": (style.COLOURS[1], "$u-g$"), "lambda_mean": (style.COLOURS[0], r"$\lambda$")}
 TERM = r"\langle\Pi_H\lambda,\,u-g\rangle"
@@ -108,7 +108,7 @@ def _terms(axes: Axes, cells: pd.DataFrame) -> None:
     powers = np.floor(np.log10(cells.loc[positive, "term"]))
     ticks = 10.0 ** np.arange(powers.min() - 1, powers.max() + 2)
     axes.set_yscale("log")
-    marker: style.Look = {"ls": "", "marker": "o", "ms": 4.4, "color": style.COLOURS[2], "clip_on": False}
+    marker: style.Look = {"ls": "", "marker": "o", "ms": MARKER, "color": style.COLOURS[2], "clip_on": False}
     axes.plot(middles[positive], cells.loc[positive, "term"], **marker)
     axes.plot(middles[~positive], np.full((~positive).sum(), ticks[0]), mfc="white", zorder=3, **marker)
     _side(axes, cells)
@@ -137,7 +137,7 @@ def _totals(axes: Axes, rows: pd.DataFrame) -> None:
             line: style.Look = {"color": style.COLOURS[i], "lw": 0.9, "ls": style.LINES[k % len(style.LINES)]}
             axes.plot(part["H"], part["over_H2"], **line)
         if kind == "total":
-            axes.plot(part["H"], part["over_H2"], ls="", zorder=3, **_look(i, k == 0))
+            axes.plot(part["H"], part["over_H2"], ls="", zorder=3, **style.marked(i, k == 0, MARKER))
     sizes = sorted(rows["H"].unique())
     axes.set_xticks(sizes, [f"${style.as_fraction(H)}$" for H in sizes])
     axes.xaxis.set_minor_locator(NullLocator())
@@ -152,16 +152,11 @@ def _by_rate(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.drop_duplicates("case").sort_values("rate")
 
 
-def _look(i: int, filled: bool) -> style.Look:
-    look = style.look(i)
-    return {**look, "ms": 4.4, "mfc": look["color"] if filled else "white", "mew": 1.0}
-
-
 def _key(figure: Figure, rows: pd.DataFrame) -> None:
     """The cases with their predicted powers of H, what is proved, and what other cells add."""
     cases = _by_rate(rows)
     handles = [
-        style.key(rf"{case}: $H^{{{rate:g}}}$", lw=0.9, **_look(i, True))
+        style.key(rf"{case}: $H^{{{rate:g}}}$", lw=0.9, **style.marked(i, True, MARKER))
         for i, (case, rate) in enumerate(zip(cases["case"], cases["rate"], strict=True))
     ]
     titled: style.Look = {"title": r"predicted, $H^{\alpha+\gamma+1}$:", "alignment": "left"}
