@@ -17,17 +17,14 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.problems.case import declared
 from unilateral.study import tables
 from unilateral.study.tables import NORMS, along_ratio, error_in
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 Verdict = Literal["holds", "fails", "exact", "not judged"]
 Reasons = tuple[str, ...]
 INDEX = ["case", "norm", "h_over_H"]

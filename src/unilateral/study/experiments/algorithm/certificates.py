@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from unilateral.fem.condense import condense
 from unilateral.fem.nested_dissection import Sparse, dissected
@@ -19,8 +18,6 @@ from unilateral.solvers.uzawa import energy_bound, residual_bound
 from unilateral.study import operations
 from unilateral.study.experiments.algorithm.measure import SolvedCase, known
 from unilateral.study.uzawa_variants import VARIANTS, iterate
-
-Array = NDArray[np.float64]
 
 
 def certificates(

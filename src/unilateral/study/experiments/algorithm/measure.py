@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.quadrature import boundary_rule
@@ -21,7 +21,6 @@ from unilateral.problems.case import Case
 from unilateral.solvers.active_set import active_set
 from unilateral.study.uzawa_variants import VARIANTS, iterate
 
-Array = NDArray[np.float64]
 DIRECTIONS, NEAR = 200, 1e-6
 """How many random directions are tried, and how near to u_h: there a slope of L in v, if there were one,
 outweighs its curvature."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import square
@@ -19,7 +20,6 @@ from unilateral.study.experiments.extremes.outcome import (
     within,
 )
 from unilateral.study.experiments.extremes.problem import (
-    Array,
     ExtremeProblem,
     full,
     on_square,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
@@ -11,7 +12,6 @@ from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.solvers.uzawa_steps import STEPS
 from unilateral.study.experiments.extremes.outcome import Axis, Budget, attempts, predicted, within
 from unilateral.study.experiments.extremes.problem import (
-    Array,
     ExtremeProblem,
     condensed,
     full,

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.study import style, tables
 from unilateral.study.experiments.extremes.kinds import RESCUED, kinds
 
-Array = NDArray[np.float64]
 KINDS = {
     "right": ("o", style.COLOURS[2]),
     RESCUED: ("o", "white"),
@@ -112,7 +111,7 @@ def _ticks(values: Array) -> Array:
     return np.arange(np.ceil(low / step), np.floor(values.max() / step) + 1) * step
 
 
-def _heights(values: Array, broken: NDArray[np.bool_], near: float) -> Array:
+def _heights(values: Array, broken: Mask, near: float) -> Array:
     """The heights of points: 0, but in a run of near points right ones are up and broken ones down.
 
     Where all in a run are alike they are up and down in turn.

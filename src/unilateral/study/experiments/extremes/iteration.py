@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
+from unilateral.arrays import Array
 from unilateral.fem.nested_dissection import elimination_order, factorise, last_block
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import DualResult, residual_bound
@@ -29,7 +30,7 @@ from unilateral.study.experiments.extremes.outcome import (
     crossing,
     judge,
 )
-from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem, full, on_square, waves
+from unilateral.study.experiments.extremes.problem import ExtremeProblem, full, on_square, waves
 from unilateral.study.uzawa_variants import VARIANTS, iterate
 
 

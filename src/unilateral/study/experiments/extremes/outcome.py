@@ -12,13 +12,14 @@ from functools import partial
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.solvers.uzawa_steps import STEPS
-from unilateral.study.experiments.extremes.problem import Array, ExtremeProblem
+from unilateral.study.experiments.extremes.problem import ExtremeProblem
 
 RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
 NO_TOOL = ""

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import CONSTANTS
 from unilateral.fem.p1 import stiffness_and_mass
@@ -24,7 +25,7 @@ from unilateral.study.experiments.extremes.outcome import (
     predicted,
     within,
 )
-from unilateral.study.experiments.extremes.problem import Array, Contact, ExtremeProblem, full, posed, waves
+from unilateral.study.experiments.extremes.problem import Contact, ExtremeProblem, full, posed, waves
 
 SLACK = 1e-12
 """Relative changes below this number are rounding."""

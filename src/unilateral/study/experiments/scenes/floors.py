@@ -10,16 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import tables
 from unilateral.study.rates import ZERO
 
-Array = NDArray[np.float64]
 FIRST_S = 1.5
 """The fit starts from this s, the rate of P0 in H^{-1/2} for a smooth lambda."""
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -22,7 +21,6 @@ from unilateral.problems.case import Case
 from unilateral.study import scenes, tables
 from unilateral.study.tables import error_in
 
-Array = NDArray[np.float64]
 ZERO = 1e-12
 """An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
 NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u", "local_index_lambda")

@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.study import style, tables
 from unilateral.study.experiments.sharpness import surfaces
 
-Array = NDArray[np.float64]
 TITLES = {
     "discrete": r"$D=\Vert z_h-u_h\Vert_1$ over $H$, at a fixed $h$",
     **{norm: f"{style.NORMS[norm]}, at $H=2h$" for norm in ("hm12", "l2")},

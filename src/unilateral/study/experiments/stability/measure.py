@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from unilateral.arrays import Index
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import SINGULAR, mixed_spaces
 from unilateral.geometry.mesh import Mesh
@@ -99,7 +99,7 @@ def survey(
     return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
 
 
-def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[NDArray[np.intp]]:
+def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[Index]:
     """Half a turn, and x and y exchanged, on a structured mesh and uniform cells of the square; else none."""
     is_square = np.array_equal(mesh.polygon.vertices, square().vertices)
     uniform = np.ptp(partition.lengths) <= 1e-12 * partition.H
