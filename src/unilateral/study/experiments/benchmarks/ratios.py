@@ -49,15 +49,15 @@ def growth(seconds: pd.Series) -> float:
     return math.log(seconds[last] / seconds[first]) / math.log(last / first)
 
 
-def reads(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = LINEAR) -> float:
-    """How often A could be read at the memory's bandwidth while that way solves."""
+def reads(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
+    """How often A could be read at the memory's bandwidth during a linear multigrid solve."""
     size = ROW_BYTES * (n + 1) ** 2
-    return float(along(runs, way)["solve_cpu"][n] * table["bandwidth"] / size)
+    return float(along(runs, LINEAR)["solve_cpu"][n] * table["bandwidth"] / size)
 
 
-def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = "recursive uzawa") -> float:
+def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
     """The share of the machine's dense arithmetic that the elimination by macro-elements reaches."""
-    of = along(runs, way).loc[n]
+    of = along(runs, "recursive uzawa").loc[n]
     return float(of["operations"] / of["assembly_cpu"] / table["flop_rate"])
 
 

@@ -1,9 +1,16 @@
-"""The consistency term of (4.16): on the cells of one side, and in total over H."""
+"""The consistency term <Pi_H lambda, u - g> of (4.16): by cell, in total over H, and as predicted.
+
+For lambda = s_+^alpha and u - g = s_-^gamma, s in side lengths L from a transition, which lies at the
+fraction theta of its cell, of length H,
+
+    <Pi_H lambda, u - g> = L (H/L)^{alpha+gamma+1} theta^{gamma+1} (1-theta)^{alpha+1} / (alpha+1)/(gamma+1).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from math import isclose
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,17 +19,52 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
+from unilateral.problems.polar import Polar
 from unilateral.study import scenes as configured
 from unilateral.study import style, tables
-from unilateral.study.experiments.estimates.consistency import first_transition, leading
 
 HEIGHT, MARKER = 10.7, 4.4
 PROVED: style.Look = {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt"}
 MEANS = {"gap_mean": (style.COLOURS[1], "$u-g$"), "lambda_mean": (style.COLOURS[0], r"$\lambda$")}
 TERM = r"\langle\Pi_H\lambda,\,u-g\rangle"
+
+
+class Transition(NamedTuple):
+    """The point where contact begins, t side lengths from the start of a side, and both exponents."""
+
+    side: int
+    t: float
+    alpha: float
+    gamma: float
+
+    @property
+    def rate(self) -> float:
+        return self.alpha + self.gamma + 1
+
+
+def first_transition(case: Case) -> Transition:
+    """The transition at the case's harmonic atom. Raises InputError if there is none with a power as gap."""
+    for atom in case.atoms:
+        if isinstance(atom, Polar) and not atom.at_vertex:
+            for t, gamma in case.gap_kinks[atom.side]:
+                if isclose(t, atom.t, rel_tol=1e-12):
+                    return Transition(atom.side, t, float(atom.beta) - 1, float(gamma))
+    raise InputError(f"case '{case.name}' has no harmonic atom where its gap closes like a power")
+
+
+def leading(transition: Transition, partition: Partition) -> tuple[float, float]:
+    """The term of that transition alone, by the formula of this module, and theta."""
+    polygon, (side, t, alpha, gamma) = partition.polygon, transition
+    s = polygon.starts[side] + t * polygon.lengths[side]
+    cell = int(np.searchsorted(partition.points, s, side="right")) - 1
+    theta = float((s - partition.points[cell]) / partition.lengths[cell])
+    size = float(partition.lengths[cell] / polygon.lengths[side])
+    means = theta ** (gamma + 1) * (1 - theta) ** (alpha + 1) / ((alpha + 1) * (gamma + 1))
+    return float(polygon.lengths[side]) * size**transition.rate * means, theta
 
 
 def table(
