@@ -2,7 +2,7 @@
 
 The small experiment is run, and its claim judged; the rest is not.
 
-Control: in test_workflow.py and test_configuration.py what is named and not added, too, is refused.
+Control: in test_configuration.py what is named and not added, too, is refused.
 """
 
 from __future__ import annotations

@@ -44,7 +44,8 @@ def mesh_of(cells, spec, K):
 
 def test_all_that_can_be_asked_for_is_tried_here():
     """The schema's kinds of boundary nodes, and its forms of partitions."""
-    rules = yaml.safe_load((ROOT / "workflow/schemas/study.schema.yaml").read_text())["$defs"]
+    schema = yaml.safe_load((ROOT / "src/unilateral/study/experiments/stability/schema.yaml").read_text())
+    rules = schema["surveys"]["$defs"]
     assert rules["nodes"]["properties"]["kind"]["enum"] == [
         "structured",
         *(spec["kind"] for spec in KINDS),
