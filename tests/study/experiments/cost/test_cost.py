@@ -14,7 +14,6 @@ from conftest import ROOT, condensed, coupled, discrete, load
 from scipy.sparse.linalg import splu
 
 from unilateral.discrete.condensed import solve
-from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
@@ -255,26 +254,6 @@ def test_all_methods_reach_the_solution_of_the_active_set(method, case, ratio):
     distance = np.linalg.norm(of.spaces.operator.half @ (result.lambda_H - exact))
     assert result.lambda_H.min() >= 0
     assert distance <= 1e-10
-
-
-def test_the_safeguard_cuts_a_step_to_its_minimum():
-    rng = np.random.default_rng(4)
-    S, b, y = spd(5, 5), -rng.random(5), rng.random(5)
-    step = acceleration.BarzilaiBorwein(S, b, 1.0, y)
-    step(y, S @ y + b, y)
-    far = y.copy()
-    step.reference = -math.inf
-    start, start_F = step.old.copy(), step.old_F.copy()
-    step(y, S @ far + b, y)
-    assert (far - start) @ (S @ step.old + b) == pytest.approx(0, abs=1e-12)
-    assert 0.5 * step.old @ S @ step.old + b @ step.old < 0.5 * far @ S @ far + b @ far
-    assert start_F @ (far - start) < 0
-
-
-def test_newton_is_refused_where_S_is_singular():
-    operator = coupled("square", 8, 8).operator
-    with pytest.raises(InputError, match="regular S"):
-        uzawa(operator, np.ones(len(operator.H_i)), 1e-6, method="newton")
 
 
 def test_the_plan_varies_one_field_and_crosses_pairs():

@@ -25,7 +25,6 @@ from unilateral.solvers.stop import Stop
 from unilateral.study.experiments.sharpness import surfaces
 from unilateral.study.experiments.sharpness.measure import (
     CUTOFF,
-    MEASURED,
     START,
     T,
     measure,
@@ -33,7 +32,6 @@ from unilateral.study.experiments.sharpness.measure import (
     seen,
     transitions,
 )
-from unilateral.study.tables import VARIABLES
 
 SQUARE = named("square")
 R = sympy.Rational
@@ -173,12 +171,6 @@ def test_what_depends_on_u_is_found_once_for_all_gaps(monkeypatch):
     monkeypatch.setattr(Case, "boundary", lambda *of: names.append(of[0].name) or found(*of))
     measured.__wrapped__()
     assert len(names) == 4 * len(ALPHAS) * len(AT)
-
-
-def test_every_variable_is_described():
-    tables = (measured(), surfaces.rates_over(made_up([0.5], [1.0])))
-    assert {name for table in tables for name in table.variables} - {"norm"} <= set(VARIABLES)
-    assert set(MEASURED) <= set(measured().data_vars)
 
 
 def made_up(alphas, gammas):
