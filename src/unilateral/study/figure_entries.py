@@ -74,15 +74,15 @@ def _files(given: str | list[str], scene: str, surveys: Fields) -> str | list[st
     if isinstance(given, str) and "{surveys}" not in given:
         return given.format(scene=scene)
     paths = [given] if isinstance(given, str) else given
-    found = [path.format(scene=scene, surveys=survey) for path in paths for survey in surveys]
-    return list(dict.fromkeys(found))
+    files = [path.format(scene=scene, surveys=survey) for path in paths for survey in surveys]
+    return list(dict.fromkeys(files))
 
 
 def _fields(where: str | list[str], scene: str, study: Fields) -> Any:
     """The field of the configuration with a path such as cost.base, or the fields with such paths."""
     if isinstance(where, list):
         return [_fields(each, scene, study) for each in where]
-    return reduce(lambda found, name: found[name], where.format(scene=scene).split("."), study)
+    return reduce(lambda held, name: held[name], where.format(scene=scene).split("."), study)
 
 
 def faults(study: Fields) -> Iterator[tuple[Place, str]]:

@@ -33,7 +33,7 @@ def coarsest_mesh(scene: Mapping[str, Any]) -> Mesh:
 
 def refinements(coarsest: Mesh, levels: int) -> Iterator[Mesh]:
     """The meshes of so many levels, coarse to fine."""
-    return accumulate(range(levels - 1), lambda found, _: mesh.refine(found), initial=coarsest)
+    return accumulate(range(levels - 1), lambda coarse, _: mesh.refine(coarse), initial=coarsest)
 
 
 def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
@@ -46,10 +46,10 @@ def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
 
 def cases(scene: Mapping[str, Any]) -> list[Case]:
     """The scene's cases, each certified."""
-    found = [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
-    for each in found:
+    loaded = [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
+    for each in loaded:
         certify(each)
-    return found
+    return loaded
 
 
 def partitions(scene: Mapping[str, Any]) -> list[Partition]:

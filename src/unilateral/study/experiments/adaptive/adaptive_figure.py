@@ -28,12 +28,12 @@ def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
 
     `beta_of_edges` is an upper bound on beta with the edges as cells. What is not known is NaN.
     """
-    found, constants = tables.load(errors), tables.load(infsup)
+    measured, constants = tables.load(errors), tables.load(infsup)
     of = xr.Dataset(
         {
-            "unknowns": found["unknowns"],
-            "error": found["h1_error"],
-            "bound": found["h1_bound"],
+            "unknowns": measured["unknowns"],
+            "error": measured["h1_error"],
+            "bound": measured["h1_bound"],
             "beta": constants["beta_lower"],
             "beta_of_edges": constants["beta_of_edges"],
         }

@@ -86,8 +86,8 @@ def algorithm(
 
 def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
     operator, H_i = of.spaces.operator, of.spaces.partition.lengths
-    found = iterate(operator, of.discrete.offset, share * 2 / operator.lambda_max, steps, variant)
-    difference = np.where(np.isfinite(found), np.clip(found - of.lambda_H, -1e100, 1e100), 1e100)
+    last = iterate(operator, of.discrete.offset, share * 2 / operator.lambda_max, steps, variant)
+    difference = np.where(np.isfinite(last), np.clip(last - of.lambda_H, -1e100, 1e100), 1e100)
     return min(float(np.sqrt(H_i @ difference**2 / (H_i @ of.lambda_H**2))), BOUNDED)
 
 
@@ -117,13 +117,13 @@ def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix:
 
     at, size = L(u_h, multiplier), np.abs(u_h).max()
     gap = spaces.B @ u_h[boundary] - H_i * g_means
-    found: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
+    differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
     for _ in range(DIRECTIONS):
         w, mu = NEAR * size * rng.standard_normal(len(u_h)), multiplier.max() * rng.random(len(multiplier))
-        found["saddle_in_v"].append(L(u_h + w, multiplier) - at)
-        found["saddle_in_mu"].append(at - L(u_h, mu))
-        found["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
-    return {f"{name}{suffix}": min(values) / abs(at) for name, values in found.items()}
+        differences["saddle_in_v"].append(L(u_h + w, multiplier) - at)
+        differences["saddle_in_mu"].append(at - L(u_h, mu))
+        differences["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
+    return {f"{name}{suffix}": min(values) / abs(at) for name, values in differences.items()}
 
 
 def _off_cells(of: SolvedCase) -> float:

@@ -32,7 +32,7 @@ def try_algorithm(
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [structured(polygon, size) for size in sizes]
     partitions = [uniform(polygon, size * H / h) for size in sizes]
-    found = {
+    made = {
         steps: measure.algorithm(mesh, cells, cases, shares, study["steps"]),
         certificates: measure.certificates(mesh, cells, cases, recorded),
         singular: measure.certificates(mesh, finest, cases, recorded),
@@ -42,5 +42,5 @@ def try_algorithm(
         split: measure.split(mesh, cells, cases),
         formulation: statements(mesh, cells, cases),
     }
-    for path, table in found.items():
+    for path, table in made.items():
         tables.save(table, path, "algorithm", {"algorithm": study})

@@ -55,11 +55,11 @@ def table(results: style.FilePath) -> pd.DataFrame:
     unit = of_linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
     for by in BY:
         for algorithm in ALGORITHMS:
-            found = _errors(runs, by, algorithm)
+            of_way = _errors(runs, by, algorithm)
             parts.append(
-                _line("work", f"{by} {algorithm}", found["cpu_seconds"] / unit["cpu_seconds"], found)
+                _line("work", f"{by} {algorithm}", of_way["cpu_seconds"] / unit["cpu_seconds"], of_way)
             )
-        parts.append(_line("space", f"{by} newton", found["peak_mb"] / unit["peak_mb"], found))
+        parts.append(_line("space", f"{by} newton", of_way["peak_mb"] / unit["peak_mb"], of_way))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -75,18 +75,18 @@ def _of_solver(runs: pd.DataFrame, way: str) -> list[pd.DataFrame]:
 
 def _errors(runs: pd.DataFrame, by: str, algorithm: str) -> pd.DataFrame:
     if by == "multigrid":
-        found = (
+        of_way = (
             judge.along(runs, judge.MULTIGRID)
             if algorithm == "newton"
             else judge.by_multigrid(runs, algorithm)
         )
     else:
-        found = judge.along(runs, f"{by} {algorithm}")
-    return found.dropna(subset="h1_error")
+        of_way = judge.along(runs, f"{by} {algorithm}")
+    return of_way.dropna(subset="h1_error")
 
 
-def _line(panel: str, label: str, x: pd.Series, found: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": found["h1_error"]})
+def _line(panel: str, label: str, x: pd.Series, of_way: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": of_way["h1_error"]})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:

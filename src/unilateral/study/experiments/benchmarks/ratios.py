@@ -69,7 +69,7 @@ def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
 def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
     """What an algorithm on the boundary would take if each of its steps were one linear solve: predicted."""
     steps, linear = along(runs, f"recursive {algorithm}"), along(runs, LINEAR)
-    found = linear.loc[linear.index.intersection(steps.index)].copy()
-    found["cpu_seconds"] = found["assembly_cpu"] + steps["iterations"] * found["solve_cpu"]
-    found["h1_error"] = steps["h1_error"]
-    return found
+    predicted = linear.loc[linear.index.intersection(steps.index)].copy()
+    predicted["cpu_seconds"] = predicted["assembly_cpu"] + steps["iterations"] * predicted["solve_cpu"]
+    predicted["h1_error"] = steps["h1_error"]
+    return predicted

@@ -67,10 +67,10 @@ def measure_cost(
     limits = StepLimits(study["stops"], study["max_steps"], study["costly_steps"])
     cases, sizes = scenes.cases(scene), [real(H, "cost.H") for H in study["H"]]
     meshes = [structured(scenes.domain(scene), real(h, "cost.jobs.h")) for h in of_job["h"]]
-    found = [measure(mesh, cases, gram, planned, sizes, limits) for mesh in meshes]
+    measured = [measure(mesh, cases, gram, planned, sizes, limits) for mesh in meshes]
     given = {f"scenes.{name}": scene, f"cost.jobs.{number}": of_job}
     given |= {f"cost.{field}": value for field, value in study.items()}
-    for parts, path in zip(zip(*found, strict=True), (runs, timings), strict=True):
+    for parts, path in zip(zip(*measured, strict=True), (runs, timings), strict=True):
         tables.save(along_runs(parts, planned), path, "cost", given)
 
 

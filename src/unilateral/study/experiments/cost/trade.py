@@ -94,8 +94,8 @@ def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     """The work, relative error and h of the cheapest algorithm at that level, over (H_over_h, H)."""
     at = crossed.sel(stop=stop)
     cheapest_one = at["operations"].fillna(np.inf).argmin("algorithm")
-    found = xr.Dataset({"work": at["operations"], "error": relative(at, norm), "h": at["h"]})
-    return found.isel(algorithm=cheapest_one).drop_vars("algorithm")
+    runs = xr.Dataset({"work": at["operations"], "error": relative(at, norm), "h": at["h"]})
+    return runs.isel(algorithm=cheapest_one).drop_vars("algorithm")
 
 
 def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:

@@ -83,7 +83,7 @@ def along(table: xr.Dataset, base: Variant, axes: Sequence[str]) -> xr.Dataset:
     labels = {name: pd.unique(runs[name].values) for name in axes} | {"H": np.unique(runs["H"])[::-1]}
     index = pd.MultiIndex.from_arrays([runs[name].values for name in labels], names=[*labels])
     places = xr.Coordinates.from_pandas_multiindex(index, "run")
-    found = runs.drop_vars([*Variant._fields, "H"]).assign_coords(places).unstack("run").reindex(labels)
-    variables = found.transpose(*labels, "stop").data_vars.items()
+    unstacked = runs.drop_vars([*Variant._fields, "H"]).assign_coords(places).unstack("run").reindex(labels)
+    variables = unstacked.transpose(*labels, "stop").data_vars.items()
     coords = {**labels, "stop": table["stop"].values}
     return xr.Dataset({name: each.variable for name, each in variables}, coords)

@@ -83,22 +83,22 @@ def table(
     (of_cells,) = configured.cases({**drawn, "cases": [case]})
     (cells,) = configured.partitions({**drawn, "H": [H]})
     parts = [_of_side(of_cells, cells)]
-    for scene, found in zip(scenes, map(tables.load, errors), strict=True):
+    for scene, of_scene in zip(scenes, map(tables.load, errors), strict=True):
         wanted = [name for name in cases if name in scene["cases"]]
         for each in configured.cases({**scene, "cases": wanted}):
-            parts.append(_of_sizes(each, found.sel(case=each.name)))
+            parts.append(_of_sizes(each, of_scene.sel(case=each.name)))
     return pd.concat(parts)
 
 
 def _of_side(case: Case, partition: Partition) -> pd.DataFrame:
-    side, found = first_transition(case).side, cell_means(case, partition)
+    side, means = first_transition(case).side, cell_means(case, partition)
     here, start = partition.side == side, partition.polygon.starts[side]
     of_cells = {
         "s": partition.points[:-1] - start,
         "end": partition.points[1:] - start,
-        "lambda_mean": found.lambda_means,
-        "gap_mean": found.gap_means,
-        "term": found.consistency_terms,
+        "lambda_mean": means.lambda_means,
+        "gap_mean": means.gap_means,
+        "term": means.consistency_terms,
     }
     return pd.DataFrame({"kind": "cell", "case": case.name, "H": partition.H, **of_cells})[here]
 

@@ -114,8 +114,8 @@ def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
     The number tells how far another multiplier with the same u_h is.
     """
 
-    def distance(of: ExtremeProblem, found: Array) -> float:
-        return of.distance(found, of.lambda_H)
+    def distance(of: ExtremeProblem, mu: Array) -> float:
+        return of.distance(mu, of.lambda_H)
 
     return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), NOTHING)
 
@@ -126,8 +126,8 @@ def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     The number tells how far lambda_H is from a smooth multiplier.
     """
 
-    def distance(of: ExtremeProblem, found: Array) -> float:
-        return of.distance(found, smoothed(of.lambda_H))
+    def distance(of: ExtremeProblem, mu: Array) -> float:
+        return of.distance(mu, smoothed(of.lambda_H))
 
     rows = attempts(values, lambda gap: _contact_at_h(h, gap), budget, distance)
     known = _contact_at_h(h, float(values[0]))

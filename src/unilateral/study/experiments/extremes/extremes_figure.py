@@ -36,14 +36,14 @@ BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
 
 def table(extremes: style.FilePath) -> pd.DataFrame:
     """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
-    found = tables.load(extremes)
-    of = found.sel(axis=found["axis_of"])
+    points = tables.load(extremes)
+    of = points.sel(axis=points["axis_of"])
     limits = {f"log10_{name}": of[f"predicted_{name}"] for name in ("limit", "tool_limit")}
     logarithms = {
         name: np.log10(limit.where(np.isfinite(limit)).values)
-        for name, limit in {"log10_value": found["value"], **limits}.items()
+        for name, limit in {"log10_value": points["value"], **limits}.items()
     }
-    return pd.DataFrame({"label": of["label"].values, "kind": kinds(found), **logarithms})
+    return pd.DataFrame({"label": of["label"].values, "kind": kinds(points), **logarithms})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -105,8 +105,8 @@ def _ticks(values: Array) -> Array:
     """Powers of 10 or, on a short axis, the values themselves where they are apart."""
     low, width = values.min(), np.ptp(values)
     if width <= 2:
-        found = np.unique(values)
-        return found[np.diff(found, prepend=-np.inf) > APART * width]
+        ticks = np.unique(values)
+        return ticks[np.diff(ticks, prepend=-np.inf) > APART * width]
     step = next(step for step in STEPS if step * TICKS >= width)
     return np.arange(np.ceil(low / step), np.floor(values.max() / step) + 1) * step
 

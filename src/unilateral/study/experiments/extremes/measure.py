@@ -54,8 +54,8 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
     values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
-    found: Axis = KINDS[axis["kind"]](values, h, H, allowed)
-    return found
+    judged: Axis = KINDS[axis["kind"]](values, h, H, allowed)
+    return judged
 
 
 def _value(value: object, where: str) -> float:

@@ -58,8 +58,8 @@ class ExtremeProblem:
         """What rounding does to constants: ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1, with A^{-1} as computed."""
         mesh = self.spaces.mesh
         one = np.ones(mesh.n_nodes)
-        found = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
-        return max(LEAST, self.norm(found - one) / self.norm(one))
+        computed = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
+        return max(LEAST, self.norm(computed - one) / self.norm(one))
 
     @property
     def allowance(self) -> float:

@@ -24,16 +24,16 @@ def table(errors: style.FilePath, rates: style.FilePath) -> pd.DataFrame:
 
     A ratio h/H at which nothing was solved has no rows. Raises InputError if no ratio has any.
     """
-    found, fitted = tables.load(errors), tables.load(rates)
-    all_parts = [_along(found, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
+    solved, fitted = tables.load(errors), tables.load(rates)
+    all_parts = [_along(solved, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
     parts = [part for part in all_parts if part["error"].notna().any()]
     if not parts:
         ratios = ", ".join(f"{ratio:g}" for ratio in fitted["h_over_H"].values)
         raise InputError(
-            f"scene '{found.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
+            f"scene '{solved.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
         )
     rows = pd.concat(parts).sort_values(INDEX, kind="stable")
-    return rows.assign(scene=found.attrs["scene"])[COLUMNS]
+    return rows.assign(scene=solved.attrs["scene"])[COLUMNS]
 
 
 def _along(errors: xr.Dataset, of: xr.Dataset) -> pd.DataFrame:

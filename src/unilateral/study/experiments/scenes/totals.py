@@ -41,12 +41,12 @@ def bound_totals(
     partitions = scenes.partitions(scene)
     cases = [case for case in scenes.cases(scene) if case.name in wanted]
     meshes = scenes.refinements(scenes.stored_mesh(mesh, scene), levels)
-    found = [
+    indices = [
         over_errors(each, partitions, cases, solved.isel(mesh=[level]), H_over_h)
         for level, each in enumerate(meshes)
     ]
     given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": wanted}
-    tables.save(tables.along_mesh(found), totals, name, given | {"rates.judged_ratio": ratio})
+    tables.save(tables.along_mesh(indices), totals, name, given | {"rates.judged_ratio": ratio})
 
 
 def over_errors(
@@ -61,7 +61,7 @@ def over_errors(
     condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
     partition, B = partitions[k], coupling(mesh, partitions[k])
-    found = np.full((len(NAMES), len(cases), 1), np.nan)
+    indices = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
         lambda_H = of["lambda_H"].values[: partition.n_cells]
@@ -73,8 +73,8 @@ def over_errors(
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u
-        found[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
-    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, found, strict=True)}
+        indices[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
+    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, indices, strict=True)}
     return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
         H=("mesh", [partition.H])
     )
