@@ -444,7 +444,10 @@ def mutant(rng, place):
 
 
 def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
-    """Some 200, of all places, but for most of the numbers that the search for the worst beta found."""
+    """Some 200, of all places, but for most of the numbers that the search for the worst beta found.
+
+    Takes seconds, for the whole configuration is checked each time.
+    """
     rng, accepted, number = np.random.default_rng(7), [], 0
     found = list(places(STUDY))
     found = [place for place in found if "finds" not in place or rng.random() < 0.1]

@@ -128,7 +128,7 @@ def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
 
 
 def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):
-    """The dual norm that it reads is no table."""
+    """The dual norm that it reads is no table. This takes as long as Snakemake and a job take to begin."""
     left = set(computed.iterdir()) - {computed / name for name in SOLVED}
     command = [sys.executable, "-m", "snakemake", "-c1", "-f", "results/quick/errors.nc"]
     command += ["--rerun-triggers", "mtime"]
@@ -155,6 +155,7 @@ def lints(folder):
 
 
 def test_snakemake_s_linter_has_nothing_else_to_say(tree):
+    """This and its control take as long as Snakemake takes to begin."""
     assert lints(tree) <= ACCEPTED
 
 
