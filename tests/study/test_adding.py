@@ -1,7 +1,7 @@
 """The examples of docs/adding.md: all of them are added to a copy of the project, and planned.
 
-The small experiment is run, and its claim judged; the rest is not. A plan by Snakemake and a program that imports
-the library take some seconds.
+The small experiment is run, and its claim judged; the rest is not. A plan by Snakemake and a program
+that imports the library take some seconds.
 
 Control: in test_configuration.py what is named and not added, too, is refused.
 """

@@ -282,8 +282,8 @@ def judged(table):
 def test_a_fixed_transition_fakes_rates_and_the_average_does_not():
     """At 1/3 theta is 1/3 and 2/3 in turn: the consistency term jumps by 2^(gamma - alpha), either way.
 
-    0.15 is room for the cutoff: at H = 1/16 it takes up to 4 (H/R)^2 = 25 % of lambda in the cell. Two pairs of
-    levels need a mesh with h = 1/128, which takes seconds.
+    0.15 is room for the cutoff: at H = 1/16 it takes up to 4 (H/R)^2 = 25 % of lambda in the cell.
+    Two pairs of levels need a mesh with h = 1/128, which takes seconds.
     """
     third, average = two_level_rates(True), two_level_rates(False)
     jump = third["consistency_rate"].values.ravel() - 2.5
