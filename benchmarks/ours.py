@@ -23,13 +23,13 @@ from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
+from unilateral.fem.linear_systems import dissected
 from unilateral.fem.macro_elements import Recursive
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.nested_dissection import dissected
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import problem_file
-from unilateral.solvers.multigrid import Found, multigrid
+from unilateral.solvers.multigrid import MultigridResult, multigrid
 from unilateral.solvers.uzawa import uzawa
 
 ALGORITHMS = ("uzawa", "nesterov", "newton")
@@ -54,7 +54,9 @@ def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     return mesh.points, results, [first.u, further.u]
 
 
-def from_nothing(clock: Clock, data: Mapping[str, Array], of: Order) -> tuple[Mesh, Hierarchy, Found]:
+def from_nothing(
+    clock: Clock, data: Mapping[str, Array], of: Order
+) -> tuple[Mesh, Hierarchy, MultigridResult]:
     """By multigrid, in the phases `mesh`, `assembly` and `solve`."""
     H, tolerance, load = of["H_over_h"], tolerance_of(data, of), data["load"]
     means = data[f"means_{H}"]
@@ -143,7 +145,7 @@ def tolerance_of(data: Mapping[str, Array], of: Order) -> float:
     return float(of["stop"] * data["error"])
 
 
-def counts(found: Found) -> dict[str, int]:
+def counts(found: MultigridResult) -> dict[str, int]:
     """Iterations on the finest level, and the sets that were tried there."""
     finest = [count for level, count in found.counts if level == found.counts[-1][0]]
     return {"iterations": sum(finest), "sets": len(finest)}

@@ -29,10 +29,10 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import obstacle_means
 from unilateral.errors import InputError
-from unilateral.fem.edge_matrix import h1_matrix
+from unilateral.fem.edge_matrix import matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.loads import by_parts, case_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh, conforming, refine
@@ -143,7 +143,8 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
 
 def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w; bounds of them where u is not known."""
-    known, given, A = np.load(data), np.load(found), h1_matrix(mesh_of(order))
+    known, given, mesh = np.load(data), np.load(found), mesh_of(order)
+    A, _ = matrix(mesh.triangulation, mesh.points)
     numbers, squares = matched(known["points"], given["points"]), []
     for k in range(len(given.files) - 1):
         apart = known["w"] - given[f"u_{k}"][numbers]

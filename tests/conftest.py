@@ -181,7 +181,7 @@ def forgotten(request):
     """What a file of tests has built for itself is not kept beside what the next ones build."""
     yield
     for each in vars(request.module).values():
-        if hasattr(each, "cache_clear") and each.__module__.startswith("test_"):
+        if hasattr(each, "cache_clear") and not each.__module__.startswith(("conftest", "unilateral")):
             each.cache_clear()
     gc.collect()
     if hasattr(LIBC, "malloc_trim"):  # else glibc keeps what is free between what is not

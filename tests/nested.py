@@ -1,15 +1,23 @@
-"""Refined meshes with their levels, for tests of what is nested."""
+"""Meshes and refined meshes with their levels, for tests of what is to hold on any of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import scipy.sparse as sp
 
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.p1 import stiffness_and_mass
-from unilateral.geometry.mesh import Mesh, refine, refine_some
+from unilateral.geometry.mesh import Mesh, from_arrays, refine, refine_some, unstructured, with_boundary
+from unilateral.geometry.polygon import Polygon, named
+from unilateral.geometry.structured import structured
+
+FLAT = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.3], [0.4, 0.25]]), "flat")
+SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
+RIGHT = Polygon(np.array([[0.0, 0], [1, 0], [0, 1]]), "right and isosceles")
+TIMES = {"uniform": 3, "at random": 6, "at a node": 15, "mixed": 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +81,36 @@ def prolongation(level: FinerSpace) -> sp.csr_array:
     new = sp.csr_array((level.n - level.before, level.before)).tolil()
     new[:, level.ends] = level.P.toarray()
     return sp.vstack([sp.eye_array(level.before), new], format="csr")
+
+
+@cache
+def coarse(name: str) -> Mesh:
+    """A mesh that came from no other one: made by gmsh, by hand, or of squares, as in "lshape 3"."""
+    if name == "gmsh":
+        return unstructured(named("lshape"), 0.5)
+    if name == "slanted":  # six edges a side
+        return with_boundary(SLANTED, SLANTED.divided(np.full(5, 6))[:-1])
+    if name == "flat":
+        return from_arrays(FLAT, FLAT.vertices, [[0, 1, 2], [0, 2, 3]])
+    if name == "one triangle":
+        return from_arrays(RIGHT, RIGHT.vertices, [[0, 1, 2]])
+    polygon, n = name.split()
+    return alone(structured(named(polygon), 1 / int(n)))
+
+
+@cache
+def made(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested:
+    """A coarse mesh refined so often, by default as in TIMES.
+
+    In the way "mixed" some triangles are cut between uniform refinements.
+    """
+    first, times = coarse(name), TIMES[way] if times is None else times
+    if way == "uniform":
+        return refined(first, times)
+    if way == "at random":
+        return at_random(first, times, seed)
+    if way == "at a node":
+        return graded(first, 0, times)
+    before = refine(first)
+    middle = refine_some(before, np.arange(0, len(before.triangles), 5))
+    return levels_of([first, before, middle, refine(middle)])

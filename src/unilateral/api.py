@@ -30,8 +30,8 @@ from unilateral.formulas.decimals import up
 from unilateral.formulas.formula import compile_numpy, parse, real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.files import read_mesh
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
@@ -168,7 +168,7 @@ def _function(given: Given, where: str) -> Function:
 
 def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     """The triangles in a file of any of meshio's formats; by default their boundary is the polygon."""
-    return read(path, polygon)
+    return read_mesh(path, polygon)
 
 
 def solve(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from unilateral.errors import StorageError
-from unilateral.geometry import mesh_files
+from unilateral.geometry import files
 from unilateral.geometry.mesh import Mesh
 from unilateral.study import scenes
 
@@ -18,7 +18,7 @@ SCENE = {"polygon": "square", "mesh": {"kind": "unstructured", "h": "1/4"}}
 
 @pytest.fixture
 def stored(tmp_path: Path) -> Path:
-    mesh_files.write(scenes.coarsest_mesh(SCENE), tmp_path / "mesh.vtu")
+    files.write_mesh(scenes.coarsest_mesh(SCENE), tmp_path / "mesh.vtu")
     return tmp_path / "mesh.vtu"
 
 

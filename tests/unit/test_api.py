@@ -20,7 +20,7 @@ from unilateral import api
 from unilateral.accuracy import plan as of_plan
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.decimals import up
-from unilateral.geometry.mesh_files import write
+from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.solution import plot
@@ -183,7 +183,7 @@ def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
 
 def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
     """Nobody can give its h."""
-    write(structured(square(), 1), tmp_path / "own.vtu")
+    write_mesh(structured(square(), 1), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
     with pytest.warns(ul.SolutionWarning, match="take larger cells, or refine the mesh at the boundary$"):
         ul.solve(ul.Problem(mesh.polygon, f=-1, g=0), H=1 / 2, mesh=mesh)
@@ -235,7 +235,7 @@ def test_a_mesh_of_one_s_own(tmp_path):
 
     What is unknown of these f and g is rounding, of which a mesh that was refined has more: some 1e-13.
     """
-    write(structured(square(), 1 / 8), tmp_path / "own.vtu")
+    write_mesh(structured(square(), 1 / 8), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
     problem = ul.Problem(mesh.polygon, f=-1, g="-x*y/2")
     found, same = ul.solve(problem, H=1 / 4, mesh=mesh), ul.solve(problem, h=1 / 8, H=1 / 4)

@@ -13,7 +13,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.flux_residuals import defects
 from unilateral.bounds.source import Source
-from unilateral.fem.conjugate_gradients import solved
+from unilateral.fem.linear_systems import solved
 from unilateral.fem.p1 import edge_load, lumped_mass, stiffness_and_mass
 
 SHARE = 0.01

@@ -30,7 +30,7 @@ from unilateral.bounds.edge_flux import SUMS
 from unilateral.bounds.small_mesh import condensed, extended
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling, h1_norm
-from unilateral.geometry.exact_mesh import EPS
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.least_norm import least

@@ -119,10 +119,10 @@ def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
 
 def _squares(mesh: Mesh, left: Array, norm: Array, integral: Array) -> Array:
     """(2, nb) the squares of `Given`, from ||p - tau~|| and bounds on ||rho|| and on the integral of rho."""
-    triangle, lengths, square = mesh.boundary_triangles, np.diff(mesh.s), has_square(mesh)
+    lengths, square = np.diff(mesh.s), has_square(mesh)
     on_square = math.sqrt(ON_SQUARE) * left + math.sqrt(MEAN_FREE_ON_SQUARE) * norm
-    on_triangle = np.sqrt(trace_constants(mesh, triangle)) * (left + norm)
-    of_mean = np.sqrt(value_constants(mesh, triangle) / lengths) * integral
+    on_triangle = np.sqrt(trace_constants(mesh)) * (left + norm)
+    of_mean = np.sqrt(value_constants(mesh) / lengths) * integral
     on_squares = np.where(square, np.sqrt(lengths) * on_square, 0.0)
     return np.stack([on_squares, np.where(square, 0.0, on_triangle) + of_mean]) ** 2
 

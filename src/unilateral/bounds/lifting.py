@@ -10,7 +10,7 @@ from unilateral.arrays import Array, Mask
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.bounds.edge_flux import EdgeFlux, in_contact
 from unilateral.bounds.feasible_p2 import Missing, missing, raised
-from unilateral.fem.p2_layer import Layer, layer
+from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle import Obstacle
 

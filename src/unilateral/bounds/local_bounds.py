@@ -46,8 +46,7 @@ from unilateral.bounds.flux_residuals import defects, misfit, root, underflow
 from unilateral.bounds.given_flux import Given, nothing
 from unilateral.bounds.lifting import lifting
 from unilateral.bounds.source import Source
-from unilateral.fem.p2 import linear_squares, slopes_at_nodes, squares
-from unilateral.fem.p2_layer import Layer
+from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry.partition import Partition
 from unilateral.norms.oscillation import oscillation_bound
 from unilateral.problems.obstacle import Obstacle
@@ -109,9 +108,7 @@ def local_bound(
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
     moved = _of_feasible(of, u_h, q, inside, residual, *d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
-    oscillation = (1 + SUMS) * oscillation_bound(
-        mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
-    ).item()
+    oscillation = (1 + SUMS) * oscillation_bound(mesh, flux.rest[:, None], flux.constant).item()
     of_data = _of_data(source, u_h)
     data = (1 + SUMS) * (root(of_data) + tau.distance) + underflow(mesh)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data

@@ -113,9 +113,7 @@ def sharp_bound(
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
     most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    oscillation = (1 + SUMS) * oscillation_bound(
-        mesh, mesh.boundary_triangles, flux.rest[:, None], flux.constant
-    ).item()
+    oscillation = (1 + SUMS) * oscillation_bound(mesh, flux.rest[:, None], flux.constant).item()
     data = (1 + SUMS) * (source.distance + tau.distance) + underflow(mesh)
     of_lambda = min(distance + most, eta) + oscillation + data
     return SharpBound(

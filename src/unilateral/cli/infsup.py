@@ -17,9 +17,9 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.decimals import between
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.files import read_partition
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.partition_files import read
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm
@@ -66,7 +66,7 @@ def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
     if H is not None:
         return partitions.uniform(polygon, H)
     if not given.isdecimal():
-        return read(given, polygon)
+        return read_partition(given, polygon)
     if not 1 <= int(given) <= MOST_CELLS:
         raise InputError(f"argument --cells: {given} must lie between 1 and {MOST_CELLS}")
     return Partition(polygon, polygon.divided(np.full(polygon.n_sides, int(given))))

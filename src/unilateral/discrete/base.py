@@ -103,9 +103,9 @@ class DiscreteSolution:
     def gap(self) -> Array:
         """(cells,) the means of u_h - g, NaN on free sides."""
         mesh, cells = self.discrete.mesh, self.discrete.partition
-        found = coupling(mesh, cells) @ self.u_h[mesh.boundary] / cells.lengths - self.discrete.g_means
-        found[np.setdiff1d(np.arange(cells.n_cells), self.discrete.cells)] = math.nan
-        return found
+        gap = coupling(mesh, cells) @ self.u_h[mesh.boundary] / cells.lengths - self.discrete.g_means
+        gap[np.setdiff1d(np.arange(cells.n_cells), self.discrete.cells)] = math.nan
+        return gap
 
     def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
         """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
@@ -212,7 +212,7 @@ class DiscreteSolution:
         The fraction is `stop.fraction`. The bound on ||u - u_h||_1 is computed again each time, because it
         falls, too, where most of it was algebraic. Rounding may end the iteration before.
         """
-        found = self
-        while (better := found.improved(stop.fraction * found.total("h1"), stop)) is not found:
-            found = better
-        return found
+        solution = self
+        while (better := solution.improved(stop.fraction * solution.total("h1"), stop)) is not solution:
+            solution = better
+        return solution

@@ -45,9 +45,9 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import multilevel  # and with it PyAMG
 
-        found = multilevel(problem, mesh, partition)
-        if found:
-            return found
+        on_levels = multilevel(problem, mesh, partition)
+        if on_levels:
+            return on_levels
         if stop.algorithm == "multigrid":
             raise InputError(
                 f"multigrid needs a mesh of '{problem.polygon.name}' made by refinement, with nodes at the "
@@ -64,7 +64,9 @@ def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Cond
 
 def check_condensed(mesh: Mesh, partition: Partition) -> None:
     """Raises InputError where condensing to the boundary takes more memory than is free."""
-    needed, free = condensed_mb(mesh, partition), available_mb()
+    bytes_per_unknown = SPARSE if mesh.halvings < REFINED else RECURSIVE
+    dense = DENSE * (len(mesh.boundary) + partition.n_cells) ** 2
+    needed, free = (bytes_per_unknown * mesh.n_nodes + dense) / 2**20, available_mb()
     if needed > free:
         raise InputError(
             f"{mesh.n_nodes} unknowns, {len(mesh.boundary)} of them on the boundary, take about "
@@ -93,12 +95,6 @@ def wants_multigrid(stop: Stop, unknowns: float) -> bool:
     """Whether to try multigrid first."""
     pays = stop.algorithm == "auto" and stop.rho is None and unknowns >= PAYS
     return pays or stop.algorithm == "multigrid"
-
-
-def condensed_mb(mesh: Mesh, partition: Partition) -> float:
-    """The MB that it takes to condense to the boundary."""
-    unknown = SPARSE if mesh.halvings < REFINED else RECURSIVE
-    return (unknown * mesh.n_nodes + DENSE * (len(mesh.boundary) + partition.n_cells) ** 2) / 2**20
 
 
 def bound_mb(mesh: Mesh, sharp: bool) -> float:

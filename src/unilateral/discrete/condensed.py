@@ -14,11 +14,10 @@ from unilateral.bounds.given_flux import given
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense
-from unilateral.fem.loads import sampled_edge_load, sampled_moments
-from unilateral.fem.p1 import edge_load, h1_norm
+from unilateral.fem.p1 import edge_load, h1_norm, sampled_edge_load, sampled_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.fem.rounded import Rounded, dual_norm, loaded, means, residual
+from unilateral.fem.rounded import Rounded, constrained, dual_norm, loaded, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -26,7 +25,7 @@ from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.algebraic_bound import certified
-from unilateral.solvers.iterate import iterate, joined
+from unilateral.solvers.iterate import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
 
@@ -65,14 +64,10 @@ class CondensedProblem(DiscreteProblem):
         return self.spaces.beta
 
     def errors(self, lambda_H: Array) -> ExactErrors | None:
-        """The true errors of lambda_H (m,) and its u_h, where the `exact` solution is known."""
         return self.exact.errors(self.spaces, lambda_H) if self.exact else None
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}.
-
-        It is that norm up to the rounding of A_3.
-        """
+        """That norm up to the rounding of A_3."""
         return (1 - FORMS) * float(dnrm2(self.spaces.operator.half @ lambda_H))
 
     @cached_property
@@ -108,15 +103,14 @@ class CondensedProblem(DiscreteProblem):
         less = wanted - ROOM * solution.result.rounding
         if result.converged and solution.result.bound > wanted and less > 0:
             more = iterate(operator, self.offset, less, stop, result.lambda_H)
-            solution = self.solution(joined(result, more), wanted)
+            solution = self.solution(more.after(result), wanted)
         if result.converged:
             warn_unless_converged(solution.result, wanted)
         return solution
 
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        """The solution, iterated on to a smaller tolerance."""
         more = self.iterated(tolerance, stop, solution.result.lambda_H)
-        return replace(more, result=joined(solution.result, more.result))
+        return replace(more, result=more.result.after(solution.result))
 
     def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
         """The solution for the lambda_H that was found; its bound now includes the rounding on the way."""
@@ -132,7 +126,7 @@ class CondensedProblem(DiscreteProblem):
         load, mu = Rounded(self.load.copy(), np.zeros(len(self.load))), result.lambda_H
         load.values[boundary], load.doubt[boundary] = loaded(self.load[boundary], spaces.B, mu)
         left = residual(on.for_products, on.mass, u_h, load)
-        gap = means(spaces.B, spaces.operator.H_i, u_h[boundary], self.g_means[self.cells])
+        gap = constrained(spaces.B, u_h[boundary], self.g_means[self.cells], spaces.operator.H_i)
         delta = dual_norm(np.abs(left.values) + left.doubt, on.mass)
         if delta > UNSEEN * result.bound:
             z = on.solve(left.values)
@@ -154,28 +148,6 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     return replace(discrete, exact=exact, data=exact.ritz.case)
 
 
-def with_data(spaces: MixedSpaces, data: Data) -> CondensedProblem:
-    """The problem whose f, g and q are enclosed; its load is that of the enclosure's polynomials."""
-    source, mesh = enclosed(spaces.mesh, data), spaces.mesh
-    load = source.load + flux_load(data, mesh)
-    trace = spaces.condensed.solve(load)[mesh.boundary]
-    discrete = with_load(spaces, load, trace, obstacle_means(data, spaces.partition))
-    if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
-        discrete.offset[:] = 0.0  # of data that this mesh does not see
-    return replace(discrete, data=data, source=source)
-
-
-def with_samples(spaces: MixedSpaces, problem: Sampled) -> CondensedProblem:
-    """The problem whose f, g and q are known at points only.
-
-    Gauss rules integrate them, with errors that nobody knows.
-    """
-    mesh = spaces.mesh
-    load = p1_load(mesh, sampled_moments(problem, mesh)) + flux_load(problem, mesh)
-    trace = spaces.condensed.solve(load)[mesh.boundary]
-    return with_load(spaces, load, trace, obstacle_means(problem, spaces.partition))
-
-
 def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
     """(n,) the load of the given flux: exact for the polynomials of its enclosure, or by Gauss rules."""
     if isinstance(problem, Sampled):
@@ -194,11 +166,26 @@ def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
 
 
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
-    """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
+    """The problem on one mesh and one partition, factorised, without multipliers on its free sides.
+
+    f and q are enclosed, and the load is that of the enclosure's polynomials. Where f, g and q are known at
+    points only, Gauss rules integrate them, with errors that nobody knows.
+    """
     spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
     if is_case(problem):
         return with_solution(spaces, exact(problem, spaces))
-    return with_samples(spaces, problem) if isinstance(problem, Sampled) else with_data(spaces, problem)
+    if isinstance(problem, Sampled):
+        data, source = None, None
+        load = p1_load(mesh, sampled_moments(problem, mesh))
+    else:
+        data, source = problem, enclosed(mesh, problem)
+        load = source.load
+    load = load + flux_load(problem, mesh)
+    trace = spaces.condensed.solve(load)[mesh.boundary]
+    discrete = with_load(spaces, load, trace, obstacle_means(problem, partition))
+    if data is not None and np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
+        discrete.offset[:] = 0.0  # of data that this mesh does not see
+    return replace(discrete, data=data, source=source)
 
 
 def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008

@@ -18,16 +18,16 @@ from unilateral.bounds.source import Source, enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
 from unilateral.discrete.condensed import flux_load, obstacle_means
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.loads import by_parts, case_moments, sampled_moments
 from unilateral.fem.nested_cells import nested_cells
+from unilateral.fem.p1 import by_parts, case_moments, sampled_moments
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
-from unilateral.solvers.iterate import joined
-from unilateral.solvers.multigrid import IN_L2, Found, Multigrid, multigrid
+from unilateral.solvers.multigrid import IN_L2, Multigrid, MultigridResult, multigrid
+from unilateral.solvers.multigrid_bounds import dual_norm_below
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -58,9 +58,9 @@ class MultilevelProblem(DiscreteProblem):
     @cached_property
     def grids(self) -> Multigrid:
         """The levels, which are made again if they are asked for after they were forgotten."""
-        found = _grids(self, hierarchy(self.mesh))
-        assert found is not None
-        return found
+        grids = _grids(self, hierarchy(self.mesh))
+        assert grids is not None
+        return grids
 
     def forget(self) -> None:
         """Frees the levels, which take half of the memory and are needed for no bound on the total error."""
@@ -72,10 +72,10 @@ class MultilevelProblem(DiscreteProblem):
         Without a tolerance it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are
         no coarser levels to begin with, of the bound on that. The algebraic bound itself is guaranteed.
         """
-        found = self.iterated(stop.tolerance, stop)
+        solution = self.iterated(stop.tolerance, stop)
         if stop.tolerance is not None or len(self.grids.grids) > 1:
-            return found
-        return found.within(stop)
+            return solution
+        return solution.within(stop)
 
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
@@ -86,26 +86,23 @@ class MultilevelProblem(DiscreteProblem):
         too.
         """
         begin = None if self.guess is None or start is None else (self.guess, start > 0)
-        found = self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total)
-        return self._solution(found)
+        return self._solution(self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total))
 
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        """The solution, iterated on to a smaller tolerance."""
         start, in_L2 = (solution.u_h, solution.result.lambda_H > 0), IN_L2 * tolerance / stop.fraction
         more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
-        return replace(more, result=joined(solution.result, more.result))
+        return replace(more, result=more.result.after(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,)."""
-        return self.grids.dual_norm_below(lambda_H)
+        return dual_norm_below(self.grids.grids, lambda_H)
 
-    def _solution(self, found: Found) -> DiscreteSolution:
+    def _solution(self, of: MultigridResult) -> DiscreteSolution:
         lambda_H = np.zeros(self.partition.n_cells)
-        lambda_H[self.cells] = found.lambda_H
-        finest, of = found.counts[-1][0], (math.nan, "multigrid")
-        steps = sum(count for level, count in found.counts if level == finest)
-        result = DualResult(found.lambda_H, steps, steps, found.bound, found.converged, *of)
-        return DiscreteSolution(self, result, found.tolerance, lambda_H, found.u)
+        lambda_H[self.cells] = of.lambda_H
+        finest = of.counts[-1][0]
+        steps = sum(count for level, count in of.counts if level == finest)
+        result = DualResult(of.lambda_H, steps, steps, of.bound, of.converged, math.nan, "multigrid")
+        return DiscreteSolution(self, result, of.tolerance, lambda_H, of.u)
 
 
 def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
@@ -133,14 +130,14 @@ def _on_levels(
     cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
     means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
-    found = MultilevelProblem(
+    discrete = MultilevelProblem(
         mesh, partition, cells, load, means, problem.free_sides, guess, data=data, source=source
     )
-    grids = _grids(found, levels)
+    grids = _grids(discrete, levels)
     if grids is None:
         return None
-    vars(found)["grids"] = grids
-    return found
+    vars(discrete)["grids"] = grids
+    return discrete
 
 
 def _grids(of: MultilevelProblem, levels: Hierarchy) -> Multigrid | None:
@@ -167,10 +164,9 @@ def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> Mult
         for level in levels.levels:
             if level.n > len(last.u_h):
                 level.prolong(guess)
-    load = source.load
-    found = _on_levels(problem, mesh, of.partition, levels, load, source, guess)
-    assert found is not None
-    return found
+    discrete = _on_levels(problem, mesh, of.partition, levels, source.load, source, guess)
+    assert discrete is not None
+    return discrete
 
 
 def refinements(

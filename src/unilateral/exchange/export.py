@@ -23,12 +23,12 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError, StorageError
 from unilateral.exchange.case_formulas import DEFINITIONS, formulas
 from unilateral.exchange.held_sides import held_cells, held_edges, obstacle
-from unilateral.fem.loads import case_moments
+from unilateral.fem.p1 import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh, refine
-from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
@@ -111,7 +111,7 @@ def _problem(case: Case) -> dict[str, Any]:
 def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None:
     folder.mkdir()
     for name in ("mesh.msh", "mesh.vtu"):
-        write(mesh, folder / name)
+        write_mesh(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
     _cells(case, cells).to_csv(folder / "partition.csv", index=False)
     write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")

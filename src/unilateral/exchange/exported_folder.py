@@ -15,10 +15,9 @@ from unilateral.errors import InputError
 from unilateral.exchange.boundary_function import Trace, constant, continuous, of_reactions
 from unilateral.exchange.foreign_files import Handed, handed
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.files import read_mesh, read_partition
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_files import read as read_mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.partition_files import read as read_partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case as cases
 from unilateral.problems.case import Case

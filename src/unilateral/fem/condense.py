@@ -15,9 +15,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.edge_matrix import h1_matrix
+from unilateral.fem import edge_matrix
+from unilateral.fem.linear_systems import Sparse, dissected, last_block
 from unilateral.fem.macro_elements import Recursive
-from unilateral.fem.nested_dissection import Sparse, dissected, last_block
 from unilateral.fem.p1 import boundary_mass, lumped_mass, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 
@@ -52,11 +52,9 @@ class Condensed:
 
     @cached_property
     def for_products(self) -> sp.csr_array:
-        """A (n, n) up to rounding, its rows not sorted.
-
-        It is made faster on a refined mesh, whose edges are known.
-        """
-        return h1_matrix(self.mesh) if self.mesh.known else self.A
+        """A (n, n) up to rounding, its rows not sorted: faster to make where the mesh knows its edges."""
+        known = self.mesh.known
+        return edge_matrix.matrix(known, self.mesh.points)[0] if known else self.A
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
@@ -104,12 +102,9 @@ def by_sparse(mesh: Mesh, factors: Sparse) -> Condensed:
     return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky)
 
 
-def check_constants(mesh: Mesh, found: Array) -> None:
-    """Check that `found`, the solution of (u, v)_1 = (1, v)_0, is 1: on small domains K + M loses M.
-
-    Raises InputError otherwise.
-    """
-    if not np.max(np.abs(found - 1)) <= CONSTANTS:
+def check_constants(mesh: Mesh, u: Array) -> None:
+    """Raises InputError unless u, with (u, v)_1 = (1, v)_0, is 1: on small domains K + M loses M."""
+    if not np.max(np.abs(u - 1)) <= CONSTANTS:
         polygon = mesh.polygon
         raise InputError(
             f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges down to "

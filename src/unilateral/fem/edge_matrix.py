@@ -11,28 +11,18 @@ node. That gives the diagonal.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Int32, blocks
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation
 
 ROWS = 1 << 17
 """This many rows of a matrix are made at a time: with their triangles they take some 90 MB."""
 
 
-class Elements(NamedTuple):
-    """The products (T, 3) that belong to the edges opposite to the nodes of triangles, and the areas (T,)."""
-
-    stiffness: Array
-    area: Array
-
-
-def elements(points: Array, nodes: Int32) -> Elements:
-    """The `Elements` of the triangles with those nodes (T, 3)."""
+def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
+    """The products (T, 3) that belong to the edges opposite to the `nodes` (T, 3), and the areas (T,)."""
     stiffness, area = np.empty(nodes.shape), np.empty(len(nodes))
     for of in blocks(len(nodes)):
         (x, y) = points.T[:, nodes[of].T]
@@ -40,12 +30,7 @@ def elements(points: Array, nodes: Int32) -> Elements:
         area[of] = 0.5 * (e[2] * f[0] - f[2] * e[0])
         product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
         stiffness[of] = (0.25 * product / area[of]).T
-    return Elements(stiffness, area)
-
-
-def h1_matrix(mesh: Mesh) -> sp.csr_array:
-    """A (n, n) of a mesh, see `matrix`."""
-    return matrix(mesh.triangulation, mesh.points)[0]
+    return stiffness, area
 
 
 def matrix(tri: Triangulation, points: Array) -> tuple[sp.csr_array, Array]:
@@ -77,23 +62,23 @@ def _rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
     place = np.full(n, -1, dtype=np.int32)
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
     some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
-    of, corners = elements(points, nodes[some]), nodes[some].T
-    beside, row = (of.stiffness + (of.area / 12)[:, None]).T, place[corners]
+    (stiffness, area), corners = elements(points, nodes[some]), nodes[some].T
+    beside, row = (stiffness + (area / 12)[:, None]).T, place[corners]
     at = [np.flatnonzero(each >= 0) for each in row]
     rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
     diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
-    np.add.at(diagonal, rows, np.concatenate([of.area[here] for here in at]) / 3)
-    found = sp.csr_array(shape)
+    np.add.at(diagonal, rows, np.concatenate([area[here] for here in at]) / 3)
+    off_diagonal = sp.csr_array(shape)
     for to, opposite in ((1, 2), (2, 1)):
         columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
         values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
         np.subtract.at(diagonal, rows, values)
-        found = found + _once(values, rows, columns, shape)
-    return found + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
+        off_diagonal = off_diagonal + _once(values, rows, columns, shape)
+    return off_diagonal + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
 
 
 def _once(values: Array, rows: Int32, columns: Int32, shape: tuple[int, int]) -> sp.csr_array:
     """The matrix with these entries. No two of them are in one place, and none such are looked for."""
-    found = sp.coo_array((values, (rows, columns)), shape=shape)
-    found.has_canonical_format = True
-    return found.tocsr()
+    entries = sp.coo_array((values, (rows, columns)), shape=shape)
+    entries.has_canonical_format = True
+    return entries.tocsr()

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from pyamg.amg_core import gauss_seidel
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int16, Int32
@@ -56,6 +57,36 @@ class FinerSpace:
     def prolong(self, v: Array) -> None:
         """Give v, which has values at the nodes of the level before, those at the new nodes, in place."""
         v[self.before : self.n] = self.P @ v[self.ends]
+
+    def sweep_down(self, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
+        """x (s,), a forward sweep of Gauss and Seidel from 0 for r (n,), and what is left at its nodes.
+
+        S are the rows of a matrix at the `smoothed` nodes; S x is taken from r.
+        """
+        if self.smoothed is None:
+            x, of = np.zeros(self.n), r[: self.n]
+            gauss_seidel(S.indptr, S.indices, S.data, x, of, 0, self.n, 1)
+            of -= S @ x
+            return x, of.copy()
+        assert self.columns is not None
+        x, k = np.zeros(S.shape[1]), S.shape[0]
+        gauss_seidel(S.indptr, S.indices, S.data, x, r[self.smoothed], 0, k, 1)
+        r[self.columns] -= S.T @ x[:k]
+        return x[:k], r[self.smoothed]
+
+    def sweep_up(self, S: sp.csr_array, e: Array, x: Array, left: Array) -> None:
+        """Add x and a backward sweep for what is left (s,) to e (n,), which comes from coarser levels."""
+        if self.smoothed is None:
+            below, y = e[: self.n], np.zeros(self.n)
+            left -= S @ below
+            gauss_seidel(S.indptr, S.indices, S.data, y, left, self.n - 1, -1, -1)
+            below += x
+            below += y
+            return
+        y, k = np.zeros(S.shape[1]), S.shape[0]
+        left -= S @ e[self.columns]
+        gauss_seidel(S.indptr, S.indices, S.data, y, left, k - 1, -1, -1)
+        e[self.smoothed] += x + y[:k]
 
     def with_rows(self, rows: sp.csr_array) -> FinerSpace:
         """This level with the rows (s, n) of its `smoothed` nodes, or with all rows if that is None."""

@@ -177,21 +177,14 @@ def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:
     levels = [coarse]
     for _ in range(halvings):
         levels.append(refined(levels[-1])[0])
-    along, orders = levels[-1].ends, _orders(len(coarse.nodes), halvings)
+    along = levels[-1].ends
     while levels:
-        of, order = levels.pop(), orders.pop()
+        of = levels.pop()
+        # `refined` puts first children before second ones; here each triangle is followed by its sisters
+        order = np.arange(len(of.nodes)).reshape(*[4] * len(levels), -1).T.ravel()
         if len(along) > len(of.ends):  # the halves of edge e are e and E + e
             first, second = np.split(along[: 2 * len(of.ends)], 2)
             along = np.concatenate([first, second[:, 1:]], axis=1)
         line = along[np.roll(of.edges[order], 1, axis=1)]
         line = np.where((line[..., 0] == of.nodes[order])[..., None], line, line[..., ::-1])[..., :-1]
         yield line.reshape(len(line), -1).astype(np.intp)
-
-
-def _orders(n: int, halvings: int) -> list[Index]:
-    """The triangles of each level, n on the first one; each is followed by its sisters."""
-    found = [np.arange(n)]
-    for _ in range(halvings):
-        t, T = found[-1][:, None], len(found[-1])
-        found.append((t + T * np.arange(4)).ravel())
-    return found

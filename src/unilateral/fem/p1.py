@@ -1,28 +1,37 @@
-"""P1 matrices and loads, the paper's (u, v)_1 and (f, v)_0 on V_h, and the pairing <mu_H, v_h>."""
+"""P1: matrices, loads and norms, the paper's (u, v)_1 and (f, v)_0 on V_h, and the pairing <mu_H, v_h>."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.errors import InputError
+from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
+    from unilateral.problems.sampled import Sampled
+
+SAMPLED = 8
+"""The degree of the rule on triangles for an f that is known in points only."""
+
+PART = 1 << 16
+"""This many triangles are treated together: such a part of a mesh takes some 10 MB."""
 
 
 def gradients(mesh: Mesh) -> Array:
     """Gradients (m, 3, 2) of the barycentric functions of each triangle."""
-    return hat_gradients(mesh.points[mesh.triangles], mesh.areas)
-
-
-def hat_gradients(corners: Array, areas: Array) -> Array:
-    """The same for triangles with the corners (m, 3, 2) and those areas (m,)."""
+    corners = mesh.points[mesh.triangles]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     turned = np.stack([-opposite[..., 1], opposite[..., 0]], axis=-1)
-    return np.asarray(turned / (2 * areas)[:, None, None])
+    return np.asarray(turned / (2 * mesh.areas)[:, None, None])
 
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
@@ -30,13 +39,51 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     slopes, areas = gradients(mesh), mesh.areas
     stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
-    return _assemble(mesh, stiffness), _assemble(mesh, mass)
+    n = mesh.n_nodes
+    return from_elements(mesh.triangles, stiffness, n), from_elements(mesh.triangles, mass, n)
+
+
+def from_elements(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
+    """(n, n) the sum of matrices `entries` (m, k, k), which belong to the `unknowns` (m, k)."""
+    k = unknowns.shape[1]
+    rows, columns = np.repeat(unknowns, k, axis=1).ravel(), np.tile(unknowns, (1, k)).ravel()
+    return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()
 
 
 def load(mesh: Mesh, moments: Array) -> Array:
     """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
     values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
     return values.astype(float)
+
+
+def parts(mesh: Mesh) -> Iterator[Mesh]:
+    """The mesh in blocks, each with all nodes and some of the triangles."""
+    for of in blocks(len(mesh.triangles), PART):
+        yield mesh.part(np.arange(of.start, of.stop))
+
+
+def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
+    """(n,) values of (f, phi_i), from the moments (m, 3) on each part, in little memory."""
+    values = np.zeros(mesh.n_nodes)
+    for part in parts(mesh):
+        np.add.at(values, part.triangles, moments(part))
+    return values
+
+
+def case_moments(case: Case, mesh: Mesh) -> Array:
+    """(m, 3) the moments of a case's f, by a quadrature that sees the case's singular points and kinks."""
+    moments = np.zeros((len(mesh.triangles), 3))
+    for rule in triangle_rules(mesh, case):
+        f = case.source(rule.origin, rule.offset).reshape(rule.weight.shape)
+        np.add.at(moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
+    return moments
+
+
+def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
+    """(m, 3) the moments of a sampled f, by a rule whose error nobody knows."""
+    hats, weights = symmetric(SAMPLED)
+    f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
+    return mesh.areas[:, None] * ((f * weights) @ hats)
 
 
 def lumped_mass(mesh: Mesh) -> Array:
@@ -47,9 +94,9 @@ def lumped_mass(mesh: Mesh) -> Array:
 def edge_load(mesh: Mesh, values: Array) -> Array:
     """(n,) values <sigma, phi_i> for sigma linear on boundary edges, with `values` (nb, 2) at their ends."""
     at_ends = np.diff(mesh.s)[:, None] / 6 * (values + values.sum(axis=1, keepdims=True))
-    found = np.zeros(mesh.n_nodes)
-    found[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
-    return found
+    total = np.zeros(mesh.n_nodes)
+    total[mesh.boundary] = at_ends[:, 0] + np.roll(at_ends[:, 1], 1)
+    return total
 
 
 def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array) -> Array:
@@ -65,11 +112,16 @@ def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array
     return np.asarray(2 * ends / np.diff(mesh.s)[:, None])
 
 
-def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
-    """(n,) values of (u, phi_i)_1, from those moments of u and the integrals (m, 2) of its gradient.
+def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
+    """(n,) the load of the given flux, by a Gauss rule on every edge."""
+    rule = boundary_rule(problem.polygon, mesh.s)
+    x = (problem.polygon.starts[rule.side] + rule.s - mesh.s[rule.interval]) / np.diff(mesh.s)[rule.interval]
+    points = (each[:, None] for each in (x, rule.weight, problem.flux(rule.side, rule.s)))
+    return edge_load(mesh, linear_parts(mesh, rule.interval, *points))
 
-    `slopes` are the `gradients` of the mesh.
-    """
+
+def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
+    """(n,) values of (u, phi_i)_1, from the mesh's `gradients`, moments of u, integrals (m, 2) of grad u."""
     return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
 
 
@@ -92,12 +144,10 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
 def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
     """(nb, nb) mass matrix of the boundary hats: the L2 product on the boundary, or on those edges."""
     nb = len(mesh.boundary)
-    start = np.arange(nb)
-    end = (start + 1) % nb
     sixth = np.diff(mesh.s) / 6 * (1 if edges is None else edges)
-    values = np.concatenate([2 * sixth, 2 * sixth, sixth, sixth])
-    rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
-    return sp.coo_array((values, (rows, columns)), shape=(nb, nb)).tocsr()
+    start = np.arange(nb)
+    ends = np.column_stack([start, (start + 1) % nb])
+    return from_elements(ends, sixth[:, None, None] * np.array([[2, 1], [1, 2]]), nb)
 
 
 def h1_norm(mesh: Mesh, v: Array) -> float:
@@ -116,10 +166,3 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
         square += float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
         square += float(mesh.areas[of] @ of_value)
     return unit * math.sqrt(square)
-
-
-def _assemble(mesh: Mesh, entries: Array) -> sp.csr_array:
-    rows = np.repeat(mesh.triangles, 3, axis=1).ravel()
-    columns = np.tile(mesh.triangles, (1, 3)).ravel()
-    n = len(mesh.points)
-    return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
-from unilateral.fem.conjugate_gradients import Descent, rough_inverse
-from unilateral.fem.p1 import edge_load, gradients
+from unilateral.fem.linear_systems import Descent, rough_inverse
+from unilateral.fem.p1 import edge_load, from_elements, gradients
 from unilateral.geometry.mesh import Mesh
 
 HATS = (np.ones((3, 3)) + np.eye(3)) / 12
@@ -28,10 +29,7 @@ AT_NODES = np.zeros((3, 3, 6))
 for _i, _j in ((0, 1), (1, 2), (2, 0)):
     AT_NODES[:, _i, _i], AT_NODES[_i, _j, 3 + _i], AT_NODES[_j, _i, 3 + _i] = 1, 4, 4
 STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
-"""STIFFNESS[a, b, c, d] is the coefficient of grad psi_a . grad psi_b in (grad ., grad .)_0.
-
-This is for the basis functions c and d on a triangle of area 1.
-"""
+"""STIFFNESS[a, b, c, d] is that of grad psi_a . grad psi_b in (grad ., grad .)_0 of c and d, at area 1."""
 
 
 def linear_squares(areas: Array, values: Array) -> Array:
@@ -99,15 +97,12 @@ class Quadratic:
 
     def edge_load(self, values: Array) -> Array:
         """(size,) the load of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
-        found = self.of_hats(edge_load(self.mesh, values))
-        found[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
-        return found
+        load = self.of_hats(edge_load(self.mesh, values))
+        load[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
+        return load
 
     def load_of_gradients(self, hats: Array, bubbles: Array) -> Array:
-        """(size,) the products of the basis functions' gradients with a field.
-
-        On triangles the field has the coefficients `hats` and `bubbles` (m, 3, 2).
-        """
+        """(size,) the products of the basis functions' gradients with a field of coefficients (m, 3, 2)."""
         moments = self.mesh.areas[:, None, None] * (HATS @ hats + MIXED.T @ bubbles)
         along = moments @ self.slopes.transpose(0, 2, 1)
         return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
@@ -115,9 +110,8 @@ class Quadratic:
     def matrix(self, mass: float) -> sp.csr_array:
         """(size, size) the matrix of (grad ., grad .)_0 plus `mass` times (., .)_0."""
         products = (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
-        blocks = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
-        rows, columns = np.repeat(self.unknowns, 6, axis=1).ravel(), np.tile(self.unknowns, (1, 6)).ravel()
-        return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(self.size, self.size)).tocsr()
+        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
+        return from_elements(self.unknowns, entries, self.size)
 
     def free(self, contact: Mask) -> sp.csr_array:
         """(size, k) a basis of functions that vanish in `contact` (2 nb,): boundary nodes, then midpoints.
@@ -133,10 +127,7 @@ class Quadratic:
         return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
 
     def descent(self, A: sp.csr_array, load: Array, start: Array, free: sp.csr_array) -> Descent:
-        """The descent to the x (k,) for which v = start + free x has the least v . A v - 2 load . v.
-
-        `free` is (size, k).
-        """
+        """The descent to the x (k,) for which v = start + `free` x has the least v . A v - 2 load . v."""
         own, n = (free.T @ A @ free).tocsr(), free[: self.mesh.n_nodes].nnz
         of_hats, diagonal = rough_inverse(own[:n, :n].tocsr()), own.diagonal()[n:]
         zero, rhs = np.zeros(free.shape[1]), free.T @ (load - A @ start)
@@ -153,3 +144,46 @@ def quadratic(mesh: Mesh) -> Quadratic:
         of_boundary=np.concatenate([mesh.boundary, n + of.boundary]),
         size=n + len(of.ends),
     )
+
+
+class Layer(NamedTuple):
+    """The triangles (k,) with nodes on the boundary: their areas, and the gradients (k, 3, 2) of their hats.
+
+    `at` (nb, 2) says where each boundary edge begins: in which row, and at which node of that triangle.
+    Bubble i of a triangle is that of its nodes i and i + 1.
+    """
+
+    mesh: Mesh
+    triangles: Index
+    areas: Array
+    slopes: Array
+    at: Index
+
+    def function(self, nodal: Array, bubble: Array) -> tuple[Array, Array]:
+        """The coefficients (k, 3) of hats and of bubbles, from those at boundary nodes and edges (nb,)."""
+        values, of_edges = np.zeros(self.mesh.n_nodes), np.zeros((len(self.triangles), 3))
+        values[self.mesh.boundary] = nodal
+        of_edges[self.at[:, 0], self.at[:, 1]] = bubble
+        return values[self.mesh.triangles[self.triangles]], of_edges
+
+    def norms(self, hats: Array, bubbles: Array) -> Array:
+        """(k,) the squared H1 norms on the triangles, from these coefficients."""
+        of_gradient = linear_squares(self.areas, slopes_at_nodes(self.slopes, hats, bubbles))
+        return of_gradient + squares(self.areas, hats, bubbles)
+
+    def bubble_squares(self) -> Array:
+        """(nb,) the squares of the bubbles' H1 norms on the boundary edges."""
+        row, node = self.at.T
+        of = self._replace(triangles=self.triangles[row], areas=self.areas[row], slopes=self.slopes[row])
+        return of.norms(np.zeros((len(row), 3)), np.eye(3)[node])
+
+
+def layer(mesh: Mesh) -> Layer:
+    """The layer of a mesh."""
+    on_boundary = np.zeros(mesh.n_nodes, dtype=bool)
+    on_boundary[mesh.boundary] = True
+    triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
+    node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
+    at = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
+    part = mesh.part(triangles)
+    return Layer(mesh, triangles, part.areas, gradients(part), at)

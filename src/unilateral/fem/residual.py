@@ -48,7 +48,6 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array
 from unilateral.fem import rounded
 from unilateral.fem.hierarchy import Hierarchy
-from unilateral.fem.smoothing import downward
 from unilateral.formulas.taylor import EPS
 
 CONSTANT = np.array([1, 1, 1.0001, 1.4473, 2.0001])
@@ -97,7 +96,7 @@ def downwards(of: Hierarchy, R: Array) -> Array:
         of.levels[-1].restrict(g)
     for level in reversed(of.levels[:-1]):
         assert level.rows is not None
-        swept.append(downward(level, level.rows, g)[0])
+        swept.append(level.sweep_down(level.rows, g)[0])
         level.restrict(g)
     e = np.zeros_like(R)
     e[:n] = of.coarsest.solve(g[:n])

@@ -31,10 +31,7 @@ from unilateral.formulas.taylor import EPS
 ROWS = 1 << 15
 """This many rows are treated at a time: their numbers fit into a processor's cache."""
 UNIT = EPS / 2
-"""The rounding of a number is at most this fraction of it.
-
-Bounds count two units more than are needed, for their own rounding.
-"""
+"""The rounding of a number is at most this fraction of it; bounds have two units more for their own."""
 SLACK = 1 + 1e-9
 """A norm that is computed from A x is multiplied by this for its rounding, except for that of A x."""
 
@@ -63,15 +60,9 @@ def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
     return Rounded(values, UNIT * (terms(A) + 4) * sizes)
 
 
-def constrained(B: sp.csr_array, u: Array, d: Array) -> Rounded:
-    """B u - d (m,), for B (m, n) without negative entries."""
-    sizes = B @ np.abs(u) + np.abs(d)
-    return Rounded(B @ u - d, UNIT * (terms(B) + 4) * sizes)
-
-
-def means(B: sp.csr_array, lengths: Array, u: Array, g: Array) -> Rounded:
-    """B u / lengths - g (m,)."""
-    values, sizes = B @ u / lengths - g, B @ np.abs(u) / lengths + np.abs(g)
+def constrained(B: sp.csr_array, u: Array, d: Array, lengths: Array | float = 1.0) -> Rounded:
+    """B u / lengths - d (m,), for B (m, n) without negative entries: integrals over cells, or means."""
+    values, sizes = B @ u / lengths - d, B @ np.abs(u) / lengths + np.abs(d)
     return Rounded(values, UNIT * (terms(B) + 4) * sizes)
 
 

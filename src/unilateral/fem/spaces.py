@@ -103,9 +103,9 @@ class MixedSpaces:
 
     def extended(self, lambda_H: Array) -> Array:
         """lambda_H (m,) as a function on all cells, 0 on free sides."""
-        found = np.zeros(self.partition.n_cells)
-        found[self.cells] = lambda_H
-        return found
+        on_all = np.zeros(self.partition.n_cells)
+        on_all[self.cells] = lambda_H
+        return on_all
 
     def response(self, load: Array, mu: Array) -> Array:
         """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,), or (n, k) of k at once."""

@@ -27,10 +27,7 @@ KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
 KINK_SHARE = 1 / 64
 SHORTEST = 1 / 64
-"""No side counts as shorter than this times the longest one.
-
-A kink far away is not resolved any better because some side is shorter.
-"""
+"""No side counts as shorter than this times the longest one: far from it kinks need no finer pieces."""
 NEAR_LEVELS = 24
 NEAR = 3.0
 ON_CORNER = 1e-10
@@ -38,10 +35,7 @@ ON_CORNER = 1e-10
 
 @dataclass(frozen=True)
 class Apart:
-    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
-
-    The first corner is a singular `point` (k, 2), which has that `grading`.
-    """
+    """Pieces as in `Split` whose first corner is a singular `point` (k, 2), which has that `grading`."""
 
     corners: Array
     parent: Index

@@ -16,7 +16,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import ROUNDED, Mesh, refine_some
+from unilateral.geometry.mesh import ROUNDED, Mesh, halved, refine_some
 from unilateral.geometry.partition import Partition
 
 UNIT = 2**44
@@ -27,7 +27,7 @@ Rounding ends the halving of an edge before its length is 1.
 SHORTEST = 4
 """A cell may be at most this many times as long as its shortest edge."""
 BULK = 0.5
-"""The shares of the marked triangles are usually to be at least this part of the sum of all shares."""
+"""The shares of the marked triangles are to be at least this part of the sum of all shares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,21 +70,21 @@ def adapted(mesh: Mesh) -> AdaptedMesh:
     return AdaptedMesh(mesh, UNIT * np.arange(len(mesh.s), dtype=np.int64))
 
 
-def marked(mesh: Mesh, shares: Array, bulk: float = BULK) -> Index:
-    """The fewest triangles with the part `bulk` of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
+def marked(mesh: Mesh, shares: Array) -> Index:
+    """The fewest triangles with the part BULK of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
 
     Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
-    shortest = float(np.spacing(np.abs(mesh.polygon.vertices).max())) / ROUNDED
+    shortest = float(np.spacing(mesh.polygon.largest)) / ROUNDED
     order = np.argsort(-shares, kind="stable")
-    found = order[: np.searchsorted(np.cumsum(shares[order]), bulk * shares.sum()) + 1]
-    found = found[mesh.longest_edges[found] > shortest]
-    if found.size == 0:
+    largest = order[: np.searchsorted(np.cumsum(shares[order]), BULK * shares.sum()) + 1]
+    largest = largest[mesh.longest_edges[largest] > shortest]
+    if largest.size == 0:
         raise InputError(
             f"the triangles of '{mesh.polygon.name}' from which most of the bound comes have edges of "
             f"{shortest:.2g}, as short as rounding allows; take a larger accuracy"
         )
-    return found
+    return largest
 
 
 def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
@@ -99,10 +99,7 @@ def divided(of: AdaptedMesh, halvings: Index) -> AdaptedMesh:
 
 
 def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
-    """The mesh with the chosen triangles cut in four, and others as that needs.
-
-    Raises InputError as `refine_some`.
-    """
+    """The mesh with the chosen triangles cut in four, and others as that needs. Raises as `refine_some`."""
     while chosen.size:
         of = _refined(of, chosen)
         chosen = of.unbalanced
@@ -111,6 +108,5 @@ def refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
 
 def _refined(of: AdaptedMesh, chosen: Index) -> AdaptedMesh:
     mesh = refine_some(of.mesh, chosen)
-    k = np.flatnonzero(mesh.boundary >= of.mesh.n_nodes)
-    before = k - np.arange(1, len(k) + 1)
+    before = halved(mesh.boundary, of.mesh.n_nodes)
     return AdaptedMesh(mesh, np.insert(of.at, before + 1, (of.at[before] + of.at[before + 1]) // 2))

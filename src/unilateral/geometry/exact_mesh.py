@@ -12,9 +12,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.polygon import Polygon
 
-EPS = float(np.finfo(float).eps)
 MOST = 1e-3
 """Proposition S5 of the supplement holds if `distortion` and `stretch` are at most this."""
 GROWTH = 6.0

@@ -29,9 +29,9 @@ def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
         pairs = np.arange(0, len(low), 2)
         boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
-    found = [_in_boxes(boxes, points[block]) for block in blocks]
-    at = np.concatenate([block[of] for block, (of, _) in zip(blocks, found, strict=True)])
-    triangle = order[np.concatenate([box for _, box in found])]
+    pairs_of = [_in_boxes(boxes, points[block]) for block in blocks]
+    at = np.concatenate([block[of] for block, (of, _) in zip(blocks, pairs_of, strict=True)])
+    triangle = order[np.concatenate([box for _, box in pairs_of])]
     weights, height = _barycentric(corners[triangle], points[at])
     inside = (weights >= -reach / height).all(axis=1)
     return at[inside], triangle[inside], weights[inside]
@@ -50,10 +50,7 @@ def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, I
 
 
 def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
-    """(p, 3) barycentric coordinates of points (p, 2) in triangles with corners (p, 3, 2).
-
-    The second result is the heights (p, 3) of the triangles.
-    """
+    """(p, 3) barycentric coordinates of points (p, 2) in triangles (p, 3, 2), and heights (p, 3) of these."""
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     twice = cross(edges[:, 0], edges[:, 1])[:, None]
     away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))

@@ -18,11 +18,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
 
 ROUNDED = 1e-6
-"""The rounding of coordinates may be this part of the longest boundary edge.
-
-If it is larger, it shows in A_3, the Schur complement on the boundary.
-"""
-
+"""The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
 SHORTEST = exact_mesh.MOST
 """The rounding of coordinates may be this part of any edge: no finer mesh is near enough to the exact one."""
 
@@ -118,11 +114,9 @@ class Mesh:
     @cached_property
     def shift(self) -> Array:
         """(n,) how far the nodes may be from those of the `exact` mesh."""
-        found = np.full(self.n_nodes, self.polygon.doubt)
-        found[self.boundary] = exact_mesh.shifts(
-            self.polygon, self.points[self.boundary], self.side, self.s[:-1]
-        )
-        return found
+        shift, places = np.full(self.n_nodes, self.polygon.doubt), self.points[self.boundary]
+        shift[self.boundary] = exact_mesh.shifts(self.polygon, places, self.side, self.s[:-1])
+        return shift
 
     @cached_property
     def distortion(self) -> Array:
@@ -138,7 +132,7 @@ class Mesh:
 def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where: str = "mesh") -> Mesh:
     """The mesh with the nodes (n, 2) and the triangles (m, 3), whose nodes run either way round.
 
-    Nodes that lie a little beside the boundary are moved onto it, see `checks.NEAR`. Raises InputError,
+    Nodes a little beside the boundary are moved onto it, see `triangulation_checks.NEAR`. Raises InputError,
     beginning with `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
     triangles, repeated or unused nodes, its boundary the polygon's.
     """
@@ -156,7 +150,7 @@ def similar(mesh: Mesh, polygon: Polygon) -> Mesh:
     """The same triangles on a polygon of the same shape that is larger or smaller, seen from the origin."""
     if polygon is mesh.polygon:
         return mesh
-    factor = float(np.abs(polygon.vertices).max() / np.abs(mesh.polygon.vertices).max())
+    factor = polygon.largest / mesh.polygon.largest
     coarse = similar(mesh.coarse, polygon) if mesh.coarse else None
     s = polygon.similar(mesh.polygon, mesh.s)
     return replace(mesh, polygon=polygon, points=factor * mesh.points, s=s, coarse=coarse)
@@ -209,7 +203,7 @@ def _arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
 
 
 def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
-    largest = float(np.abs(polygon.vertices).max())
+    largest = polygon.largest
     if np.spacing(largest) > ROUNDED * h:
         raise InputError(
             f"{where}: coordinates as large as {largest:.3g} are rounded by {np.spacing(largest):.3g}, "
@@ -219,7 +213,7 @@ def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
 
 
 def _check_shortest(polygon: Polygon, edge: float) -> None:
-    rounding = float(np.spacing(np.abs(polygon.vertices).max()))
+    rounding = float(np.spacing(polygon.largest))
     if rounding > SHORTEST * edge:
         raise InputError(
             f"the mesh of '{polygon.name}' gets an edge of {edge:.2g}, as short as rounding allows where "
@@ -249,10 +243,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 def following(
     cells: Partition, edges: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
-    """A mesh by gmsh with `edges` equal boundary edges in every cell, and the cells.
-
-    Then both are halved `halvings` times.
-    """
+    """A mesh by gmsh with `edges` equal boundary edges in every cell, and the cells; both then halved."""
     mesh = with_boundary(cells.polygon, partitions.refine(cells, edges).points[:-1], growth)
     return refine(mesh, halvings), partitions.refine(cells, 2**halvings)
 
@@ -275,10 +266,15 @@ def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
     _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
     boundary = of.ends[of.boundary, 0].astype(np.intp)
-    k = np.flatnonzero(boundary >= step.n)
-    before = k - np.arange(1, len(k) + 1)
+    before = halved(boundary, step.n)
     s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))
     side = np.insert(mesh.side, before + 1, mesh.side[before])
     s = _arc_lengths(mesh.polygon, side, s[:-1])
     _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
     return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)
+
+
+def halved(boundary: Index, n: int) -> Index:
+    """The numbers of the boundary edges that were halved, for the nodes along the new boundary, n on new."""
+    new = np.flatnonzero(boundary >= n)
+    return new - np.arange(1, len(new) + 1)

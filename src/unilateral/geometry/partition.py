@@ -79,9 +79,9 @@ class Partition:
         """(m,) whether an arc length of s (k,) lies inside the cell and not, up to round-off, at an end."""
         cell = np.searchsorted(self.points, s, side="right") - 1
         to_end = np.abs(s[:, None] - self.points).min(axis=1)
-        found = np.zeros(self.n_cells, dtype=bool)
-        found[cell[to_end > VERTEX_TOLERANCE * self.polygon.perimeter]] = True
-        return found
+        has_one = np.zeros(self.n_cells, dtype=bool)
+        has_one[cell[to_end > VERTEX_TOLERANCE * self.polygon.perimeter]] = True
+        return has_one
 
     @property
     def H(self) -> float:

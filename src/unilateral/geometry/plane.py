@@ -22,20 +22,20 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
 
 def signed_areas(points: Array, triangles: Index) -> Array:
     """(m,) areas of the triangles, negative where the nodes run clockwise."""
-    found = np.empty(len(triangles))
-    for some in blocks(len(found)):
+    areas = np.empty(len(triangles))
+    for some in blocks(len(areas)):
         x, y = points.T[:, triangles[some].T]
-        found[some] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
-    return found
+        areas[some] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
+    return areas
 
 
 def longest_edges(points: Array, triangles: Index) -> Array:
     """(m,) the longest edge of each triangle."""
-    found = np.empty(len(triangles))
-    for some in blocks(len(found)):
+    longest = np.empty(len(triangles))
+    for some in blocks(len(longest)):
         x, y = points.T[:, triangles[some].T]
-        found[some] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
-    return found
+        longest[some] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
+    return longest
 
 
 def circles(vertices: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
 from unilateral.system.declarations import own
 
@@ -47,6 +48,11 @@ class Polygon:
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)
 
+    @cached_property
+    def largest(self) -> float:
+        """The largest absolute value of a coordinate, on which the rounding of places depends."""
+        return float(np.abs(self.vertices).max())
+
     @property
     def n_sides(self) -> int:
         return len(self.vertices)
@@ -69,8 +75,7 @@ class Polygon:
     @cached_property
     def stretch(self) -> Array:
         """(n,) how far the differences of `starts` may be from the exact lengths, relative to these."""
-        unit = float(np.finfo(float).eps)
-        return (np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * unit
+        return (np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * EPS
 
     @property
     def perimeter(self) -> float:

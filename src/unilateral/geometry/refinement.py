@@ -220,10 +220,7 @@ def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tupl
 
 
 def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
-    """The triangulation of triangles (T, 3) `in_order`, with the nodes (nb,) along the boundary.
-
-    Here the edges are sorted.
-    """
+    """The triangulation of triangles (T, 3) `in_order`, with boundary nodes (nb,), by sorting the edges."""
     nodes, alike = turned(points, triangles)
     start, end = (nodes[:, turn].ravel().astype(np.int64) for turn in ([1, 2, 0], [2, 0, 1]))
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)

@@ -12,10 +12,7 @@ from unilateral.geometry.polygon import Polygon, square
 FEWEST = 4
 """With at most this many squares in a unit of length no coarser mesh is sought, for it saves nothing."""
 MANY = 16
-"""Polygons that are wider or higher than this get no structured mesh unless somebody asks for it.
-
-Even squares of side 1 may be too many in them.
-"""
+"""Polygons that are wider or higher get no structured mesh unless asked for: even unit squares are many."""
 MOST_SQUARES = 1000
 """A polygon is taken to consist of unit squares if its coordinates are whole numbers up to this."""
 
@@ -53,7 +50,7 @@ def natural_kind(polygon: Polygon) -> str:
 
 def _consists_of_squares(polygon: Polygon) -> bool:
     whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
-    small = np.abs(polygon.vertices).max() <= MOST_SQUARES
+    small = polygon.largest <= MOST_SQUARES
     return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
 
 

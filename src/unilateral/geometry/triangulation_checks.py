@@ -6,6 +6,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
@@ -16,10 +17,7 @@ Moved onto the side, it changes gradients there by about that part. The bounds a
 The nodes of a file are near enough if its coordinates are written to 1e-7 of that height.
 """
 BESIDE = 0.5
-"""A node beside a side by less than this part of that least height is taken for a node of the side.
-
-The error message then names the side.
-"""
+"""A node beside a side by less than this part of that height is told of as one that belongs there."""
 SAME_POINT = 1e-12
 """Nodes nearer than this part of the diameter are one node listed twice."""
 FLAT = 1e-12
@@ -28,7 +26,7 @@ FLAT = 1e-12
 
 def round_off(polygon: Polygon) -> float:
     """How far round-off may move a point of the polygon."""
-    return 8 * float(np.finfo(float).eps) * (polygon.perimeter + float(np.abs(polygon.vertices).max()))
+    return 8 * EPS * (polygon.perimeter + polygon.largest)
 
 
 def node(points: Array, number: int) -> str:

@@ -89,14 +89,14 @@ def cell_means_of_gaps(cases: Sequence[Case], partition: Partition) -> list[Cell
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
     lambda_norm, projection_error = (in_L2 * math.sqrt(rule.weight @ of**2) for of in (flux, deviation))
-    found = []
+    of_cases = []
     gaps = [first, *(case.gap(rule.side, rule.s) for case in cases[1:])]
     for case, gap in zip(cases, gaps, strict=True):
         gap_means, g_means = (rule.integrate(of, m) / partition.lengths for of in (gap, u - gap))
         crossed, size = partition.has_inside(case.transitions()), float(np.max(np.abs(u) + np.abs(gap)))
         norms = lambda_norm, projection_error, size
-        found.append(CellMeans(partition, lambda_means, gap_means, g_means, crossed, *norms))
-    return found
+        of_cases.append(CellMeans(partition, lambda_means, gap_means, g_means, crossed, *norms))
+    return of_cases
 
 
 class ExactErrors(NamedTuple):

@@ -43,8 +43,8 @@ def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu
     """
     rule, cell = _rule(spaces, partition, case)
     flux = case.boundary(rule.side, rule.s, rule.near)[1]
-    found = _of_values(spaces, rule, flux[:, None] - values_on(partition, rule, cell, mu_H))
-    return found if case.flux_in_L2 else found._replace(oscillation=np.full(len(mu_H), math.nan))
+    seen = _of_values(spaces, rule, flux[:, None] - values_on(partition, rule, cell, mu_H))
+    return seen if case.flux_in_L2 else seen._replace(oscillation=np.full(len(mu_H), math.nan))
 
 
 def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:
@@ -93,5 +93,5 @@ def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Fu
     rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
     squares = summed(rule.weight[:, None] * rest**2)
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
-    left_over = oscillation_bound(mesh, spaces.triangle, squares)
+    left_over = oscillation_bound(mesh, squares)
     return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), left_over)

@@ -35,16 +35,11 @@ REACH = math.sqrt(5) / 2
 """A square reaches this far from the midpoint of its edge, in lengths of the edge."""
 
 
-def oscillation_bound(
-    mesh: Mesh, triangle: Index, squared_norms: Array, on_square: Array | float = ON_SQUARE
-) -> Array:
-    """Bounds (k,) on ||r||_{-1/2} from ||r||_e^2 (nb, k); `triangle` (nb,) is the one at each edge.
-
-    `on_square` is C, for all edges or for each (nb,).
-    """
+def oscillation_bound(mesh: Mesh, squared_norms: Array, on_square: Array | float = ON_SQUARE) -> Array:
+    """Bounds (k,) on ||r||_{-1/2} from ||r||_e^2 (nb, k); `on_square` is C, for all edges or each (nb,)."""
     square = has_square(mesh)
     of_squares = (on_square * np.diff(mesh.s) * square) @ squared_norms
-    of_triangles = (trace_constants(mesh, triangle) * ~square) @ squared_norms
+    of_triangles = (trace_constants(mesh) * ~square) @ squared_norms
     return np.sqrt(of_squares) + np.sqrt(of_triangles)
 
 
@@ -68,28 +63,29 @@ def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Arr
     return np.asarray(distance.min(axis=1))
 
 
-def trace_constants(mesh: Mesh, triangle: Index) -> Array:
+def trace_constants(mesh: Mesh) -> Array:
     """(nb,) the triangles' constants, doubled where two edges share a triangle."""
-    e, far, shared = _measured(mesh, triangle)
+    e, far, area, shared = _measured(mesh)
     d = np.maximum(far, e)
-    return shared * e / mesh.areas[triangle] * (d**2 / math.pi**2 + far * d / math.pi)
+    return shared * e / area * (d**2 / math.pi**2 + far * d / math.pi)
 
 
-def value_constants(mesh: Mesh, triangle: Index) -> Array:
+def value_constants(mesh: Mesh) -> Array:
     """(nb,) C of ||v||_e^2 <= C ||v||_{1,T}^2, doubled where two edges share a triangle.
 
     C is |e|/|T| (1 + (1 + a^2)^(1/2))/2: the divergence theorem with the same field gives
     ||v||_e^2 <= |e|/|T| (||v||_T^2 + a ||v||_T |v|_{1,T}).
     """
-    e, far, shared = _measured(mesh, triangle)
-    return np.asarray(shared * e / mesh.areas[triangle] * (1 + np.sqrt(1 + far**2)) / 2)
+    e, far, area, shared = _measured(mesh)
+    return np.asarray(shared * e / area * (1 + np.sqrt(1 + far**2)) / 2)
 
 
-def _measured(mesh: Mesh, triangle: Index) -> tuple[Array, Array, Index]:
-    """(nb,) the edges' lengths, the distances a, and how many edges share the triangle."""
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+def _measured(mesh: Mesh) -> tuple[Array, Array, Array, Index]:
+    """(nb,) the edges' lengths, the distances a, the triangles' areas, and how many edges share each."""
+    start, end, triangle = mesh.boundary, np.roll(mesh.boundary, -1), mesh.boundary_triangles
     off = mesh.triangles[triangle].sum(axis=1) - start - end
     e, a, b = (
         np.hypot(*(mesh.points[p] - mesh.points[q]).T) for p, q in ((start, end), (start, off), (end, off))
     )
-    return e, np.maximum(a, b), np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
+    shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
+    return e, np.maximum(a, b), mesh.areas[triangle], shared

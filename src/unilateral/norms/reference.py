@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 import skfem
-from scipy.sparse.linalg import SuperLU
 from skfem.helpers import div, dot
 from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import check_constants
-from unilateral.fem.nested_dissection import elimination_order, factorise, half_solved
+from unilateral.fem.linear_systems import elimination_order, factorise, half_solved
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -28,19 +27,11 @@ from unilateral.norms.grading import EDGES_PER_CELL, boundary_nodes
 GROWTH = 0.45
 
 
-class Factor:
-    """A symmetric positive definite matrix (n, n), eliminated in an order (n,)."""
+class Factor(NamedTuple):
+    """A symmetric positive definite matrix (n, n), and the order (n,) in which it is eliminated."""
 
-    def __init__(self, A: sp.csr_array, order: Index) -> None:
-        self.A, self.order = A, order
-
-    def solve(self, rhs: Array) -> Array:
-        """A^{-1} rhs, (n,), its entries in the order of elimination."""
-        return self._lu.solve(np.asarray(rhs, dtype=float).ravel()[self.order])
-
-    @cached_property
-    def _lu(self) -> SuperLU:
-        return factorise(self.A, self.order)
+    A: sp.csr_array
+    order: Index
 
     def products(self, F: sp.csc_array) -> Array:
         """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
@@ -54,8 +45,7 @@ class ReferenceSpaces:
 
     `nodes` (nb, 3) are the unknowns of P2 on each boundary edge: its start, its end, its midpoint;
     `normal` (n_bdm1, 2 nb) takes the values of q.n at the starts and ends of the boundary edges, edge by
-    edge, to the unknowns of BDM1; `inner` are the other unknowns of BDM1. `triangle` (nb,) is the one at each
-    boundary edge.
+    edge, to the unknowns of BDM1; `inner` are the other unknowns of BDM1.
     """
 
     mesh: Mesh
@@ -66,7 +56,6 @@ class ReferenceSpaces:
     bdm1: sp.csr_array
     inner: Index
     bdm1_inner: Factor
-    triangle: Index
 
     def suprema(self, loads: sp.csc_array) -> Array:
         """(k, k) matrix of the form whose root is sup over P2 of <mu, v> / ||v||_1, loads (n_p2, k)."""
@@ -98,7 +87,7 @@ def reference_spaces(
     rank, of_bdm1 = ranks(p2, matrix), np.empty(bdm1.N)
     of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
     factor = Factor(matrix, np.argsort(rank, kind="stable"))
-    check_constants(mesh, factor.solve(M.sum(axis=1)))
+    check_constants(mesh, factorise(matrix, factor.order).solve(M.sum(axis=1)[factor.order]))
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
     return ReferenceSpaces(
         mesh,
@@ -109,7 +98,6 @@ def reference_spaces(
         bdm1=A,
         inner=inner,
         bdm1_inner=Factor(A[inner][:, inner].tocsr(), np.argsort(of_bdm1[inner], kind="stable")),
-        triangle=of_skfem.f2t[0, facet],
     )
 
 
@@ -134,12 +122,10 @@ def hdiv(q, r, _):  # type: ignore[no-untyped-def]
 
 def boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
     """(nb,) skfem's facet of every boundary edge."""
-    n, facets = mesh.n_nodes, of_skfem.facets.astype(np.intp)
-    keys = facets.min(axis=0) * n + facets.max(axis=0)
-    order = np.argsort(keys)
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
-    wanted = np.minimum(start, end) * n + np.maximum(start, end)
-    return order[np.searchsorted(keys, wanted, sorter=order)]
+    ends = np.sort([mesh.boundary, np.roll(mesh.boundary, -1)], axis=0)
+    candidates = of_skfem.t2f[:, mesh.boundary_triangles]
+    at_edge = np.all(of_skfem.facets[:, candidates] == ends[:, None], axis=0)
+    return np.asarray(candidates[at_edge.argmax(axis=0), np.arange(len(mesh.boundary))])
 
 
 def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:

@@ -16,8 +16,7 @@ from scipy.linalg import solve_triangular
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
-from unilateral.fem.loads import parts
-from unilateral.fem.p1 import gradients, h1_load, load
+from unilateral.fem.p1 import gradients, h1_load, load, parts
 from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
 

@@ -20,8 +20,8 @@ from unilateral.errors import InputError
 from unilateral.formulas.decimals import up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
+from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
@@ -247,7 +247,7 @@ class Solution:
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
             on_edges = self.partition.means(self.multiplier, self.mesh.s)
-            write(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
+            write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
             return
         if Path(path).suffix == ".json":
             as_json.write(self.certificate(), path)

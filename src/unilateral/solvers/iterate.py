@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -44,12 +43,3 @@ def _plain_or_faster(
     with np.errstate(over="ignore", invalid="ignore"):
         first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
-
-
-def joined(first: DualResult, second: DualResult) -> DualResult:
-    """The second run, which went on where the first one ended, with the counts of both."""
-    return replace(
-        second,
-        iterations=first.iterations + second.iterations,
-        operator_applications=first.operator_applications + second.operator_applications,
-    )

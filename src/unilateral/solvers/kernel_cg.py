@@ -58,15 +58,6 @@ class Grid:
         """(k, n) the rows of A at the nodes of the ring."""
         return self.of.A[self.ring]
 
-    def next_set(self, u: Array, active: Mask, lambda_H: Array) -> Mask:
-        """(m,) the cells that are active next.
-
-        Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
-        g's.
-        """
-        below = self.cells.B @ u - self.d < -ROUNDING * np.max(np.abs(u)) * self.cells.lengths
-        return np.where(active, lambda_H > 0, below)
-
 
 class Run:
     """Conjugate gradients for the cells `active` (m,), from u (n,), which changes in place.
@@ -92,9 +83,9 @@ class Run:
     @property
     def lambda_H(self) -> Array:
         """(m,) the multiplier, which may be negative."""
-        found = np.zeros(len(self.active))
-        found[self.active] = self.multiplier
-        return found
+        lambda_H = np.zeros(len(self.active))
+        lambda_H[self.active] = self.multiplier
+        return lambda_H
 
     @property
     def exhausted(self) -> bool:
@@ -112,8 +103,14 @@ class Run:
             self._advance()
 
     def next_set(self) -> Mask:
-        """(m,) the next active cells, see `Grid.next_set`."""
-        return self.grid.next_set(self.u, self.active, self.lambda_H)
+        """(m,) the cells that are active next.
+
+        Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
+        g's.
+        """
+        cells, allowed = self.grid.cells, ROUNDING * np.max(np.abs(self.u))
+        below = cells.B @ self.u - self.grid.d < -allowed * cells.lengths
+        return np.where(self.active, self.lambda_H > 0, below)
 
     def ritz(self) -> Array:
         """Approximate eigenvalues of the preconditioned matrix, by Lanczos' method from the steps."""

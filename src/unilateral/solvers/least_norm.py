@@ -34,20 +34,20 @@ def least(S: Array, l: Array, c: Array, active: Mask) -> Array:  # noqa: E741
     is finite. Where they do not settle, v is the best one that was met. A constant is never better.
     """
     active, usual = active.copy(), 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
-    T, found, left = _pivoted(S, usual), np.ones_like(c) * c.max(axis=0), np.arange(c.shape[1])
-    values = _values(S, l, found)
+    T, best, left = _pivoted(S, usual), np.ones_like(c) * c.max(axis=0), np.arange(c.shape[1])
+    values = _values(S, l, best)
     for _ in range(MOST_STEPS):
         of, bound = active[:, left], c[:, left]
         v, push = _stationary(T, usual, of, bound, l)
         cut = np.maximum(v, bound)
         now = _values(S, l, cut)
         better = now < values[left]
-        found[:, left[better]], values[left[better]] = cut[:, better], now[better]
+        best[:, left[better]], values[left[better]] = cut[:, better], now[better]
         active[:, left] = np.where(of, push >= 0, v < bound)
         left = left[(active[:, left] != of).any(axis=0)]
         if not left.size:
             break
-    return found
+    return best
 
 
 def _stationary(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> tuple[Array, Array]:  # noqa: E741

@@ -9,20 +9,10 @@ that the sets settle, but it was always observed. The first step begins with the
 are given. If refinement was uniform it may also begin with those of the level before, found by some steps
 there: nested iteration.
 
-The last run ends by a bound that is guaranteed for any u and lambda >= 0, whatever the set. Let w be the sum
-of hats at nodes inside the cells with which v = u - w fulfils B v >= d and lambda . (B v - d) = 0. Two
-pairs that fulfil both have (B v - B u_h) . (lambda - lambda_H) <= 0. So with R = A v - load - B^T lambda,
-||.|| its dual norm on V_h, and A (v - u_h) - R = B^T (lambda - lambda_H),
-
-    ||v - u_h||_1^2 + ||lambda - lambda_H||_{-1/2,h}^2
-        = ||R||^2 + 2 (B v - B u_h) . (lambda - lambda_H) <= ||R||^2,
-
-so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
-`fem.residual`, for w `feasible_discrete`; the rounding of both is in the bound.
-
-In the cheap bound on the total error R is a part of u_h - f - div q. There its size is that of
-(sum R_i^2 / m_i)^{1/2} with the sums m_i of A's rows, which may be larger than ||R|| by 1/h, h the shortest
-edge. So that has to be small, too.
+The last run ends by a bound that is guaranteed for any u and lambda >= 0, whatever the set
+(`multigrid_bounds`). In the cheap bound on the total error its residual R is a part of u_h - f - div q. There
+its size is that of (sum R_i^2 / m_i)^{1/2} with the sums m_i of A's rows, which may be larger than ||R|| by
+1/h, h the shortest edge. So that has to be small, too.
 """
 
 from __future__ import annotations
@@ -35,12 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.fem import rounded
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.fem.nested_cells import Cells
-from unilateral.fem.residual import downwards, dual_norm
-from unilateral.solvers.feasible_discrete import feasible
+from unilateral.fem.rounded import root
 from unilateral.solvers.kernel_cg import Grid, Run
+from unilateral.solvers.multigrid_bounds import algebraic_bound
 
 DECADE = 1e-2
 """The active set is checked each time r . z has fallen by this factor, a decade of the error.
@@ -65,16 +54,10 @@ LEAST = 1e-26
 FLOOR = 1e-10
 """A tolerance that is not given is at least this fraction of ||u||_1, because the steps are rounded."""
 MOST_STEPS = 40
-CYCLES, ENOUGH = 6, 0.01
-"""A lower bound on the norm of lambda_H takes at most CYCLES V-cycles.
-
-They end before one that would add no more than the fraction ENOUGH to the square of the norm. The same
-fraction decides on which level they end, see `Multigrid.dual_norm_below`.
-"""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class MultigridResult:
     """u (n,), lambda_H (m,) and which cells are `active` (m,).
 
     `bound` is a guaranteed bound on ||u - u_h||_1 and on ||lambda_H - exact||_{-1/2,h}. `counts` has the
@@ -95,14 +78,6 @@ class Found:
         """Whether the bound is small enough."""
         return self.bound <= self.tolerance
 
-    @property
-    def estimate(self) -> float:
-        """An estimate of ||u - u_h||_1.
-
-        It is not guaranteed: the least eigenvalue may lie below the least Ritz value.
-        """
-        return math.sqrt(self.rz / self.ritz[0]) if len(self.ritz) else math.nan
-
 
 @dataclass(frozen=True, eq=False)
 class Multigrid:
@@ -120,7 +95,7 @@ class Multigrid:
         start: tuple[Array, Mask] | None = None,
         fraction: float = 0.01,
         in_L2: float = math.inf,
-    ) -> Found:
+    ) -> MultigridResult:
         """(u_h, lambda_H) with a bound of at most `tolerance` and a residual of at most `in_L2`.
 
         The iteration begins at a `start`, u (n,) and the active cells (m,), or with 0 on the coarsest level.
@@ -129,35 +104,13 @@ class Multigrid:
         """
         counts: list[tuple[int, int]] = []
         u, active = (start[0].copy(), start[1]) if start else self._nested_iteration(counts)
-        ends = Bounded(self, tolerance, fraction, in_L2)
+        ends = Bounded(tolerance, fraction, in_L2)
         run = settled(self.finest, u, active, ends, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
-        bound = self.bound(u, lambda_H) if ends.bound is None else ends.bound
-        return Found(u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0)
-
-    def dual_norm_below(self, lambda_H: Array) -> float:
-        """A lower bound on ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
-
-        The levels are tried from coarse to fine. The last one is the first that adds so little to the square
-        that, if all others added as much, it would still be little.
-        """
-        functionals = [self.finest.cells.B.T @ lambda_H]
-        for grid in self.grids[:0:-1]:
-            R = functionals[0].copy()
-            grid.of.levels[-1].restrict(R)
-            functionals.insert(0, R[: grid.of.levels[-1].before])
-        found = 0.0
-        for left, grid, R in zip(range(len(functionals))[::-1], self.grids, functionals, strict=True):
-            before, found = found, max(found, _dual_norm_below(grid.of, R))
-            if left * (found**2 - before**2) < ENOUGH * found**2:
-                break
-        return found
-
-    def bound(self, u: Array, lambda_H: Array) -> float:
-        """A guaranteed bound on both errors, for any u (n,) and lambda_H (m,) >= 0."""
-        grid, of, cells = self.finest, self.finest.of, self.finest.cells
-        R, norm = feasible(of.A, of.mass, grid.load, cells.B, grid.d, cells.inside, u, lambda_H)
-        return dual_norm(of, *R) + norm
+        bound = algebraic_bound(self.finest, u, lambda_H) if ends.bound is None else ends.bound
+        return MultigridResult(
+            u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0
+        )
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
@@ -168,35 +121,6 @@ class Multigrid:
             u, active, share = np.append(u, np.empty(fine.of.n - len(u))), active[fine.cells.parent], DECADE
             fine.of.levels[-1].prolong(u)
         return u, active
-
-
-def _dual_norm_below(of: Hierarchy, R: Array) -> float:
-    """A lower bound on ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
-    unit = float(np.abs(R).max(initial=0.0))
-    v = nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
-    A_v = rounded.product(of.A, of.mass, v)
-    norm = rounded.SLACK * rounded.root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
-    return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
-
-
-def nearly_solved(of: Hierarchy, R: Array) -> Array:
-    """v (n,) with A v nearly R (n,), by a few V-cycles.
-
-    Each is for the residual that is left, and its result is made conjugate to those before.
-    """
-    left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
-    for _ in range(CYCLES):
-        p = downwards(of, left)
-        A_p = rounded.product(of.A, of.mass, p).values
-        for q, A_q in before:
-            share = (p @ A_q) / (q @ A_q)
-            p, A_p = p - share * q, A_p - share * A_q
-        gain, square = float(p @ left), float(p @ A_p)
-        if not (square > 0 and gain**2 > ENOUGH * square * float(v @ R)):
-            break
-        before.append((p, A_p))
-        v, left = v + gain / square * p, left - gain / square * A_p
-    return v
 
 
 def multigrid(of: Hierarchy, cells: Sequence[Cells], load: Array, d: Array) -> Multigrid:
@@ -264,7 +188,6 @@ class Bounded:
     Where u_2h is u_h up to rounding, the tolerance is FLOOR times ||u||_1.
     """
 
-    problem: Multigrid
     tolerance: float | None
     fraction: float
     in_L2: float
@@ -275,7 +198,7 @@ class Bounded:
         """The r . z at which to look at the set."""
         estimate = math.sqrt(max(run.first_rz, 0.0) / 3)
         if self.tolerance is None:
-            least = FLOOR * rounded.root(run.u, run.grid.of.A @ run.u)
+            least = FLOOR * root(run.u, run.grid.of.A @ run.u)
             self.tolerance = max(self.fraction * estimate, least)
         if self.in_L2 == math.inf:
             self.in_L2 = IN_L2 * estimate
@@ -288,7 +211,7 @@ class Bounded:
             return self.first_look(run)
         if run.rz > least and not run.exhausted and run.in_L2 > self.in_L2:
             return max(run.rz * max(DECADE, (AIM * self.in_L2 / run.in_L2) ** 2), least)
-        bound = self.problem.bound(run.u, np.maximum(run.lambda_H, 0))
+        bound = algebraic_bound(run.grid, run.u, np.maximum(run.lambda_H, 0))
         if bound <= tolerance or bound > STAGNANT * self.before or run.exhausted:
             self.bound = bound
             return None

@@ -21,7 +21,6 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int32
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy
-from unilateral.fem.smoothing import downward, upward
 
 CUT_AWAY = 1e-10
 """If less than this fraction of a hat's energy is left, all of it is rounding, and the hat counts as 0."""
@@ -66,13 +65,13 @@ class Truncated:
         """
         swept = []
         for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
-            swept.append(downward(level, S, r))
+            swept.append(level.sweep_down(S, r))
             level.restrict(r)
         e, n = np.zeros_like(r), self.coarsest.shape[0]
         e[:n] = self.coarsest.solve(r[:n])
         for level, S in zip(self.below, self.matrices, strict=True):
             level.prolong(e)
-            upward(level, S, e, *swept.pop())
+            level.sweep_up(S, e, *swept.pop())
         return e
 
 

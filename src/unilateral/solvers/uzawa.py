@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.blas import dnrm2
@@ -45,6 +45,14 @@ class DualResult:
     rho: float
     algorithm: str
     rounding: float = 0.0
+
+    def after(self, first: DualResult) -> DualResult:
+        """This run, which went on where the first one ended, with the counts of both."""
+        return replace(
+            self,
+            iterations=first.iterations + self.iterations,
+            operator_applications=first.operator_applications + self.operator_applications,
+        )
 
 
 def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float) -> float:

@@ -52,10 +52,10 @@ class Nesterov:
 
 def _ahead(now: Array, before: Array, momentum: float) -> Array:
     """now + momentum (now - before), (m,)."""
-    found = now - before
-    found *= momentum
-    found += now
-    return found
+    ahead = now - before
+    ahead *= momentum
+    ahead += now
+    return ahead
 
 
 class BarzilaiBorwein:

@@ -1,15 +1,31 @@
-"""The constants of (3.4) and of Theorem 5 for one mesh and one partition."""
+"""The constants of (3.4) and of Theorem 5 for one mesh and one partition, and what they say of a run.
+
+The proof of Theorem 5 pairs P0(T_H) with functions that are linear between inner nodes: one node in each cell
+is kept, that of `inner_nodes`. V holds the continuous functions on the boundary that are linear in arc length
+from one kept node to the next; they are traces of functions in V_h.
+"""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from scipy.linalg import eigh
+from scipy.spatial import cKDTree
+
+from unilateral.arrays import Array
+from unilateral.fem.condense import matrix
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Bracket
-from unilateral.norms.infsup import InfSup, cellwise, infsup
-from unilateral.norms.pairing import certified_cellwise, pairing_constant
-from unilateral.norms.resolution import Resolution, resolution
+from unilateral.norms.infsup import InfSup, infsup
+from unilateral.norms.resolution import Resolution, inner_nodes, resolution
 
+ROUNDING = 1e-12
+"""An error of at most this fraction of ||u||_1 counts as 0."""
 OF_PAIR = (
     "h",
     "h_over_H",
@@ -30,3 +46,104 @@ def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Br
         "beta_0_certified": certified_cellwise(mesh, partition),
         "pairing": pairing_constant(mesh.s, partition),
     }
+
+
+def cellwise(operator: DualOperator) -> float:
+    """The constant of Theorem 5: sup over V_h of <mu, v>/||v||_1 against (sum_i H_i^2 mu_i^2)^{1/2}.
+
+    On cells of one length it is beta_0, else it is larger.
+    """
+    weighted = operator.D / operator.H_i[:, None] / operator.H_i
+    return math.sqrt(max(float(eigh(weighted, eigvals_only=True, subset_by_index=[0, 0])[0]), 0.0))
+
+
+def pairing(nodes: Array, partition: Partition) -> Array:
+    """(m, m) M with <mu, v> = sum_i H_i mu_i (M y)_i for v in V with the values y (m,) at nodes (m,).
+
+    M = diag(H_i)^{-1} B, B the integrals of V's hats over the cells; node i lies inside cell i.
+    """
+    before, after = nodes - partition.points[:-1], partition.points[1:] - nodes
+    between = after + np.roll(before, -1)
+    next_one = after**2 / (2 * between * partition.lengths)
+    last_one = before**2 / (2 * np.roll(between, 1) * partition.lengths)
+    one = np.eye(len(nodes))
+    return (
+        np.diag(1 - next_one - last_one)
+        + next_one[:, None] * np.roll(one, 1, axis=1)
+        + last_one[:, None] * np.roll(one, -1, axis=1)
+    )
+
+
+def pairing_constant(s: Array, partition: Partition) -> float:
+    """The smallest singular value of M for mesh nodes s (nb + 1,); NaN where a cell has none inside."""
+    nodes, deltas = inner_nodes(s, partition)
+    if not deltas.all():
+        return math.nan
+    return float(np.linalg.svd(pairing(nodes, partition), compute_uv=False)[-1])
+
+
+def least_pairing_constant(delta: Array) -> Array:
+    """(...) the bound delta/4 of the proof of Theorem 5, (6), whatever the lengths of the cells.
+
+    The values w of v at the cells' ends solve K w = 2 (q_i m_i + p_i m_{i+1}), m the means M y. K is
+    diagonally dominant by 2 delta in rows and by delta in columns.
+    """
+    return 0.25 * delta
+
+
+def certified_cellwise(mesh: Mesh, partition: Partition) -> float:
+    """A guaranteed lower bound on `cellwise`, without a solution; 0 where a cell has no node inside.
+
+    For mu let y = M^{-1} z, z_i = H_i mu_i, and v = W y in V_h. Then <mu, v> = |z|^2, |y| <= |z| / sigma with
+    the pairing constant sigma, and ||v||_1^2 = y . W^T A W y <= E |y|^2 with E the largest row sum of
+    |W^T A W|. So the supremum is at least sigma |z| / E^{1/2}, whatever `extended` is.
+    """
+    sigma = pairing_constant(mesh.s, partition)
+    if math.isnan(sigma):
+        return 0.0
+    W = extended(mesh, inner_nodes(mesh.s, partition)[0])
+    return sigma / math.sqrt(abs(W.T @ matrix(mesh) @ W).sum(axis=1).max())
+
+
+def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
+    """W (n, m): nodal values of functions in V_h whose traces are the hats of V at the boundary nodes (m,).
+
+    From every boundary node they fall linearly, by 1 over the shorter half of the hat's support.
+    """
+    widths = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
+    before = (np.searchsorted(nodes, mesh.s[:-1], side="right") - 1) % len(nodes)
+    t = (mesh.s[:-1] - nodes[before]) % mesh.polygon.perimeter / widths[before]
+    at, values = np.tile(mesh.boundary, 2), np.concatenate([1 - t, t])
+    hat = np.concatenate([before, (before + 1) % len(nodes)])
+    reach = np.minimum(widths, np.roll(widths, 1))[hat]
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    near = cKDTree(mesh.points[inside]).query_ball_point(mesh.points[at], reach * values)
+    of = np.repeat(np.arange(len(at)), [len(each) for each in near])
+    to = inside[np.concatenate([*near, []]).astype(np.intp)]
+    left = values[of] - np.linalg.norm(mesh.points[to] - mesh.points[at[of]], axis=1) / reach[of]
+    places, which = np.unique(to * len(nodes) + hat[of], return_inverse=True)
+    most = np.zeros(len(places))
+    np.maximum.at(most, which, left)
+    rows, columns = np.append(at, places // len(nodes)), np.append(hat, places % len(nodes))
+    return sp.coo_array((np.append(values, most), (rows, columns)), (mesh.n_nodes, len(nodes))).tocsr()
+
+
+def of_runs(errors: xr.Dataset) -> xr.Dataset:
+    """What Lemmas 3.1 and 4.3 say about every run of a scene, with its measured errors and constants.
+
+    `norm_ratio` bounds ||e||_{-1/2,h} / ||e||_{-1/2} for e = lambda - lambda_H, which lies in [0, 1] and, if
+    e were in P0(T_H), above beta; `lemma_4_3` is the left side of (4.6) over the right one with the constants
+    1 + 1/beta and 1/beta, every factor taken on its unfavourable side. NaN where beta or, to round-off, the
+    error is 0.
+    """
+    beta, upper = errors["beta_upper"], errors["hm12_error_upper"]
+    known = (beta > 0) & (upper > ROUNDING * errors["u_norm"])
+    right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
+    ratios = {
+        "norm_ratio_lower": errors["discrete_error"] / upper,
+        "norm_ratio_upper": errors["discrete_error"] / errors["hm12_error_lower"],
+        "lemma_4_3": upper / right,
+    }
+    order = ("case", "mesh", "partition")
+    table = xr.Dataset({name: values.where(known).transpose(*order) for name, values in ratios.items()})
+    return table.merge(errors[["beta_lower", "beta_upper", "beta_0"]])

@@ -12,8 +12,8 @@ from unilateral.errors import InputError, StorageError
 from unilateral.formulas.constants import sign
 from unilateral.formulas.formula import number, real
 from unilateral.geometry import mesh, partition, polygon
+from unilateral.geometry.files import read_mesh
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_files import read
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import structured
@@ -39,7 +39,7 @@ def refinements(coarsest: Mesh, levels: int) -> Iterator[Mesh]:
 def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
     """The coarsest mesh from its file. Raises StorageError for one that is damaged."""
     try:
-        return read(path, domain(scene))
+        return read_mesh(path, domain(scene))
     except InputError as error:
         raise StorageError(f"{error}; 'snakemake -j2 -f {path}' makes it anew") from None
 

@@ -23,7 +23,7 @@ from unilateral.bounds import feasible_p2, flux_residuals, lifting, local_bounds
 from unilateral.bounds.edge_flux import SUMS
 from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
-from unilateral.fem.p2_layer import layer
+from unilateral.fem.p2 import layer
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square

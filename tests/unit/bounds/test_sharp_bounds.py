@@ -20,7 +20,7 @@ from unilateral.bounds.constraint import constraint
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
-from unilateral.fem import conjugate_gradients
+from unilateral.fem import linear_systems
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, h1_norm, load
 from unilateral.fem.p2 import quadratic
@@ -276,7 +276,7 @@ def test_every_step_will_do(monkeypatch):
 
 def test_as_many_steps_on_finer_meshes(monkeypatch):
     """Preconditioned by multigrid; without it their number would be that of 1/h, fourfold here."""
-    monkeypatch.setattr(conjugate_gradients, "DIRECT", 0)
+    monkeypatch.setattr(linear_systems, "DIRECT", 0)
     coarse, fine = (judged("natural", n) for n in (16, 64))
     assert coarse.holds
     assert fine.holds
@@ -286,7 +286,7 @@ def test_as_many_steps_on_finer_meshes(monkeypatch):
 def test_multigrid_in_place_of_factors_changes_little(monkeypatch):
     """Of what is left eta has at most ENOUGH, as long as a step takes half of it and more."""
     direct = judged("natural", 16).bound
-    monkeypatch.setattr(conjugate_gradients, "DIRECT", 0)
+    monkeypatch.setattr(linear_systems, "DIRECT", 0)
     assert judged("natural", 16).bound.eta <= (1 + bounds.ENOUGH) * direct.eta
 
 

@@ -11,7 +11,7 @@ from conftest import coupled
 from unilateral.cli import main
 from unilateral.formulas.decimals import between
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.mesh_files import write
+from unilateral.geometry.files import write_mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
@@ -65,7 +65,7 @@ def test_the_constants_are_the_library_s(run, found):
 
 def test_a_mesh_and_cells_of_one_s_own(found, tmp_path):
     """The same pair from files, by so many cells a side, and by their arc lengths in any order."""
-    write(structured(square(), 1 / 8), tmp_path / "own.msh")
+    write_mesh(structured(square(), 1 / 8), tmp_path / "own.msh")
     ends = np.arange(17) / 4
     rows = [f"{start},{end}" for start, end in pairwise(ends)]
     (tmp_path / "cells.csv").write_text("\n".join(["start,end", *reversed(rows)]))
@@ -80,7 +80,7 @@ def test_a_mesh_and_cells_of_one_s_own(found, tmp_path):
 def test_the_cells_that_break_the_rule_are_named(run, found, tmp_path):
     """By hand: side 0 has 2 edges for 4 cells, half an edge in each; the other sides have 8."""
     s = np.concatenate([[0, 0.5], 1 + np.arange(24) / 8])
-    write(meshes.with_boundary(square(), s), tmp_path / "own.msh")
+    write_mesh(meshes.with_boundary(square(), s), tmp_path / "own.msh")
     pair = ("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
     cells = found(*pair)["rule"]["cells"]
     assert [each["cell"] for each in cells] == [0, 1, 2, 3]
@@ -101,7 +101,7 @@ def test_a_node_inside_a_long_edge_s_cell_is_enough_for_the_theorem(run, found, 
     delta = 0.1/0.25, from the node 0.1 and from 0.9, or 0.05/0.25, from 0.3; the edges break the rule.
     """
     s = np.concatenate([[0, 0.1, 0.3, 0.6, 0.9], 1 + np.arange(24) / 8])
-    write(meshes.with_boundary(square(), s), tmp_path / "own.msh")
+    write_mesh(meshes.with_boundary(square(), s), tmp_path / "own.msh")
     told = found("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
     assert (told["theorem_5"], told["rule"]["kept"]) == (True, False)
     assert told["delta"] == pytest.approx(0.2, rel=1e-9)
@@ -112,7 +112,7 @@ def test_a_node_inside_a_long_edge_s_cell_is_enough_for_the_theorem(run, found, 
 def test_the_triangles_that_break_the_rule_are_named(run, found, tmp_path):
     """One triangle of the height 1/10 over its side 1, by hand; each side is an edge and a cell."""
     thin = Polygon(np.array([[0, 0], [1, 0], [1, 0.1]]), "thin")
-    write(meshes.from_arrays(thin, thin.vertices, [[0, 1, 2]]), tmp_path / "thin.vtu")
+    write_mesh(meshes.from_arrays(thin, thin.vertices, [[0, 1, 2]]), tmp_path / "thin.vtu")
     told = found("--mesh", str(tmp_path / "thin.vtu"), "--cells", "1")
     (flat,) = told["rule"]["triangles"]
     assert flat["angle"] == told["smallest_angle"] == pytest.approx(math.degrees(math.atan(0.1)))

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import DATA, condensed, coupled, discrete
+from conftest import DATA, coupled, discrete
 from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
@@ -32,21 +32,19 @@ def solved(name, n=16, m=8):
     return solve(discrete(name, n, m))
 
 
-@on_every_case
-def test_h1_error_is_the_distance(name):
+ON_POLYGONS = [(name, "square") for name in NAMES]
+ON_POLYGONS += [(name, "lshape") for name in ("full_contact", "no_contact", "smooth", "thirds")]
+
+
+@pytest.mark.parametrize(("name", "polygon"), ON_POLYGONS)
+def test_h1_error_is_the_distance(name, polygon):
     """The identities against quadrature of u - u_h itself."""
-    problem, solution = discrete(name, 16, 8).exact.ritz, solved(name)
-    distance = h1_distance(problem.case, problem.condensed.mesh, solution.u_h)
-    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8, abs=1e-10 * problem.u_norm)
-    assert not math.isclose(solution.errors.h1, problem.ritz_error + 0.01 * distance, rel_tol=1e-8)
-
-
-@pytest.mark.parametrize("name", ["full_contact", "no_contact", "smooth", "thirds"])
-def test_h1_error_on_the_lshape(name):
-    made = discrete(name, 8, 4, "lshape")
-    solution = solve(made)
-    distance = h1_distance(made.exact.ritz.case, made.exact.ritz.condensed.mesh, solution.u_h)
-    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8)
+    n = {"square": 16, "lshape": 8}[polygon]
+    made = discrete(name, n, n // 2, polygon)
+    ritz, solution = made.exact.ritz, solve(made)
+    distance = h1_distance(ritz.case, made.mesh, solution.u_h)
+    assert solution.errors.h1 == pytest.approx(distance, rel=1e-8, abs=1e-10 * ritz.u_norm)
+    assert not math.isclose(solution.errors.h1, ritz.ritz_error + 0.01 * distance, rel_tol=1e-8)
 
 
 def split_defect(made, solution, sign=1.0):
@@ -87,14 +85,7 @@ def test_quadratures_share_shrinks_with_the_degree(name):
 
 
 def test_no_contact_has_no_multiplier():
-    """From the start 0, and from a positive one, which the clip takes to exactly 0."""
-    made, solution = discrete("no_contact", 16, 8), solved("no_contact")
-    assert not np.any(solution.lambda_H)
-    start = np.full(made.spaces.partition.n_cells, 3.0)
-    result = uzawa(made.spaces.operator, made.offset, 1e-12, start=start)
-    assert result.converged
-    assert result.iterations > 0
-    assert not np.any(result.lambda_H)
+    assert not np.any(solved("no_contact").lambda_H)
 
 
 @pytest.mark.parametrize("start", [0.0, 2.0])
@@ -131,15 +122,6 @@ def test_l2_error_by_quadrature(name):
     direct = math.sqrt(rule.weight @ (flux - solution.lambda_H[rule.interval]) ** 2)
     assert solution.errors.l2 == pytest.approx(direct, rel=1e-12)
     assert solution.errors.l2 != pytest.approx(cells.projection_error, rel=1e-6)
-
-
-def test_first_steklov_eigenvalue():
-    """tanh(1/(2 sqrt 2))/sqrt 2 on the unit square, by cosh(x/sqrt 2) cosh(y/sqrt 2) about its middle."""
-    known = math.tanh(0.5 / math.sqrt(2)) / math.sqrt(2)
-    errors = np.array([condensed("square", n).sigma_1 - known for n in (8, 16, 32)])
-    assert np.all(errors > 0)
-    assert np.all(np.log2(errors[:-1] / errors[1:]) > 1.9)
-    assert errors[-1] < 1e-3 * known
 
 
 def getfem():
@@ -195,7 +177,7 @@ def test_auto_accelerates_where_too_many_steps_are_predicted():
     fast = solve(discrete("natural", 16, 8), Stop(max_steps=int(plain.result.iterations) // 2))
     assert fast.result.algorithm == "nesterov"
     assert fast.result.converged
-    assert fast.result.iterations < plain.result.iterations / 2
+    assert fast.result.iterations < plain.result.iterations / 3
     assert fast.errors.h1 == pytest.approx(plain.errors.h1, rel=1e-3)
 
 
@@ -205,31 +187,29 @@ def test_an_unconverged_run_warns():
     assert not solution.result.converged
 
 
-def test_an_unknown_algorithm_is_refused():
-    with pytest.raises(InputError, match="algorithm 'simplex' is unknown; the known ones are auto, uzawa"):
-        Stop(algorithm="simplex")
+@pytest.mark.parametrize(
+    ("stop", "message"),
+    [
+        ({"algorithm": "simplex"}, "algorithm 'simplex' is unknown; the known ones are auto, uzawa"),
+        ({"algorithm": "newton"}, "newton needs a regular S, with h/H small"),
+        ({"algorithm": "active_set", "rho": 1.0}, "active_set has no step rho"),
+    ],
+)
+def test_what_cannot_be_done_is_refused(stop, message):
+    """At H = h, where beta is 0."""
+    with pytest.raises(InputError, match=message):
+        solve(discrete("natural", 16, 16), Stop(**stop))
 
 
-@pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov"])
+@pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov", "uzawa"])
 def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm):
     """The bound is guaranteed, so 1e-9 of it separates any two of them by no more than 2e-9 in the energy."""
     made = discrete("natural", 16, 8)
     expected, found = (
         solve(made, Stop(tolerance=1e-9, algorithm=name)).result for name in ("active_set", algorithm)
     )
-    difference = found.lambda_H - expected.lambda_H
     assert found.algorithm == algorithm
-    assert np.linalg.norm(made.spaces.operator.half @ difference) <= 2e-9
-
-
-def test_newton_where_beta_is_zero_is_refused():
-    with pytest.raises(InputError, match="newton needs a regular S, with h/H small"):
-        solve(discrete("natural", 16, 16), Stop(algorithm="newton"))
-
-
-def test_a_step_for_the_active_set_is_refused():
-    with pytest.raises(InputError, match="active_set has no step rho"):
-        Stop(algorithm="active_set", rho=1.0)
+    assert np.linalg.norm(made.spaces.operator.half @ (found.lambda_H - expected.lambda_H)) <= 2e-9
 
 
 def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():

@@ -17,9 +17,9 @@ from unilateral.exchange.case_formulas import DEFINITIONS, formulas
 from unilateral.exchange.export import LEVEL_FILES, export
 from unilateral.exchange.exported_folder import exported
 from unilateral.exchange.held_sides import obstacle
-from unilateral.fem.loads import case_moments
+from unilateral.fem.p1 import case_moments
 from unilateral.fem.p1 import load as p1_load
-from unilateral.geometry import mesh_files, polygon
+from unilateral.geometry import files, polygon
 from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
@@ -88,7 +88,7 @@ def test_both_mesh_files_hold_the_same_mesh(folder):
 def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
     """By this project's own load, and the means in partition.csv; a point too few would show."""
     level, case = folder / "level_1", load("natural")
-    mesh = mesh_files.read(level / "mesh.vtu", case.polygon)
+    mesh = files.read_mesh(level / "mesh.vtu", case.polygon)
     rule = xr.load_dataset(level / "quadrature.nc")
     nodes = pd.read_csv(level / "nodes.csv")
     moments = np.zeros((len(mesh.triangles), 3))
@@ -105,7 +105,7 @@ def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
 
 def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
     own = structured(polygon.square(), 1 / 3)
-    mesh_files.write(own, tmp_path / "own.msh")
+    files.write_mesh(own, tmp_path / "own.msh")
     options = ["--H", "1/3", "--levels", "2", "--out", str(tmp_path / "out")]
     assert main(["export", "full_contact", "--mesh", str(tmp_path / "own.msh"), *options]) == 0
     levels = json.loads((tmp_path / "out/problem.json").read_text())["levels"]
@@ -258,7 +258,7 @@ def test_a_full_disk_is_told_of_the_file_that_was_to_be_there(tmp_path, monkeypa
     def full(_, path):
         raise StorageError(f"{path} cannot be written: No space left on device")
 
-    monkeypatch.setattr(exporting, "write", full)
+    monkeypatch.setattr(exporting, "write_mesh", full)
     with pytest.raises(StorageError, match=rf"^{tmp_path}/out/level_0/mesh\.msh cannot be written: No space"):
         export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out")
     assert not list(tmp_path.iterdir())

@@ -2,86 +2,32 @@
 
 from __future__ import annotations
 
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from nested import Nested, alone, assembled, at_random, graded, prolongation, refined
-from scipy.spatial import Delaunay
+from nested import Nested, assembled, coarse, made, prolongation
 
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
 from unilateral.fem.p1 import coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, square
 
 ROUND_OFF = 1e-12
 """Entries are about 1; coordinates are rounded by 1e-16, and shortest edges and heights are about 1e-2."""
+LOCAL = ["at random", "at a node", "mixed"]
+NAMES = ["square 1", "square 3", "lshape 2", "gmsh", "slanted", "flat"]
+ALL = [(name, way) for name in NAMES for way in ("uniform", *LOCAL)]
 
 
-def scattered(seed: int) -> Mesh:
-    """A Delaunay triangulation of random points of a trapezium, with six edges on each side."""
-    rng = np.random.default_rng(seed)
-    polygon = Polygon(np.array([[0.0, 0.0], [1.3, 0.2], [1.0, 1.1], [0.1, 0.9]]))
-    s = polygon.divided(np.full(4, 6))[:-1]
-    side = np.repeat(np.arange(4), 6)
-    points = [*polygon.at(side, s - polygon.starts[side])]
-    for x in rng.uniform([0.1, 0.1], [1.2, 1.0], (300, 2)):
-        if np.hypot(*(np.array(points) - x).T).min() > 0.1 and inside(polygon, x):
-            points.append(x)
-    return meshes.from_arrays(polygon, points, _positive(np.array(points), Delaunay(points).simplices))
-
-
-def inside(polygon: Polygon, x: np.ndarray) -> bool:
-    return bool(np.all((x - polygon.vertices) @ polygon.normals.T * np.eye(4) <= 0))
-
-
-def _positive(points: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Anticlockwise, without flat triangles along straight sides."""
-    a, b, c = np.moveaxis(points[found], 1, 0)
-    twice = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    found[twice < 0] = found[twice < 0][:, ::-1]
-    return found[np.abs(twice) > 1e-9]
-
-
-@cache
-def coarse(name: str) -> Mesh:
-    if name == "scattered":
-        return scattered(1)
-    if name == "gmsh":
-        return meshes.unstructured(named("lshape"), 0.4)
-    polygon, n = name.split()
-    return alone(structured(named(polygon), 1 / int(n)))
-
-
-COARSE = ["square 1", "square 3", "lshape 2", "gmsh", "scattered"]
-
-
-@cache
-def nested(name: str, refinements: int) -> Nested:
-    return refined(coarse(name), refinements)
-
-
-@cache
 def locally(name: str, way: str) -> Nested:
-    """Refined where random triangles were chosen, at one node, or so between two uniform refinements."""
-    if way == "at random":
-        return at_random(coarse(name), 5, 3)
-    if way == "at a node":
-        return graded(coarse(name), 0, 8)
-    mesh = refined(coarse(name), 1).mesh
-    middle = meshes.refine_some(mesh, np.arange(0, len(mesh.triangles), 5))
-    last = meshes.refine(middle)
-    return Nested([coarse(name), mesh, middle, last], hierarchy(last))
-
-
-WAYS = ["at random", "at a node", "mixed"]
+    """Refined eight times at a node, and five times at random."""
+    return made(name, way, {"at random": 5, "at a node": 8}.get(way))
 
 
 def all_rows(level: FinerSpace) -> tuple[np.ndarray, sp.csr_array]:
@@ -94,29 +40,34 @@ def all_rows(level: FinerSpace) -> tuple[np.ndarray, sp.csr_array]:
     return level.smoothed, sp.csr_array((rows.data, level.columns[rows.indices], rows.indptr), shape=shape)
 
 
-def check_matrices(found: Nested) -> None:
-    """Of all levels, against assembly on their meshes."""
-    of = found.of
+def close(A: sp.csr_array, B: sp.csr_array) -> bool:
+    """Up to rounding."""
+    return bool(abs(A - B).max() < ROUND_OFF)
+
+
+@pytest.mark.parametrize(("name", "way"), ALL)
+def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
+    found = locally(name, way)
+    of, A = found.of, assembled(found.mesh)
     assert len(of.levels) == len(found.meshes) - 1
-    assert abs(of.A_0 - assembled(found.meshes[0])).max() < ROUND_OFF
-    assert abs(of.A - assembled(found.mesh)).max() < ROUND_OFF
-    assert np.abs(of.mass - assembled(found.mesh).sum(axis=1)).max() < ROUND_OFF
+    assert close(of.A_0, assembled(found.meshes[0]))
+    assert close(of.A, A)
+    assert np.abs(of.mass - A.sum(axis=1)).max() < ROUND_OFF
     assert of.A.indices.dtype == np.int32
     for mesh, level in zip(found.meshes[1:-1], of.levels, strict=False):
         nodes, rows = all_rows(level)
         assert level.n == mesh.n_nodes
-        assert abs(rows - assembled(mesh)[nodes]).max() < ROUND_OFF
+        assert close(rows, assembled(mesh)[nodes])
 
 
-@pytest.mark.parametrize("name", COARSE)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("refinements", [0, 1, 3])
-def test_matrices_are_those_of_the_refined_meshes(name: str, refinements: int) -> None:
-    found = nested(name, refinements)
-    check_matrices(found)
+def test_coarser_hierarchies_are_those_of_the_coarser_meshes(name: str, refinements: int) -> None:
+    found = made(name, "uniform", refinements)
     of: Hierarchy | None = found.of
     for mesh in found.meshes[::-1]:
         assert of is not None
-        assert abs(of.A - assembled(mesh)).max() < ROUND_OFF
+        assert close(of.A, assembled(mesh))
         assert np.abs(of.mass - assembled(mesh).sum(axis=1)).max() < ROUND_OFF
         assert np.array_equal(of.boundary, mesh.boundary)
         assert np.abs(of.s - mesh.s).max() < ROUND_OFF
@@ -124,47 +75,39 @@ def test_matrices_are_those_of_the_refined_meshes(name: str, refinements: int) -
     assert of is None
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", ["lshape 2", "gmsh", "scattered"])
-def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
-    check_matrices(locally(name, way))
-
-
 def test_a_moved_node_is_seen_in_the_matrices() -> None:
-    found = nested("square 3", 2)
+    found = made("square 3", "uniform", 2)
     points = found.mesh.points.copy()
     points[np.setdiff1d(np.arange(len(points)), found.of.boundary)[0]] += 1e-6
     moved = meshes.from_arrays(found.mesh.polygon, points, found.mesh.triangles)
     assert abs(found.of.A - assembled(moved)).max() > 1e-7
 
 
-@pytest.mark.parametrize("way", ["uniform", *WAYS])
-@pytest.mark.parametrize("name", COARSE)
+@pytest.mark.parametrize(("name", "way"), ALL)
 def test_coarse_matrices_are_galerkins(name: str, way: str) -> None:
     """The nodes whose hats changed are new, or reach new ones; others have the products that they had."""
-    found = nested(name, 3) if way == "uniform" else locally(name, way)
+    found = locally(name, way)
     for (mesh, finer), level in zip(pairwise(found.meshes), found.of.levels, strict=True):
         P, A, before = prolongation(level), assembled(finer), assembled(mesh)
-        assert abs(P.T @ A @ P - before).max() < ROUND_OFF
+        assert close(P.T @ A @ P, before)
         assert np.array_equal(P[: level.before].toarray(), np.eye(level.before))
         reaching = np.flatnonzero(np.diff(P[level.before :].tocsc().indptr))
         changed = np.arange(level.n) if level.smoothed is None else level.smoothed
-        expected = np.append(reaching, np.arange(level.before, level.n))
-        assert np.array_equal(changed, expected)
+        assert np.array_equal(changed, np.append(reaching, np.arange(level.before, level.n)))
         stay = np.setdiff1d(np.arange(level.before), reaching)
-        assert stay.size == 0 or abs(A[stay][:, stay] - before[stay][:, stay]).max() < ROUND_OFF
+        assert stay.size == 0 or close(A[stay][:, stay], before[stay][:, stay])
 
 
 def test_only_nodes_whose_hats_changed_have_rows() -> None:
     """At a node nine new ones a level at most: two triangles, and their neighbours'. Control: uniformly."""
     found = locally("square 3", "at a node").of
     assert max(len(level.smoothed) for level in found.levels) <= 20  # type: ignore[arg-type]
-    assert len(nested("square 3", 3).of.levels[-1].ends) > 20
+    assert len(made("square 3", "uniform").of.levels[-1].ends) > 20
 
 
-@pytest.mark.parametrize("way", ["uniform", *WAYS])
+@pytest.mark.parametrize("way", ["uniform", *LOCAL])
 def test_functionals_and_functions_move_between_levels_by_P(way: str) -> None:
-    found, rng = nested("gmsh", 2) if way == "uniform" else locally("gmsh", way), np.random.default_rng(2)
+    found, rng = locally("gmsh", way), np.random.default_rng(2)
     for level in found.of.levels:
         P = prolongation(level)
         R = rng.standard_normal(found.mesh.n_nodes)
@@ -178,11 +121,11 @@ def test_functionals_and_functions_move_between_levels_by_P(way: str) -> None:
         assert level.met == np.diff(P.tocsc().indptr).max()
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", LOCAL)
 @pytest.mark.parametrize("known", [0, 1, 2])
 def test_known_levels_are_taken_over(way: str, known: int) -> None:
     """And the hierarchy is that which is made at once; the factors of level 0 are the same object."""
-    found = locally("scattered", way)
+    found = locally("slanted", way)
     before = hierarchy(found.meshes[known])
     of = hierarchy(found.mesh, before)
     assert of.coarsest is before.coarsest
@@ -193,17 +136,17 @@ def test_known_levels_are_taken_over(way: str, known: int) -> None:
             np.testing.assert_array_equal(getattr(level, name), getattr(expected, name))
         assert (level.rows is None) == (expected.rows is None) == (level.n == found.mesh.n_nodes)
         if level.rows is not None:
-            assert abs(level.rows - expected.rows).max() < ROUND_OFF
-    assert abs(of.A - found.of.A).max() < ROUND_OFF
+            assert close(level.rows, expected.rows)
+    assert close(of.A, found.of.A)
     for name in ("boundary", "nodes", "root", "halved"):
         np.testing.assert_array_equal(getattr(of, name), getattr(found.of, name))
     assert np.abs(of.mass - found.of.mass).max() < ROUND_OFF
     assert hierarchy(found.mesh, found.of) is found.of
 
 
-@pytest.mark.parametrize("way", ["uniform", *WAYS])
+@pytest.mark.parametrize("way", ["uniform", *LOCAL])
 def test_triangles_know_where_they_lie_and_how_often_their_areas_were_halved(way: str) -> None:
-    found = nested("scattered", 3) if way == "uniform" else locally("scattered", way)
+    found = locally("slanted", way)
     first, of = found.meshes[0], found.of
     corners = first.points[first.triangles[of.root]]
     assert np.array_equal(of.nodes, found.mesh.triangulation.nodes)
@@ -218,14 +161,15 @@ def test_triangles_know_where_they_lie_and_how_often_their_areas_were_halved(way
 
 def test_roundness_is_the_ratio_of_singular_values() -> None:
     """Of the maps from the triangle (0, 0), (1, 0), (0, 1), whose hypotenuse becomes the reference edge."""
-    mesh = coarse("scattered")
-    corners = mesh.points[mesh.triangulation.nodes]
-    sigma = np.linalg.svd(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2), compute_uv=False)
-    assert np.allclose(hierarchy(mesh).roundness, sigma[:, 1] / sigma[:, 0])
-    assert np.allclose(hierarchy(coarse("square 1")).roundness, 1)
+    for name in ("slanted", "flat"):
+        mesh = coarse(name)
+        corners = mesh.points[mesh.triangulation.nodes]
+        sigma = np.linalg.svd(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2), compute_uv=False)
+        assert np.allclose(hierarchy(mesh).roundness, sigma[:, 1] / sigma[:, 0], rtol=1e-12, atol=0)
+    assert np.array_equal(hierarchy(coarse("square 1")).roundness, [1, 1])
     corners = np.array([[0, 0], [1, 0], [0.5, np.sqrt(0.75)]])
     equilateral = meshes.from_arrays(Polygon(corners), corners, [[0, 1, 2]])
-    assert np.allclose(hierarchy(equilateral).roundness, 1 / np.sqrt(3))
+    assert np.allclose(hierarchy(equilateral).roundness, 1 / np.sqrt(3), rtol=1e-12, atol=0)
 
 
 def partition_of(of: Hierarchy, polygon: Polygon, every: int) -> Partition:
@@ -236,34 +180,28 @@ def partition_of(of: Hierarchy, polygon: Polygon, every: int) -> Partition:
 
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[Cells]:
-    found = nested(name, refinements)
+    found = made(name, "uniform", refinements)
     cells = nested_cells(found.of, partition_of(found.of, found.mesh.polygon, every), free)
     assert cells is not None
     return cells
 
 
 @pytest.mark.parametrize(
-    ("name", "every"), [("square 3", 2), ("square 3", 3), ("square 3", 4), ("scattered", 6)]
+    ("name", "every"),
+    [("square 3", 2), ("square 3", 3), ("square 3", 4), ("square 3", 0), ("slanted", 6), ("slanted", 2)],
 )
-def test_B_is_the_coupling_of_mesh_and_partition(name: str, every: int) -> None:
-    found = nested(name, 3)
-    partition = partition_of(found.of, found.mesh.polygon, every)
-    B = cells_of(name, 3, every)[-1].B
-    expected = coupling(found.mesh, partition).toarray()
-    assert np.abs(B[:, found.of.boundary].toarray() - expected).max() < ROUND_OFF
-    assert B[0, found.of.boundary[0]] != 0
-
-
-@pytest.mark.parametrize(("name", "every"), [("square 3", 2), ("square 3", 3), ("square 3", 0), ("gmsh", 2)])
-def test_coarse_cells_are_unions_with_at_least_two_edges(name: str, every: int) -> None:
-    levels, cells = nested(name, 3).of.levels, cells_of(name, 3, every)
+def test_cells_are_unions_with_at_least_two_edges_and_B_is_the_coupling(name: str, every: int) -> None:
+    found, cells = made(name, "uniform"), cells_of(name, 3, every)
+    expected = coupling(found.mesh, partition_of(found.of, found.mesh.polygon, every)).toarray()
+    assert np.abs(cells[-1].B[:, found.of.boundary].toarray() - expected).max() < ROUND_OFF
+    assert cells[-1].B[0, found.of.boundary[0]] != 0
     assert len(cells) > 1
-    for fine, coarser, level in zip(cells[:0:-1], cells[-2::-1], levels[::-1], strict=False):
+    for fine, coarser, level in zip(cells[:0:-1], cells[-2::-1], found.of.levels[::-1], strict=False):
         assert fine.parent is not None
         sums = np.zeros((len(coarser.inside), level.n))
         np.add.at(sums, fine.parent, fine.B.toarray())
         assert np.abs(sums @ prolongation(level) - coarser.B.toarray()).max() < ROUND_OFF
-        assert np.allclose(np.bincount(fine.parent, fine.lengths), coarser.lengths)
+        assert np.allclose(np.bincount(fine.parent, fine.lengths), coarser.lengths, rtol=1e-12, atol=0)
     for each in cells:
         assert np.diff(each.B.indptr).min() >= 3
         assert_inside(each)
@@ -274,17 +212,28 @@ def assert_inside(cells: Cells) -> None:
     assert np.array_equal((cells.B != 0).sum(axis=0)[cells.inside], np.ones(len(cells.inside)))
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_cells_of_adapted_meshes(way: str) -> None:
-    """Of two edges at least: the node inside has the longest edges. Only the last level has cells."""
-    found = locally("scattered", way)
+def pairs_of_edges(way: str) -> tuple[Nested, Partition]:
+    """Cells of two edges, or of three at the end of a side, on a mesh refined in that way."""
+    found = locally("slanted", way)
+    count = np.bincount(found.mesh.side)
+    starts = np.cumsum(count) - count
+    first = [start + np.arange(0, n - 1, 2) for start, n in zip(starts, count, strict=True)]
+    return found, Partition(found.mesh.polygon, found.mesh.s[np.append(np.concatenate(first), -1)])
+
+
+def that_follow(name: str) -> tuple[Nested, Partition]:
+    """The cells of an adapted mesh, whose edges are of several lengths, refined at a node of the boundary."""
+    of = adapted(coarse(name))
+    for _ in range(12):
+        of = refined(of, np.flatnonzero((of.mesh.triangles == 0).any(axis=1)))
+    return Nested([of.mesh], hierarchy(of.mesh)), of.partition
+
+
+@pytest.mark.parametrize("given", [*LOCAL, "square 2", "slanted"])
+def test_cells_of_adapted_meshes(given: str) -> None:
+    """The node inside has the longest edges. Only the last level has cells."""
+    found, partition = pairs_of_edges(given) if given in LOCAL else that_follow(given)
     of, mesh = found.of, found.mesh
-    count = np.bincount(mesh.side)
-    end = np.cumsum(count)
-    kept = np.sort(
-        np.concatenate([np.arange(0, n - 1, 2) + b for n, b in zip(count, end - count, strict=True)])
-    )
-    partition = Partition(mesh.polygon, np.append(mesh.s[kept], mesh.s[-1]))
     cells = nested_cells(of, partition)
     assert cells is not None
     (last,) = cells
@@ -299,7 +248,7 @@ def test_cells_of_adapted_meshes(way: str) -> None:
 
 
 def test_free_sides_have_no_cells() -> None:
-    found = nested("square 3", 2)
+    found = made("square 3", "uniform", 2)
     every, some = cells_of("square 3", 2, 2), cells_of("square 3", 2, 2, (0, 2))
     assert len(some[-1].inside) == len(every[-1].inside) / 2
     on_free = found.of.boundary[1:12]
@@ -309,7 +258,7 @@ def test_free_sides_have_no_cells() -> None:
 
 
 def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
-    levels, polygon = nested("square 3", 2).of, square()
+    levels, polygon = made("square 3", "uniform", 2).of, square()
     s = levels.s
     assert nested_cells(levels, Partition(polygon, s[::2].copy())) is not None
     assert nested_cells(levels, Partition(polygon, s.copy())) is None  # one edge per cell

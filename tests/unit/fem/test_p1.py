@@ -5,7 +5,8 @@ import pytest
 import skfem
 from skfem.models.poisson import laplace, mass
 
-from unilateral.fem.p1 import gradients, h1_load, h1_norm, load, stiffness_and_mass
+from unilateral.fem import p1
+from unilateral.fem.p1 import by_parts, gradients, h1_load, h1_norm, load, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
@@ -37,20 +38,19 @@ def difference(ours, theirs):
     return float(abs(ours - theirs).max() / abs(theirs).max())
 
 
+def by_scikit_fem(points, triangles):
+    basis = skfem.Basis(skfem.MeshTri(points.T, triangles.T), skfem.ElementTriP1())
+    return laplace.assemble(basis), mass.assemble(basis)
+
+
 def test_matrices_equal_those_of_scikit_fem(mesh):
-    basis = skfem.Basis(skfem.MeshTri(mesh.points.T, mesh.triangles.T), skfem.ElementTriP1())
-    K, M = stiffness_and_mass(mesh)
-    assert difference(K, laplace.assemble(basis)) < 1e-12
-    assert difference(M, mass.assemble(basis)) < 1e-12
-    for matrix in (K, M):
+    """Control: a moved node is noticed."""
+    ours, moved = stiffness_and_mass(mesh), mesh.points.copy()
+    for matrix, expected in zip(ours, by_scikit_fem(mesh.points, mesh.triangles), strict=True):
+        assert difference(matrix, expected) < 1e-12
         assert abs(matrix - matrix.T).max() == 0
-
-
-def test_comparison_with_scikit_fem_notices_a_moved_node(mesh):
-    points = mesh.points.copy()
-    points[np.delete(np.arange(len(points)), mesh.boundary)[0]] += 1e-9 * mesh.h
-    basis = skfem.Basis(skfem.MeshTri(points.T, mesh.triangles.T), skfem.ElementTriP1())
-    assert difference(stiffness_and_mass(mesh)[0], laplace.assemble(basis)) > 1e-12
+    moved[np.delete(np.arange(mesh.n_nodes), mesh.boundary)[0]] += 1e-9 * mesh.h
+    assert difference(ours[0], by_scikit_fem(moved, mesh.triangles)[0]) > 1e-12
 
 
 def test_the_norm_of_a_linear_function(mesh):
@@ -63,41 +63,22 @@ def test_the_norm_of_a_linear_function(mesh):
 def test_gradients_reproduce_linear_functions(mesh):
     values = mesh.points @ [0.7, -0.2] + 3
     found = np.einsum("mi,mid->md", values[mesh.triangles], gradients(mesh))
-    np.testing.assert_allclose(found, np.tile([0.7, -0.2], (len(found), 1)), atol=1e-11)
-
-
-def midpoint_moments(mesh, values, hats):
-    """(m, 3) moments of a function by the rule in the edges' midpoints, exact for quadratic functions.
-
-    `hats` (3, 3) are the barycentric functions in the midpoints; `values` (m, 3) the function's.
-    """
-    return (mesh.areas / 3)[:, None] * (values @ hats)
-
-
-MIDPOINTS = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]])
-
-
-def linear_in_midpoints(mesh):
-    return (MIDPOINTS @ mesh.points[mesh.triangles]) @ [1.5, -2.0] + 1
+    np.testing.assert_allclose(found, np.tile([0.7, -0.2], (len(found), 1)), rtol=0, atol=1e-11)
 
 
 def test_loads_of_linear_functions_are_matrix_products(mesh):
-    """For u in V_h the loads are M u and (K + M) u, and the midpoint rule is exact."""
-    slope = np.array([1.5, -2.0])
-    u = mesh.points @ slope + 1
-    moments = midpoint_moments(mesh, linear_in_midpoints(mesh), MIDPOINTS)
-    K, M = stiffness_and_mass(mesh)
+    """For u in V_h the loads are M u and (K + M) u; the rule of the edges' midpoints is exact.
+
+    Control: moments with the hats in another order are noticed.
+    """
+    hats, slope = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]), np.array([1.5, -2.0])
+    u, (K, M) = mesh.points @ slope + 1, stiffness_and_mass(mesh)
+    weighted = (mesh.areas / 3)[:, None] * (hats @ mesh.points[mesh.triangles] @ slope + 1)
+    moments, wrong = weighted @ hats, weighted @ np.roll(hats, 1, axis=1)
     assert abs(load(mesh, moments) - M @ u).max() < 1e-13 * abs(M @ u).max()
     found = h1_load(mesh, gradients(mesh), moments, mesh.areas[:, None] * slope)
     assert abs(found - (K + M) @ u).max() < 1e-12 * abs(K @ u).max()
-
-
-def test_load_comparison_notices_a_wrong_barycentric_order():
-    mesh = MESHES["perturbed"]()
-    _, M = stiffness_and_mass(mesh)
-    u = mesh.points @ [1.5, -2.0] + 1
-    wrong = load(mesh, midpoint_moments(mesh, linear_in_midpoints(mesh), np.roll(MIDPOINTS, 1, axis=1)))
-    assert abs(wrong - M @ u).max() > 1e-6 * abs(M @ u).max()
+    assert abs(load(mesh, wrong) - M @ u).max() > 1e-6 * abs(M @ u).max()
 
 
 @pytest.mark.parametrize("scale", [2.0**-540, 2.0**500])
@@ -107,3 +88,17 @@ def test_the_norm_of_numbers_whose_squares_vanish_or_overflow(mesh, scale):
     assert h1_norm(mesh, 0 * u) == 0
     assert np.isnan(h1_norm(mesh, np.nan * u))
     assert h1_norm(mesh, np.append(u[1:], np.inf)) == np.inf
+
+
+def test_loads_by_parts_are_those_of_the_mesh(mesh, monkeypatch):
+    """Of an f that is linear on each triangle, but for rounding of no interest here."""
+
+    def moments(part):
+        return part.areas[:, None] * np.exp(part.points[part.triangles].sum(axis=2))
+
+    monkeypatch.setattr(p1, "PART", 5)
+    parts = list(p1.parts(mesh))
+    assert len(parts) > 1
+    assert sum(len(part.triangles) for part in parts) == len(mesh.triangles)
+    np.testing.assert_allclose(by_parts(mesh, moments), load(mesh, moments(mesh)), rtol=0, atol=1e-15)
+    assert abs(sum(part.areas.sum() for part in parts[1:]) - mesh.polygon.area) > 1e-3

@@ -8,24 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from nested import Nested, assembled, at_random, graded, prolongation, refined
+from nested import RIGHT, Nested, assembled, coarse, graded, made, prolongation, refined
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.fem import residual
 from unilateral.fem.residual import dual_norm, growth, weights, without_coarsest
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.polygon import Polygon, named
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon
 
 Array = np.ndarray
 ROUNDING = 1 + 1e-9
-
-
-def right(leg: float = 1.0) -> Mesh:
-    """One triangle, right and isosceles."""
-    corners = leg * np.array([[0.0, 0], [1, 0], [0, 1]])
-    return meshes.from_arrays(Polygon(corners), corners, [[0, 1, 2]])
 
 
 def energy(points: Array, triangles: Array) -> sp.csc_array:
@@ -37,37 +30,56 @@ def energy(points: Array, triangles: Array) -> sp.csc_array:
     return sp.coo_array((entries.ravel(), at), shape=(len(points), len(points))).tocsc()
 
 
-def criss_cross(k: int) -> tuple[Array, Array]:
-    """The part of the lattice of 2^k squares on each leg, cut by both diagonals, in x + y <= 1."""
-    n, triangles = 2**k, []
-    number: dict[tuple[int, int], int] = {}
-    for i in range(n):
-        for j in range(n - i):
-            around = [(2 * i, 2 * j), (2 * i + 2, 2 * j), (2 * i + 2, 2 * j + 2), (2 * i, 2 * j + 2)]
-            for a, b in zip(around, around[1:] + around[:1], strict=True):
-                if max(sum(a), sum(b)) <= 2 * n:
-                    corners = [a, b, (2 * i + 1, 2 * j + 1)]
-                    triangles.append([number.setdefault(corner, len(number)) for corner in corners])
-    return np.array([*number]) / (2 * n), np.array(triangles)
+CUT = {  # triangles of the corners a, b, c, and the midpoints of bc, ca and ab; which of these there are
+    2: ([[3, 0, 1], [3, 2, 0]], [3]),
+    3: ([[5, 3, 0], [5, 1, 3], [3, 2, 0]], [3, 5]),
+    4: ([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]], [3, 4, 5]),
+}
 
 
-def lost(k: int) -> float:
-    """M_k: the largest |I_0 v|_1^2 / |v|_1^2 for v of that lattice."""
-    points, triangles = criss_cross(k)
-    assert len(triangles) == 2 * 4**k
-    return interpolated(points, triangles)
+def with_midpoints(corners: Array) -> Array:
+    """(..., 6, 2) the corners (..., 3, 2), and the midpoints opposite to them."""
+    middle = 0.5 * (np.roll(corners, -1, axis=-2) + np.roll(corners, 1, axis=-2))
+    return np.concatenate([corners, middle], axis=-2)
 
 
-def interpolated(points: Array, triangles: Array) -> float:
+def descendants(halvings: int, rng: np.random.Generator | None = None) -> Array:
+    """(T, 3, 2) of a right and isosceles triangle, each after so many halvings of its area.
+
+    They are cut in four, and once by two if the number is odd; given `rng` in four or by two at random.
+    """
+    triangles, left = RIGHT.vertices[None], np.array([halvings])
+    while left.any():
+        four = (left > 1) & (True if rng is None else rng.random(len(left)) < 0.5)
+        two = (left > 0) & ~four
+        cut = [with_midpoints(triangles[of])[:, CUT[k][0]] for of, k in ((four, 4), (two, 2))]
+        triangles = np.concatenate([triangles[left == 0], *(children.reshape(-1, 3, 2) for children in cut)])
+        left = np.concatenate([left[left == 0], np.repeat(left[four] - 2, 4), np.repeat(left[two] - 1, 2)])
+    return triangles
+
+
+def interpolated(triangles: Array) -> float:
     """The largest |I_0 v|_1^2 / |v|_1^2 for v on those triangles, all but the corners eliminated."""
-    A = energy(points, triangles)
-    corner = [int(np.argmin(np.abs(points - at).sum(axis=1))) for at in ([0, 0], [1, 0], [0, 1])]
+    points, number = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
+    A = energy(points, number.reshape(-1, 3))
+    corner = [int(np.argmin(np.abs(points - at).sum(axis=1))) for at in RIGHT.vertices]
     free = np.setdiff1d(np.arange(len(points)), corner)
     inner = splu(A[free][:, free].tocsc()).solve(A[free][:, corner].toarray())
     left = A[corner][:, corner].toarray() - A[corner][:, free] @ inner
     whole = energy(points[corner], np.array([[0, 1, 2]])).toarray()
     # Constants have no energy: the value at the first corner is 0.
     return float(np.linalg.eigvals(np.linalg.solve(left[1:, 1:], whole[1:, 1:])).real.max())
+
+
+@cache
+def lost(k: int) -> float:
+    """M_k: the largest |I_0 v|_1^2 / |v|_1^2 on the criss-cross lattice of 2^k squares on each leg."""
+    triangles = descendants(2 * k + 1)
+    sides = 2**k * triangles[:, 1:]  # hypotenuses are sides of the squares
+    assert len(triangles) == 2 * 4**k
+    assert np.array_equal(sides, np.rint(sides))
+    assert np.all(np.abs(np.diff(sides, axis=1)).sum(axis=(1, 2)) == 1)
+    return interpolated(triangles)
 
 
 @pytest.mark.parametrize("k", range(8))
@@ -88,18 +100,10 @@ def test_some_of_it_is_known() -> None:
     assert all(growth(k) >= growth(k - 1) for k in range(1, 100))
 
 
-CUT = {  # triangles of the corners a, b, c, and the midpoints of bc, ca and ab; which of these there are
-    2: ([[3, 0, 1], [3, 2, 0]], [3]),
-    3: ([[5, 3, 0], [5, 1, 3], [3, 2, 0]], [3, 5]),
-    4: ([[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]], [3, 4, 5]),
-}
-
-
 def steepest(children: int) -> float:
     """C: the largest sum of w_e^2 over |v|_1^2, v linear and so much higher at midpoints, by elimination."""
     triangles, new = CUT[children]
-    corners = right().points
-    points = np.array([*corners, *(0.5 * (np.roll(corners, -1, axis=0) + np.roll(corners, 1, axis=0)))])
+    points = with_midpoints(RIGHT.vertices)
     K, w = energy(points, np.array(triangles)).toarray(), np.eye(6)[:, new]
     of_linear, mixed = points.T @ K @ points, points.T @ K @ w
     return float(1 / np.linalg.eigvalsh(w.T @ K @ w - mixed.T @ np.linalg.solve(of_linear, mixed))[0])
@@ -117,54 +121,21 @@ def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> 
     """However triangles are cut, each in two or four: of 2 k + 1 halvings it is M_k, and of 2 k no more."""
     rng, most = np.random.default_rng(halvings), residual.GROWTH[halvings // 2]
     for _ in range(30):
-        found = of_cut(descendants(right().points, halvings, rng))
+        found = interpolated(descendants(halvings, rng))
         assert found <= most
         if halvings % 2:
             assert found == pytest.approx(lost(halvings // 2), rel=1e-12)
 
 
-def descendants(corners: Array, halvings: int, rng: np.random.Generator) -> list[Array]:
-    """After so many halvings of each, at random by cuts in four or by two."""
-    if halvings == 0:
-        return [corners]
-    a, b, c = corners
-    m_0, m_1, m_2 = 0.5 * (b + c), 0.5 * (c + a), 0.5 * (a + b)
-    if halvings > 1 and rng.random() < 0.5:
-        children, less = [(a, m_2, m_1), (m_2, b, m_0), (m_1, m_0, c), (m_0, m_1, m_2)], 2
-    else:
-        children, less = [(m_0, a, b), (m_0, c, a)], 1
-    return [each for of in children for each in descendants(np.array(of), halvings - less, rng)]
-
-
-def of_cut(triangles: list[Array]) -> float:
-    points, number = np.unique(np.concatenate(triangles), axis=0, return_inverse=True)
-    return interpolated(points, number.reshape(-1, 3))
-
-
-@cache
-def nested(name: str, refinements: int) -> Nested:
-    """Uniformly refined."""
-    if name == "one triangle":
-        return refined(right(), refinements)
-    if name == "gmsh":
-        return refined(meshes.unstructured(named("lshape"), 0.4), refinements)
-    return refined(structured(named(name), 1), refinements)
-
-
 @cache
 def adapted(name: str, times: int) -> Nested:
-    """At a corner, the re-entrant one of the L-shape, or in ever smaller parts at random."""
-    if name == "gmsh":
-        return at_random(meshes.unstructured(named("lshape"), 0.6), times, 4)
-    if name == "flat":
-        corners = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.3], [0.4, 0.25]])
-        return at_random(meshes.from_arrays(Polygon(corners), corners, [[0, 1, 2], [0, 2, 3]]), times, 1)
-    first = structured(named("lshape"), 1)
-    corner = int(np.argmin(np.abs(first.points - named("lshape").vertices[RE_ENTRANT]).sum(axis=1)))
-    return graded(first, corner, times)
+    """At the re-entrant corner of the L-shape, or in ever smaller parts at random."""
+    if name != "lshape":
+        return made(name, "at random", times, 4)
+    first = coarse("lshape 1")
+    return graded(first, int(np.argmin(np.hypot(*first.points.T))), times)
 
 
-RE_ENTRANT = 4
 GRADED = [("lshape", 10), ("lshape", 20), ("gmsh", 10), ("flat", 8)]
 
 
@@ -179,16 +150,8 @@ def functionals(found: Nested) -> list[Array]:
         left = left - A @ residual.downwards(found.of, left)
     one, last = np.zeros((2, n))
     one[n // 3] = last[-1] = 1.0
-    return [
-        rough,
-        left,
-        one,
-        last,
-        A @ rough,
-        A @ (np.sin(7 * x) * np.exp(y)),
-        A @ np.ones(n),
-        *of_levels(found),
-    ]
+    smooth = np.sin(7 * x) * np.exp(y)
+    return [rough, left, one, last, *(A @ v for v in (rough, smooth, np.ones(n))), *of_levels(found)]
 
 
 def of_levels(found: Nested) -> list[Array]:
@@ -213,10 +176,10 @@ def true_norm(found: Nested, R: Array) -> float:
     return math.sqrt(R @ factor(found).solve(R))
 
 
-@pytest.mark.parametrize("name", ["square", "lshape", "gmsh", "one triangle"])
+@pytest.mark.parametrize("name", ["square 1", "lshape 1", "gmsh", "one triangle"])
 @pytest.mark.parametrize("refinements", [0, 1, 3, 5])
 def test_the_bound_is_one_and_not_too_large(name: str, refinements: int) -> None:
-    found = nested(name, refinements)
+    found = made(name, "uniform", refinements)
     for R in functionals(found):
         index = dual_norm(found.of, R) / true_norm(found, R)
         # log2(1/h) = 5 terms, each too large by less than 2.
@@ -234,7 +197,7 @@ def test_nor_is_it_on_adapted_meshes(name: str, times: int) -> None:
 
 
 def test_without_refinement_the_norm_is_exact() -> None:
-    found = nested("gmsh", 0)
+    found = made("gmsh", "uniform", 0)
     for R in functionals(found):
         assert dual_norm(found.of, R) == pytest.approx(true_norm(found, R))
 
@@ -245,7 +208,7 @@ def worst(leg: float) -> tuple[float, float]:
     Of v, as linear functions are orthogonal to it, (3) is then, too. The mass, which makes the norm smaller,
     vanishes with the leg.
     """
-    found = refined(right(leg), 1)
+    found = refined(meshes.similar(coarse("one triangle"), Polygon(leg * RIGHT.vertices)), 1)
     A = found.of.A.toarray()
     P = prolongation(found.of.levels[0]).toarray()
     hierarchical = np.column_stack([P, np.eye(6)[:, 3:]])
@@ -287,14 +250,14 @@ def test_every_level_s_part_is_at_most_the_energy(name: str, times: int) -> None
 
 def test_what_finer_levels_hide_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Were M 1 for all, a level's part would be larger than the energy, and the bound below the norm."""
-    found = nested("one triangle", 5)
+    found = made("one triangle", "uniform", 5)
     monkeypatch.setattr(residual, "growth", lambda halvings: 1.0)
     assert largest(found, 0) > 1.5
 
 
 def test_weights_are_those_of_the_triangles_at_an_edge() -> None:
     """Found from the places of triangles: C from halved edges, M from the smallest one in each child."""
-    for found in (adapted("gmsh", 4), adapted("flat", 5), nested("square", 3)):
+    for found in (adapted("gmsh", 4), adapted("flat", 5), made("square 1", "uniform", 3)):
         for k, rho in enumerate(reversed(list(weights(found.of)))):
             np.testing.assert_allclose(rho, again(found, k), rtol=1e-9)
 
@@ -328,9 +291,9 @@ def within(coarse: Mesh, fine: Mesh) -> Array:
 
 
 def test_both_terms_are_needed() -> None:
-    alone = nested("square", 0)
+    alone = made("square 1", "uniform", 0)
     assert without_coarsest(alone.of, functionals(alone)[0]) == 0
-    found = nested("square", 5)
+    found = made("square 1", "uniform", 5)
     rough = functionals(found)[0]
     z = residual.downwards(found.of, rough)
     assert math.sqrt(z @ found.of.A @ z) < true_norm(found, rough)
@@ -338,7 +301,7 @@ def test_both_terms_are_needed() -> None:
 
 @pytest.mark.parametrize("way", ["uniform", "adapted"])
 def test_the_rest_vanishes_on_the_coarsest_space(way: str) -> None:
-    found = nested("lshape", 4) if way == "uniform" else adapted("gmsh", 10)
+    found = made("lshape 1", "uniform", 4) if way == "uniform" else adapted("gmsh", 10)
     R = functionals(found)[0]
     left = R - found.of.A @ residual.downwards(found.of, R)
     for level in found.of.levels[::-1]:

@@ -1,28 +1,24 @@
-"""Local refinement against the checks of meshes, and the cells that follow against their rule."""
+"""The cells that follow local refinement against their rule, and the marking of triangles."""
 
 import numpy as np
 import pytest
+from nested import coarse
 
 from unilateral.errors import InputError
-from unilateral.fem.hierarchy import hierarchy
-from unilateral.fem.nested_cells import nested_cells
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import SHORTEST, UNIT, adapted, marked, refined
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 
-SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
-FIRST = {
-    "squares": lambda: structured(named("lshape"), 1 / 2),
-    "gmsh": lambda: meshes.following(partitions.uniform(SLANTED, 1.5), 2)[0],
-}
+FIRST = ["lshape 2", "slanted"]
 
 
-def at_random(first, times=6):
+def at_random(name):
     """A third of the triangles chosen again and again, in an ever smaller part of the domain."""
-    of, rng = adapted(first), np.random.default_rng(2)
-    for k in range(times):
+    first, rng = coarse(name), np.random.default_rng(2)
+    of = adapted(first)
+    for k in range(6):
         centre = of.mesh.points[of.mesh.triangles].mean(axis=1)
         near = np.flatnonzero(np.hypot(*(centre - first.points[first.boundary[3]]).T) < 2.0**-k)
         of = refined(of, rng.choice(near, len(near) // 3 + 1))
@@ -31,23 +27,11 @@ def at_random(first, times=6):
 
 def at_a_corner(times):
     """Of the unit square, its triangle at a vertex halved so often."""
-    of = adapted(structured(square(), 1 / 2))
+    of = adapted(coarse("square 2"))
     for _ in range(times):
         corner = np.flatnonzero(np.hypot(*of.mesh.points[of.mesh.triangles].min(axis=1).T) == 0)
         of = refined(of, corner)
     return of
-
-
-@pytest.mark.parametrize("name", FIRST)
-def test_it_is_a_triangulation_of_the_polygon_with_its_boundary_in_order(name):
-    """`from_arrays` checks conformity and areas, sorts all edges and finds the boundary by its places."""
-    first = FIRST[name]()
-    mesh = at_random(first).mesh
-    checked = meshes.from_arrays(mesh.polygon, mesh.points, mesh.triangles)
-    np.testing.assert_array_equal(checked.boundary, mesh.boundary)
-    np.testing.assert_allclose(checked.s, mesh.s, atol=1e-14)
-    np.testing.assert_array_equal(mesh.points[: first.n_nodes], first.points)
-    assert np.ptp(np.log2(np.diff(mesh.s))) > 3
 
 
 def test_arc_lengths_are_exact():
@@ -61,8 +45,9 @@ def test_arc_lengths_are_exact():
 @pytest.mark.parametrize("name", [*FIRST, "corner"])
 def test_every_edge_is_at_most_half_and_at_least_a_quarter_of_its_cell(name):
     """The rule of stability, in arc lengths; and that no cell is longer than SHORTEST times its edges."""
-    of = at_a_corner(12) if name == "corner" else at_random(FIRST[name]())
+    of = at_a_corner(12) if name == "corner" else at_random(name)
     edges, cells = np.diff(of.mesh.s), of.partition
+    assert np.ptp(np.log2(edges)) > 3
     assert np.isin(cells.points, of.mesh.s).all()
     length = cells.lengths[np.searchsorted(cells.points, of.mesh.s[:-1], side="right") - 1]
     assert np.all(edges <= 0.5 * length * (1 + 1e-12))
@@ -82,31 +67,12 @@ def test_edges_in_geometric_progression_are_not_one_cell():
 
 
 def test_the_first_cells_have_two_edges():
-    of = adapted(structured(named("lshape"), 1 / 2))
+    of = adapted(coarse("lshape 2"))
     np.testing.assert_array_equal(of.partition.points, partitions.uniform(named("lshape"), 1).points)
 
 
-def test_right_isosceles_triangles_stay_so():
-    """Halved from the right angle, or in four: the area is a quarter of the squared longest edge."""
-    mesh = at_random(structured(named("lshape"), 1 / 2)).mesh
-    assert mesh.areas / mesh.longest_edges**2 == pytest.approx(0.25, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", [*FIRST, "corner"])
-def test_the_node_inside_a_cell_has_its_longest_edges(name):
-    """And belongs to no other cell."""
-    of = at_a_corner(12) if name == "corner" else at_random(FIRST[name]())
-    both = np.diff(of.mesh.s) + np.roll(np.diff(of.mesh.s), 1)
-    place = {node: k for k, node in enumerate(of.mesh.boundary.tolist())}
-    (cells,) = nested_cells(hierarchy(of.mesh), of.partition)
-    for number, node in enumerate(cells.inside.tolist()):
-        within = np.flatnonzero((of.cell == number) & (np.roll(of.cell, 1) == number))
-        assert place[node] in within
-        assert both[place[node]] == both[within].max()
-
-
 def test_chosen_triangles_are_cut_in_four_whatever_else_balance_needs():
-    of = adapted(FIRST["gmsh"]())
+    of = adapted(coarse("slanted"))
     chosen = np.arange(0, len(of.mesh.triangles), 5)
     finer = refined(of, chosen)
     count = np.bincount(finer.mesh.steps[0].parent, minlength=len(of.mesh.triangles))

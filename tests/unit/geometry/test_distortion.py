@@ -6,17 +6,24 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from mpmath import mp, mpf
+from nested import coarse
 from numpy.testing import assert_allclose
 
 from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
-from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
+from unilateral.geometry.mesh import refine, similar, unstructured
 from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.norms.oscillation import trace_constants, value_constants
 
 KITE = np.array([[0, 0], [1, 0.1], [0.9, 0.7], [0, 1.3]])
+
+
+def directions(angle):
+    """(..., 2) unit vectors."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def digits(numbers):
@@ -45,17 +52,13 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
     """|D Phi - I| is the largest singular value, for random triangles and nodes displaced by their shifts."""
     rng = np.random.default_rng(3)
     corners = rng.uniform(0, 1, (400, 3, 2)) * [1, 10.0 ** rng.uniform(-4, 0)]
-    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     shift = 1e-6 * rng.uniform(0, 1, (400, 3))
-    angle = rng.uniform(0, 2 * np.pi, (400, 3))
-    moved = shift[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    by = np.stack([moved[:, 1] - moved[:, 0], moved[:, 2] - moved[:, 0]], axis=2)
+    moved = shift[..., None] * directions(rng.uniform(0, 2 * np.pi, (400, 3)))
+    edges, by = (np.moveaxis(each[:, 1:] - each[:, :1], 1, 2) for each in (corners, moved))
     norms = np.linalg.norm(by @ np.linalg.inv(edges), 2, axis=(1, 2))
-    areas, longest = (
-        0.5 * np.abs(np.linalg.det(edges)),
-        np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2).max(axis=1),
-    )
-    found = exact_mesh.distortion(shift.ravel(), np.arange(1200).reshape(-1, 3), longest, areas)
+    points, triangles = corners.reshape(-1, 2), np.arange(1200).reshape(-1, 3)
+    areas, longest = np.abs(signed_areas(points, triangles)), longest_edges(points, triangles)
+    found = exact_mesh.distortion(shift.ravel(), triangles, longest, areas)
     assert np.all(norms <= found)
     assert np.max(norms / found) > 0.7
 
@@ -64,8 +67,7 @@ def test_distortions_hold_the_rounding_of_areas():
     """Of needles in all directions, whose areas are differences of rounded products."""
     rng = np.random.default_rng(8)
     angle, flat = rng.uniform(0, 2 * np.pi, 2000), 10.0 ** rng.uniform(-8, -1, 2000)
-    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    across = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    along, across = directions(angle), directions(angle + np.pi / 2)
     place = rng.uniform(-1, 1, (2000, 2))
     corners = np.stack([place, place + along, place + 0.4 * along + flat[:, None] * across], axis=1)
     points, triangles = corners.reshape(-1, 2), np.arange(6000).reshape(-1, 3)
@@ -91,7 +93,7 @@ def test_vertices_and_straight_meshes_have_no_shift():
     assert np.all(mesh.shift[mesh.boundary[vertices]] == 0)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     assert np.all(mesh.shift[inside] == 0)
-    assert mesh.shift.max() <= 5 * exact_mesh.EPS
+    assert mesh.shift.max() <= 5 * EPS
 
 
 def test_a_doubt_of_the_polygon_is_that_of_all_nodes():
@@ -104,8 +106,7 @@ def test_a_doubt_of_the_polygon_is_that_of_all_nodes():
 def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
     """Of many sides the sums of their lengths are rounded; some are short."""
     rng = np.random.default_rng(4)
-    angle = np.sort(rng.uniform(0, 2 * np.pi, 200))
-    polygon = Polygon(np.stack([np.cos(angle), np.sin(angle)], axis=1) / 3)
+    polygon = Polygon(directions(np.sort(rng.uniform(0, 2 * np.pi, 200))) / 3)
     with mp.workdps(50):
         vertices, starts = digits(polygon.vertices), digits([polygon.starts])[0]
         lengths = np.array([mp.hypot(*edge) for edge in np.roll(vertices, -1, axis=0) - vertices])
@@ -129,16 +130,14 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
     rng = np.random.default_rng(6)
     polygon = Polygon(KITE - KITE.mean(axis=0), doubt=1e-4)
     mesh = unstructured(polygon, 1.0)
-    angle = rng.uniform(0, 2 * np.pi, mesh.n_nodes)
-    off = {"apart": mesh.points, "anyhow": np.stack([np.cos(angle), np.sin(angle)], axis=1)}[way]
+    off = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
     moved = replace(mesh, points=mesh.points + 1e-4 * off)
     values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
     grown = [h1_norm(moved, v) / h1_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
-    at, edges = mesh.boundary_triangles, np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    edges = np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for constants in (trace_constants, value_constants):
         old, new = (
-            np.sqrt(constants(of, at) * np.hypot(*np.diff(of.points[edges], axis=0)[0].T))
-            for of in (mesh, moved)
+            np.sqrt(constants(of) * np.hypot(*np.diff(of.points[edges], axis=0)[0].T)) for of in (mesh, moved)
         )
         grown += [*(new / old), *(old / new)]
     grown += [*(moved.longest_edges * np.sqrt(moved.areas) / mesh.longest_edges / np.sqrt(mesh.areas))]
@@ -146,8 +145,7 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
 
 
 def test_the_growth_has_the_largest_of_both():
-    mesh = from_arrays(square(), square().vertices, [[0, 1, 2], [0, 2, 3]])
-    assert 1 < mesh.growth < 1 + 1e-13
+    assert 1 < coarse("square 1").growth < 1 + 1e-13
 
 
 def test_the_growth_is_what_the_proof_adds_up():

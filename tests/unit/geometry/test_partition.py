@@ -63,9 +63,6 @@ def test_shifted_by_hand():
     one_side = np.array([0, 0.625])
     assert_array_equal(partition.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4))
     assert_allclose(partition.H_over_Hi_max, 0.625 / 0.375, rtol=1e-14)
-
-
-def test_a_shift_by_nothing_is_uniform():
     assert_array_equal(shifted(named("lshape"), 0.5, 0).points, uniform(named("lshape"), 0.5).points)
 
 
@@ -76,19 +73,11 @@ def test_refining_halves_every_cell():
     assert_array_equal(refine(uniform(named("lshape"), 0.25)).points, uniform(named("lshape"), 0.125).points)
 
 
-def test_graded_cells_report_their_ratio():
-    """Cells halved towards s = 0: the longest has length 1, the shortest 2^-9."""
-    partition = from_points(square(), [0, *2.0 ** np.arange(-9, 1), 2, 3, 4])
-    assert (partition.H, partition.H_over_Hi_max) == (1, 2**9)
-
-
 def test_vertices_known_up_to_round_off_are_snapped():
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
     off = 1e-13 * polygon.perimeter
     partition = from_points(polygon, [off, 0.5, 1 + off, 1 + np.sqrt(2) - off, polygon.perimeter + off])
     assert_array_equal(np.delete(partition.points, 1), polygon.starts)
-    with pytest.raises(InputError, match="vertex 1"):
-        from_points(polygon, [0, 1 + 100 * off, *polygon.starts[2:]])
 
 
 @pytest.mark.parametrize(
@@ -118,12 +107,6 @@ def test_the_class_checks_by_itself():
         Partition(square(), np.array([0, 1 + 1e-13, 2, 3, 4]))
 
 
-def test_points_cannot_be_moved_afterwards():
-    """They were checked when the partition was made."""
-    with pytest.raises(ValueError, match="read-only"):
-        uniform(square(), 1 / 2).points[1] = 0.25
-
-
 @pytest.mark.parametrize("fraction", [-0.1, 1.0, np.nan])
 def test_shifts_are_fractions(fraction):
     with pytest.raises(InputError, match=r"not in \[0, 1\)"):
@@ -140,11 +123,8 @@ def test_balanced_cells_by_hand():
     lengths = balanced(uniform(one_short, 1)).lengths
     assert np.all(lengths <= (2 + 1e-9) * np.minimum(np.roll(lengths, 1), np.roll(lengths, -1)))
     assert np.any(lengths > 0.4)
-
-
-def test_cells_that_are_all_alike_are_balanced():
-    cells = uniform(named("lshape"), 1 / 3)
-    assert balanced(cells) is cells
+    alike = uniform(named("lshape"), 1 / 3)
+    assert balanced(alike) is alike
 
 
 def test_the_common_refinement_by_hand():
@@ -168,7 +148,7 @@ def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
         assert_array_equal(halves.cells_of(moved.points), np.arange(8))
         assert_array_equal(from_points(square(), at_a_vertex).points, np.arange(5))
         return
-    with pytest.raises(InputError, match=r"point 1 .* is not among the points of the finer"):
+    with pytest.raises(InputError, match=r"point 1 \(0\.5\) is not among the points of the finer"):
         halves.cells_of(moved.points)
     with pytest.raises(InputError, match="vertex 1"):
         from_points(square(), at_a_vertex)
@@ -182,8 +162,3 @@ def test_the_cells_that_contain_those_of_a_refinement(coarse):
     middle = fine.points[:-1] + fine.lengths / 2
     assert np.all((coarse.points[cell] < middle) & (middle < coarse.points[cell + 1]))
     assert_allclose(np.bincount(cell, fine.lengths), coarse.lengths, rtol=1e-13)
-
-
-def test_a_partition_that_is_not_nested_has_no_such_cells():
-    with pytest.raises(InputError, match=r"point 1 \(0\.33333333333333331\) is not among the points"):
-        uniform(square(), 1 / 3).cells_of(uniform(square(), 1 / 2).points)

@@ -23,6 +23,8 @@ def test_square_by_hand():
     assert_allclose(polygon.angles, np.pi / 2, rtol=ROUND_OFF)
     assert polygon.area == 1
     assert_allclose(polygon.diameter, np.sqrt(2), rtol=ROUND_OFF)
+    points = polygon.at(np.arange(4), np.full(4, 0.25))
+    assert_array_equal(points, [[0.25, 0], [1, 0.25], [0.75, 1], [0, 0.75]])
 
 
 def test_lshape_by_hand():
@@ -43,11 +45,6 @@ def test_angles_sum_up():
 def test_area_far_from_the_origin_keeps_its_digits():
     """The vertices are exact after the shift, so the shoelace formula about vertex 0 is exact as well."""
     assert Polygon(square().vertices + 2.0**30).area == 1
-
-
-def test_points_on_sides():
-    points = square().at(np.array([0, 1, 2, 3]), np.full(4, 0.25))
-    assert_array_equal(points, [[0.25, 0], [1, 0.25], [0.75, 1], [0, 0.75]])
 
 
 def regular(n):
@@ -104,61 +101,26 @@ def test_counts_ignore_round_off():
     assert all(square().counts(1 / n)[0] == n for n in sizes)
 
 
-def test_counts_are_the_least():
+def test_counts_and_divisions_by_hand():
+    """The counts are the least ones."""
     polygon = Polygon(np.array([[0, 0], [3, 0], [3, 4]]))
     assert_array_equal(polygon.counts(2.0), [2, 2, 3])
     assert_array_equal(polygon.counts(100.0), [1, 1, 1])
+    points = polygon.divided(np.array([2, 1, 4]))
+    assert_allclose(points, [0, 1.5, 3, 7, 8.25, 9.5, 10.75, 12], rtol=ROUND_OFF)
 
 
-def test_divided_by_hand():
-    polygon = Polygon(np.array([[0, 0], [3, 0], [3, 4]]))
-    assert_allclose(
-        polygon.divided(np.array([2, 1, 4])), [0, 1.5, 3, 7, 8.25, 9.5, 10.75, 12], rtol=ROUND_OFF
-    )
-
-
-@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
-def test_sizes_have_to_be_positive(size):
-    with pytest.raises(InputError, match="positive"):
-        square().counts(size)
-
-
-@pytest.mark.parametrize("size", [1e-300, 1e-10])
-def test_sizes_that_would_take_too_many_pieces(size):
-    with pytest.raises(
-        InputError, match=f"by the size {size:g}: these are more than 1e.07 pieces; give a larger"
-    ):
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        *((size, "positive") for size in (0.0, -1.0, np.nan, np.inf)),
+        *((size, f"{size:g}: these are more than 1e.07 pieces; give a larger") for size in (1e-300, 1e-10)),
+    ],
+)
+def test_sizes_that_are_refused(size, message):
+    with pytest.raises(InputError, match=message):
         square().counts(size)
     assert square().counts(1e-6).tolist() == [10**6] * 4
-
-
-@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-76, 1e76, 1e160, 1e300, 1.7e308])
-def test_polygons_whose_areas_cannot_be_squared(size):
-    """In one sentence: NumPy's warnings would be errors here."""
-    with pytest.raises(
-        InputError, match="polygon 'far' is too large or too small, and squares of areas leave"
-    ):
-        Polygon(size * square().vertices, "far")
-
-
-@pytest.mark.parametrize("size", [1e76, 1e300, 1.7e308])
-def test_one_vertex_far_away(size):
-    with pytest.raises(InputError, match="is too large or too small"):
-        Polygon([[0, 0], [1, 0], [1, 1], [0, size]])
-
-
-@pytest.mark.parametrize("length", [1e-300, 1e-20, 4e-16])
-def test_sides_that_are_lost_beside_the_perimeter(length):
-    """Both ends of such a side would have the same arc length, or its squared length would be 0."""
-    with pytest.raises(InputError, match=f"its side 0 is {length:.2g} long, which rounding takes away"):
-        Polygon([[0, 0], [length, 0], [1, 0], [1, 1], [0, 1]])
-    assert Polygon([[0, 0], [1e-14, 0], [1, 0], [1, 1], [0, 1]]).n_sides == 5
-
-
-@pytest.mark.parametrize("size", [1e-75, 1e75])
-def test_polygons_whose_areas_just_can_be(size):
-    """Control."""
-    assert_allclose(Polygon(size * square().vertices).area, size**2)
 
 
 def test_named():
@@ -169,11 +131,6 @@ def test_named():
     assert_allclose(named("hexagon").lengths, [1 / 2, 1 / 2, 3 / 4] * 2, rtol=1e-15)
     with pytest.raises(InputError, match=f"'disc' is unknown; the named ones are {', '.join(names())}"):
         named("disc")
-
-
-def test_a_polygon_cannot_be_changed():
-    with pytest.raises(ValueError, match="read-only"):
-        square().vertices[0, 0] = 1
 
 
 @pytest.mark.parametrize(
@@ -189,8 +146,30 @@ def test_a_polygon_cannot_be_changed():
         ([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]], "sides 0 and 2 meet"),
         ([[0, 0], [2, 0], [1, 0], [1, 1]], "sides 0 and 1 meet"),
         ([[0, 0], [1, 0], [2, 0]], "meet"),
+        *(
+            (size * square().vertices, "'far' is too large or too small, and squares of areas leave")
+            for size in (1e-300, 1e-160, 1e-76, 1e76, 1e160, 1e300, 1.7e308)
+        ),
+        *(([[0, 0], [1, 0], [1, 1], [0, y]], "too large or too small") for y in (1e76, 1e300, 1.7e308)),
+        *(
+            (
+                [[0, 0], [x, 0], *square().vertices[1:]],
+                f"its side 0 is {x:.2g} long, which rounding takes away",
+            )
+            for x in (1e-300, 1e-20, 4e-16)
+        ),
     ],
 )
 def test_refusals(vertices, message):
+    """In one sentence: NumPy's warnings would be errors here.
+
+    The ends of a side that is lost beside the perimeter have the same arc length, or its square is 0.
+    """
     with pytest.raises(InputError, match=message):
-        Polygon(vertices)
+        Polygon(vertices, "far")
+
+
+def test_what_is_just_not_refused():
+    assert Polygon([[0, 0], [1e-14, 0], *square().vertices[1:]]).n_sides == 5
+    for size in (1e-75, 1e75):
+        assert_allclose(Polygon(size * square().vertices).area, size**2, rtol=ROUND_OFF)

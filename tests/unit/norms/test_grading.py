@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from boundary_norms import CELLS, one_on_a_square, within_half_a_percent
 from numpy.testing import assert_allclose, assert_array_equal
-from test_reference import CELLS
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
@@ -83,7 +83,7 @@ def test_short_cells(length):
     norm = dual_norm(cells)
     assert np.diff(norm.spaces.mesh.s).min() >= grading.SHORTEST * square().diameter
     found = norm.of_p0(np.random.default_rng(0).standard_normal((3, cells.n_cells)))
-    assert np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+    assert within_half_a_percent(found)
 
 
 def test_shorter_cells_are_refused():
@@ -101,18 +101,9 @@ def test_the_gap_on_small_and_large_squares(L):
     """With edges of LONGEST at most; mu = 1 against its closed form."""
     norm = dual_norm(partitions.uniform(scaled_square(L), L / 8))
     found = norm.of_p0(np.vstack([np.ones(32), (-1.0) ** np.arange(32)]))
-    assert np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+    assert within_half_a_percent(found)
     assert found.lower[0] <= one_on_a_square(L) * (1 + 1e-9)
     assert one_on_a_square(L) <= found.upper[0] * (1 + 1e-9)
-
-
-def one_on_a_square(L):
-    """8 + 4 L coth(L/2), squared.
-
-    u = a (cosh x + cosh y), x and y from the centre, solves -Delta u + u = 0 with the flux 1.
-    """
-    a = 1 / np.sinh(L / 2)
-    return np.sqrt(4 * a * (L * np.cosh(L / 2) + 2 * np.sinh(L / 2)))
 
 
 def test_a_tiny_square_is_refused():
@@ -140,7 +131,7 @@ def test_edges_near_shorter_ones_on_another_side(degrees):
     free = distance_to_other_sides(cells.polygon, points, side)
     assert np.all(lengths <= np.maximum(allowed, free) * (1 + 1e-9))
     found = dual_norm(cells).of_p0(np.eye(cells.n_cells))
-    assert np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+    assert within_half_a_percent(found)
 
 
 def test_without_that_the_gap_in_a_wedge_is_missed(monkeypatch):

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from math import pi, sinh, sqrt, tanh
 
 import numpy as np
 import pytest
 import skfem
+from boundary_norms import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
 from scipy.linalg import eigh
 from skfem.models.poisson import laplace, mass, unit_load
-from test_dual import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
 
-from unilateral.fem.condense import matrix
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
@@ -68,36 +68,47 @@ def test_the_square_s_constant_is_the_greatest_eigenvalue():
     assert without_1 > 1.9 * ON_SQUARE
 
 
-def best_constants(vertices, refinements=4):
-    """(3,) sup ||v - mean v||_e^2 / |v|_{1,T}^2 for a triangle's edges e, from below: P2 on its parts."""
+def best_constants(vertices, mean_free=True, refinements=4):
+    """(3,) the largest ||v||_e^2 over an energy, for a triangle's edges e, from below: P2 on its parts.
+
+    For mean-free v the energy is |v|_1^2, else ||v||_1^2.
+    """
     mesh = skfem.MeshTri(np.array(vertices, float).T.copy(), np.array([[0], [1], [2]])).refined(refinements)
     basis = skfem.Basis(mesh, skfem.ElementTriP2())
     K, integral = laplace.assemble(basis).toarray(), unit_load.assemble(basis)
-    mean_free = np.eye(basis.N) - np.outer(np.ones(basis.N), integral) / integral.sum()
-    K += np.outer(integral, integral)
-    found, last = [], [basis.N - 1] * 2
+    projector = np.eye(basis.N)
+    if mean_free:
+        projector -= np.outer(np.ones(basis.N), integral) / integral.sum()
+        K += np.outer(integral, integral)
+    else:
+        K += mass.assemble(basis).toarray()
+    largest, last = [], [basis.N - 1] * 2
     v = np.array(vertices)
     boundary, middle = mesh.boundary_facets(), mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
     for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
         off = np.abs((b - a)[0] * (middle[1] - a[1]) - (b - a)[1] * (middle[0] - a[0]))
-        on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[off < 1e-12])
-        M = mean_free.T @ mass.assemble(on_edge).toarray() @ mean_free
-        found.append(eigh(M, K, eigvals_only=True, subset_by_index=last)[0])
-    return np.array(found)
+        on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[off < 1e-12 * np.ptp(v)])
+        M = projector.T @ mass.assemble(on_edge).toarray() @ projector
+        largest.append(eigh(M, K, eigvals_only=True, subset_by_index=last)[0])
+    return np.array(largest)
 
 
-def bounds_of_constants(name):
-    """(3,) the best constants of a triangle from below, and what the library takes; its vertices' polygon."""
-    polygon = Polygon(np.array(TRIANGLES[name]), name)
-    mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
-    all_share_it = trace_constants(mesh, np.zeros(3, dtype=int))
-    return best_constants(TRIANGLES[name]), all_share_it / 3, polygon
+def triangle(name, size=1.0):
+    """A mesh of one triangle, which its three edges share."""
+    polygon = Polygon(size * np.array(TRIANGLES[name]), name)
+    return meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
+
+
+@cache
+def best_of_traces(name):
+    return best_constants(TRIANGLES[name])
 
 
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_a_triangle_s_constants_are_never_below_the_best(name):
     """And at most 4 times the best, so that what oscillates is at most doubled."""
-    best, taken, _ = bounds_of_constants(name)
+    mesh, best = triangle(name), best_of_traces(name)
+    taken = trace_constants(mesh) / 3
     assert np.all(best <= taken)
     assert np.all(taken <= 4 * best)
 
@@ -106,17 +117,27 @@ def test_payne_and_weinberger_alone_would_be_too_small():
     """Control: without the gradient's term some constant lies below an eigenvalue."""
     below = []
     for name in TRIANGLES:
-        best, _, polygon = bounds_of_constants(name)
-        below.append(np.any(polygon.lengths / polygon.area * polygon.diameter**2 / pi**2 < best))
+        of = triangle(name).polygon
+        below.append(np.any(of.lengths / of.area * of.diameter**2 / pi**2 < best_of_traces(name)))
     assert sum(below) >= 3
 
 
 def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
     mesh = structured(square(), 1.0)
-    edge = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
-    triangle = np.array([next(t for t, v in enumerate(mesh.triangles) if set(e) < set(v)) for e in edge])
-    np.testing.assert_allclose(trace_constants(mesh, triangle), 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
+    found = trace_constants(mesh)
+    np.testing.assert_allclose(found, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 30.0])
+@pytest.mark.parametrize("name", TRIANGLES)
+def test_the_constant_for_values_on_an_edge(name, size):
+    """Control: a third of it is too small on small triangles, where the best v is 1, with |e|/|T|."""
+    mesh = triangle(name, size)
+    taken = value_constants(mesh) / 3
+    best = best_constants(mesh.polygon.vertices, mean_free=False, refinements=3)
+    assert np.all(best <= taken)
+    assert size > 0.01 or np.all(taken / 3 < best)
 
 
 def in_squares(mesh, points):
@@ -128,23 +149,13 @@ def in_squares(mesh, points):
     return (along > 1e-9) & (along < 1 - 1e-9) & (into > 1e-9) & (into < 1 - 1e-9)
 
 
-def in_polygon(polygon, points):
-    """(k,) whether a ray to the right crosses the boundary an odd number of times."""
-    x, y = points.T[:, :, None]
-    a, b = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
-    crosses = (a[:, 1] > y) != (b[:, 1] > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    return np.sum(crosses & (x < at), axis=1) % 2 == 1
-
-
 def squares_fit(mesh, used):
     """Whether 100 random points of every square that is used lie in Omega and in no other such square."""
     rng, edge = np.random.default_rng(0), np.repeat(np.flatnonzero(used), 100)
     along, into = rng.uniform(0.01, 0.99, (2, len(edge), 1)) * np.diff(mesh.s)[edge, None]
     polygon, side = mesh.polygon, mesh.side[edge]
     points = mesh.points[mesh.boundary[edge]] + along * polygon.tangents[side] - into * polygon.normals[side]
-    return np.all(in_polygon(polygon, points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
+    return np.all(polygon.contains(points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -156,24 +167,27 @@ def test_the_squares_lie_inside_and_are_disjoint(name):
     assert not squares_fit(mesh, np.ones_like(used))  # control: at corners and in thin parts they do not
 
 
-@pytest.mark.parametrize("n", [8, 16, 64])
-def test_a_wave_per_edge_is_bounded_sharply(n):
-    """cos(2 pi n x) on one side of the square, orthogonal to linear functions on its n edges.
+@pytest.mark.parametrize(
+    ("n", "waves", "constant", "of_1"),
+    [*((n, 1, ON_SQUARE, 1e-3) for n in (8, 16, 64)), (16, 0.5, MEAN_FREE_ON_SQUARE, 5e-3)],
+)
+def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
+    """cos(2 pi w n x) on one side of the square, w waves an edge: without linear functions, or constants.
 
-    Its norm is (coth(q) / (2 q))^{1/2}, q^2 = 1 + (2 pi n)^2. The squares' share is sharp, but for the 1 in
-    q^2, less than 1e-3.
+    Its norm is (coth(q) / (2 q))^{1/2}, q^2 = 1 + (2 pi w n)^2. The squares' share is sharp, but for what the
+    1 in q^2 makes. Control: for half a wave the constant that excludes linear functions is too small.
     """
     mesh = structured(square(), 1 / n)
-    edges = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
-    triangle = np.argmax([np.isin(mesh.triangles, edge).sum(axis=1) == 2 for edge in edges], axis=1)
     squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
-    q = sqrt(1 + (2 * pi * n) ** 2)
+    q, used = sqrt(1 + (2 * pi * waves * n) ** 2), has_square(mesh)
     true = sqrt(1 / (2 * q * tanh(q)))
-    used = has_square(mesh)
-    of_squares = oscillation_bound(mesh, triangle, squares * used[:, None])[0]
-    assert oscillation_bound(mesh, triangle, squares)[0] >= true
-    assert of_squares == pytest.approx(true * sqrt(used[:n].mean()), rel=1e-3)
+    assert oscillation_bound(mesh, squares, constant)[0] >= true
+    squares, share = squares * used[:, None], true * sqrt(used[:n].mean())
+    of_squares = oscillation_bound(mesh, squares, constant)[0]
+    assert of_squares == pytest.approx(share, rel=of_1)
     assert used[:n].any()
+    if waves < 1:
+        assert oscillation_bound(mesh, squares)[0] < 0.75 * share
 
 
 @pytest.mark.parametrize("n", [1, 4, 16])
@@ -192,54 +206,7 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
     if n == 1:
         assert (on_all_edges, true) == (pytest.approx(0.3183, abs=5e-5), pytest.approx(0.4155, abs=5e-5))
     assert on_all_edges < true
-    assert oscillation_bound(mesh, mesh.boundary_triangles, squared_norms)[0] ** 2 >= true
-
-
-def test_half_a_wave_per_edge_needs_the_greater_constant():
-    """cos(pi n x) is orthogonal to constants on the edges; the constant for waves is too small."""
-    n = 16
-    mesh = structured(square(), 1 / n)
-    edges = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
-    triangle = np.argmax([np.isin(mesh.triangles, edge).sum(axis=1) == 2 for edge in edges], axis=1)
-    squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
-    q, used = sqrt(1 + (pi * n) ** 2), has_square(mesh)
-    true = sqrt(1 / (2 * q * tanh(q)))
-    assert oscillation_bound(mesh, triangle, squares, MEAN_FREE_ON_SQUARE)[0] >= true
-    of_squares = oscillation_bound(mesh, triangle, squares * used[:, None], MEAN_FREE_ON_SQUARE)[0]
-    assert of_squares == pytest.approx(true * sqrt(used[:n].mean()), rel=5e-3)
-    too_small = oscillation_bound(mesh, triangle, squares * used[:, None])[0]
-    assert too_small < 0.75 * true * sqrt(used[:n].mean())
-
-
-@pytest.mark.parametrize("size", [0.01, 1.0, 30.0])
-@pytest.mark.parametrize(
-    "corners", [[(0, 0), (1, 0), (0, 1)], [(0, 0), (1, 0), (3, 0.4)], [(0, 0), (1, 0), (0.5, 6)]]
-)
-def test_the_constant_for_values_on_an_edge(corners, size):
-    """Against the largest quotient over P1 on a triangle refined four times, which is below the best one.
-
-    Three edges share the triangle: three times the constant. Control: a third of it is too small on small
-    triangles, where the best quotient is that of 1, |e|/|T|.
-    """
-    polygon = Polygon(size * np.array(corners, dtype=float), "triangle")
-    mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
-    found = value_constants(mesh, mesh.boundary_triangles) / 3
-    fine = meshes.refine(mesh, 4)
-    A, trace = matrix(fine).toarray(), boundary_mass_of_sides(fine)
-    for side, constant in enumerate(found):
-        best = eigh(trace[side], A, eigvals_only=True)[-1]
-        assert best <= constant
-        if size == 0.01:
-            assert constant / 3 < best
-
-
-def boundary_mass_of_sides(mesh):
-    """(3, n, n) L2 products of traces on the sides."""
-    found, start = np.zeros((3, mesh.n_nodes, mesh.n_nodes)), mesh.boundary
-    end = np.roll(start, -1)
-    for i, j, times in ((start, start, 2), (end, end, 2), (start, end, 1), (end, start, 1)):
-        np.add.at(found, (mesh.side, i, j), times * np.diff(mesh.s) / 6)
-    return found
+    assert oscillation_bound(mesh, squared_norms)[0] ** 2 >= true
 
 
 @pytest.mark.parametrize("name", POLYGONS)
@@ -266,7 +233,7 @@ def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatc
     found = norm.of_p0(mu, other)
     assert found.lower <= above
     assert below <= found.upper
-    monkeypatch.setattr(functionals, "oscillation_bound", lambda _, __, squares: np.zeros(squares.shape[1]))
+    monkeypatch.setattr(functionals, "oscillation_bound", lambda _, squares: np.zeros(squares.shape[1]))
     assert norm.of_p0(mu, other).upper < 0.9 * below
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from flint import acb_mat, arb, arb_mat, ctx
 
 import unilateral as ul
@@ -23,6 +22,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.solvers.algebraic_bound import certified
+from unilateral.solvers.multigrid_bounds import algebraic_bound
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 
@@ -37,86 +37,63 @@ def digits():
     ctx.dps = before
 
 
-class System(NamedTuple):
-    """A u = load + B^T lambda, B u >= d with lambda: double numbers, exact."""
+exact = np.vectorize(arb, otypes=[object])
+"""Double numbers as they are; arrays of these numbers are added and multiplied with 60 digits."""
 
-    A: sp.csr_array
-    mass: Array
+
+def solve(A, b):
+    """A^{-1} b, with b (n,)."""
+    solution = arb_mat(A.tolist()).solve(arb_mat(b[:, None].tolist()))
+    return np.array(solution.entries(), dtype=object)
+
+
+class System(NamedTuple):
+    """A u = load + B^T lambda, B u >= d with lambda, exact; the rows of A add up to the mass."""
+
+    A: Array
     load: Array
-    B: sp.csr_array
-    d: arb_mat
+    B: Array
+    d: Array
+
+    def errors(self, exact_u: Array, exact_lambda: Array, u: Array, lambda_H: Array) -> tuple[arb, arb]:
+        """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
+        e, pull = exact(u) - exact_u, self.B.T @ (exact(lambda_H) - exact_lambda)
+        return (e @ (self.A @ e)).sqrt(), (solve(self.A, pull) @ pull).sqrt()
 
 
 def of(discrete) -> System:
-    """Those that the bound is for: the rows of A add up to the mass."""
+    """That which the bound is for."""
     if isinstance(discrete, CondensedProblem):
-        on, n = discrete.spaces.condensed, discrete.mesh.n_nodes
-        B = sp.csr_array((len(discrete.cells), n)).tolil()
-        B[:, discrete.mesh.boundary] = discrete.spaces.B.toarray()
-        lengths, means = discrete.spaces.operator.H_i, discrete.g_means[discrete.cells]
-        d = column([arb(H) * arb(g) for H, g in zip(lengths.tolist(), means.tolist(), strict=True)])
-        return System(on.for_products, on.mass, discrete.load, B.tocsr(), d)
-    finest = discrete.grids.finest
-    return System(finest.of.A, finest.of.mass, finest.load, finest.cells.B, column(finest.d.tolist()))
+        spaces, boundary, on = discrete.spaces, discrete.mesh.boundary, discrete.spaces.condensed
+        B = np.zeros((len(discrete.cells), discrete.mesh.n_nodes))
+        B[:, boundary] = spaces.B.toarray()
+        A, mass, load = on.for_products, on.mass, discrete.load
+        d = exact(spaces.operator.H_i) * exact(discrete.g_means[discrete.cells])
+    else:
+        finest = discrete.grids.finest
+        A, mass, load, B = finest.of.A, finest.of.mass, finest.load, finest.cells.B.toarray()
+        d = exact(finest.d)
+    off_diagonal = A.toarray()
+    np.fill_diagonal(off_diagonal, 0.0)
+    A = exact(off_diagonal)
+    np.fill_diagonal(A, exact(mass) - A.sum(axis=1))
+    return System(A, exact(load), exact(B), d)
 
 
-def column(numbers) -> arb_mat:
-    return arb_mat([[number] for number in numbers])
-
-
-def exact(numbers: Array) -> arb_mat:
-    return arb_mat(numbers.tolist())
-
-
-def stiffness(system: System) -> arb_mat:
-    """A with the diagonal that makes its rows add up to the mass."""
-    A = system.A.toarray()
-    np.fill_diagonal(A, 0.0)
-    found = exact(A)
-    for i, m in enumerate(system.mass.tolist()):
-        found[i, i] = arb(m) - sum((found[i, j] for j in np.flatnonzero(A[i]).tolist()), arb(0))
-    return found
-
-
-class Exact(NamedTuple):
-    A: arb_mat
-    B: arb_mat
-    u: arb_mat
-    lambda_: arb_mat
-
-    def errors(self, u: Array, lambda_H: Array) -> tuple[arb, arb]:
-        """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
-        e = column(u.tolist()) - self.u
-        pull = self.B.transpose() * (column(lambda_H.tolist()) - self.lambda_)
-        return tuple(
-            (e.transpose() * f)[0, 0].sqrt() for e, f in ((e, self.A * e), (self.A.solve(pull), pull))
-        )
-
-
-def solved_exactly(system: System, active: Mask) -> Exact:
-    """By active sets, the last of which is proved to be right by intervals."""
-    A, B, n, m = stiffness(system), exact(system.B.toarray()), len(system.mass), len(active)
-    lambda_ = column([0] * m)
+def solved_exactly(system: System, active: Mask) -> tuple[Array, Array]:
+    """u_h and lambda_H by active sets, the last of which is proved to be right by intervals."""
+    n = len(system.load)
     for _ in range(20):
-        cells = np.flatnonzero(active).tolist()
-        whole = arb_mat(n + len(cells), n + len(cells))
-        rhs = [arb(value) for value in system.load.tolist()] + [system.d[i, 0] for i in cells]
-        for i in range(n):
-            for j in range(n):
-                whole[i, j] = A[i, j]
-        for k, i in enumerate(cells):
-            for j in range(n):
-                whole[n + k, j], whole[j, n + k] = B[i, j], -B[i, j]
-        found = whole.solve(column(rhs))
-        u = arb_mat([[found[i, 0]] for i in range(n)])
-        lambda_ = column([0] * m)
-        for k, i in enumerate(cells):
-            lambda_[i, 0] = found[n + k, 0]
-        gap = B * u - system.d
-        after = np.array([bool(lambda_[i, 0] > 0) if active[i] else bool(gap[i, 0] < 0) for i in range(m)])
+        B = system.B[active]
+        whole = np.block([[system.A, -B.T], [B, exact(np.zeros((len(B), len(B))))]])
+        solution = solve(whole, np.concatenate([system.load, system.d[active]]))
+        u, lambda_ = solution[:n], exact(np.zeros(len(active)))
+        lambda_[active] = solution[n:]
+        gap = system.B @ u - system.d
+        after = np.where(active, lambda_ > 0, gap < 0).astype(bool)
         if np.array_equal(after, active):
-            assert all(active[i] or gap[i, 0] > 0 for i in range(m))
-            return Exact(A, B, u, lambda_)
+            assert np.all(gap[~active] > 0)
+            return u, lambda_
         active = after
     raise AssertionError("the sets do not settle")
 
@@ -149,9 +126,10 @@ def solution(way: str, scale: float, tolerance: float = 1e-9) -> DiscreteSolutio
 def largest_error(found: DiscreteSolution) -> float:
     """Of both errors; it is proved that the solution with 60 digits is one."""
     lambda_H = found.result.lambda_H
-    solved = solved_exactly(of(found.discrete), lambda_H > 0)
-    assert 0 < sum(bool(solved.lambda_[i, 0] > 0) for i in range(len(lambda_H))) < len(lambda_H)
-    return max(float(error.upper()) for error in solved.errors(found.u_h, lambda_H))
+    system = of(found.discrete)
+    u, lambda_ = solved_exactly(system, lambda_H > 0)
+    assert 0 < np.count_nonzero(lambda_ > 0) < len(lambda_H)
+    return max(float(error.upper()) for error in system.errors(u, lambda_, found.u_h, lambda_H))
 
 
 WAYS = ["uzawa", "nesterov", "newton", "active_set", "singular", "multigrid", "adapted"]
@@ -190,7 +168,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
     def bound() -> float:
         if isinstance(discrete, CondensedProblem):
             return discrete.solution(found.result, 0.0).result.bound
-        return discrete.grids.bound(found.u_h, found.result.lambda_H)
+        return algebraic_bound(discrete.grids.finest, found.u_h, found.result.lambda_H)
 
     before = bound()
     monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
@@ -205,9 +183,9 @@ def test_the_norm_of_lambda_is_one_from_below(length: float) -> None:
     mesh = similar(structured(square(), 1 / 4), small.polygon)
     discrete = discretise(small, mesh, uniform(small.polygon, length / 2))
     lambda_H = np.random.default_rng(2).uniform(0, 1, len(discrete.cells))
-    pull = of(discrete).B.T @ lambda_H
-    R = exact(pull.reshape(-1, 1))
-    norm = float((R.transpose() * stiffness(of(discrete)).solve(R))[0, 0].sqrt().mid())
+    system = of(discrete)
+    pull = system.B.T @ exact(lambda_H)
+    norm = float((pull @ solve(system.A, pull)).sqrt().mid())
     assert (1 - 1e-5) * norm < discrete.lambda_norm(lambda_H) < norm
 
 
@@ -277,9 +255,8 @@ def test_the_least_eigenvalue_is_bounded_from_below() -> None:
         q, r = (np.linalg.qr(rng.standard_normal((12, 12)))[0] for _ in range(2))
         of = DualOperator(q @ np.diag(10.0 ** np.linspace(0, -6, 12)) @ r, np.ones(12), 1.0)
         half = exact(of.half)
-        true = min(
-            (each.real for each in acb_mat(half.transpose() * half).eig()), key=lambda each: each.mid()
-        )
+        eigenvalues = acb_mat((half.T @ half).tolist()).eig()
+        true = min((each.real for each in eigenvalues), key=lambda each: each.mid())
         assert of.lambda_low <= float(true.lower())
         above.append(of.lambda_min > float(true.upper()))
     assert any(above)

@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from unilateral.errors import InputError, StorageError
-from unilateral.geometry.mesh_files import write
+from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.study import tables
@@ -39,7 +39,7 @@ def document(path):
 
 
 WRITERS = {
-    "mesh.vtu": lambda path: write(structured(square(), 1), path),
+    "mesh.vtu": lambda path: write_mesh(structured(square(), 1), path),
     "errors.nc": lambda path: tables.save(xr.Dataset({"x": [1.0]}), path, "scene"),
     "rates.csv": lambda path: tables.save_csv(pd.DataFrame({"x": [1.0]}), path),
     "rates.svg": figure,

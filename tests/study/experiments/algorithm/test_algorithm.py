@@ -7,7 +7,7 @@ import pytest
 from conftest import condensed, coupled, discrete, load
 
 from unilateral.discrete.condensed import solve
-from unilateral.fem.nested_dissection import dissected
+from unilateral.fem.linear_systems import dissected
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured

@@ -18,7 +18,6 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import dual_norm
 from unilateral.solvers import uzawa_steps as acceleration
-from unilateral.solvers.active_set import active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
 from unilateral.study import operations
@@ -231,20 +230,6 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     assert len(seen.reached) == 1
     assert seen.reached[0].bound <= 1e-4
     assert residual_bound(operator, offset, result.lambda_H, rho) > 1e-9
-
-
-@pytest.mark.parametrize("method", ["barzilai_borwein", "newton"])
-@pytest.mark.parametrize("case", ["natural", "smooth", "thirds"])
-@pytest.mark.parametrize("ratio", [1.5, 2, 4])
-def test_all_methods_reach_the_solution_of_the_active_set(method, case, ratio):
-    """Lawson and Hanson's least distance, independent of this loop."""
-    of = problem(case, 24, ratio)
-    offset = of.offset
-    result = uzawa(of.spaces.operator, offset, 1e-11, method=method, max_steps=2000)
-    exact = active_set(of.spaces.operator, offset, math.inf).lambda_H
-    distance = np.linalg.norm(of.spaces.operator.half @ (result.lambda_H - exact))
-    assert result.lambda_H.min() >= 0
-    assert distance <= 1e-10
 
 
 def test_the_plan_varies_one_field_and_crosses_pairs():

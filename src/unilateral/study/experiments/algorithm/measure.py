@@ -14,7 +14,7 @@ import xarray as xr
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import condense
-from unilateral.fem.nested_dissection import Sparse, dissected
+from unilateral.fem.linear_systems import Sparse, dissected
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.fem.nested_dissection import Sparse
+from unilateral.fem.linear_systems import Sparse
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.solvers.uzawa import Apply, energy_norm
 from unilateral.study.experiments.cost.variants import REFRESH

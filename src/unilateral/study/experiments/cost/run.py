@@ -14,7 +14,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import Condensed, by_sparse, matrix
-from unilateral.fem.nested_dissection import Sparse, dissected
+from unilateral.fem.linear_systems import Sparse, dissected
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform

@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
-from unilateral.norms.infsup import of_runs
+from unilateral.study.beta import of_runs
 from unilateral.study.ledger.evidence import (
     ZERO,
     Array,
@@ -100,7 +100,7 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
 
 
 def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """The left side of (4.6) over the right one, with the constants of its proof; see infsup.of_runs."""
+    """The left side of (4.6) over the right one, with the constants of its proof; see beta.of_runs."""
     found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
     return worst(found, "the left side over the right one", 1.0, False)
 

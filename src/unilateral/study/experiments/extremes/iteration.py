@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
 from unilateral.arrays import Array
-from unilateral.fem.nested_dissection import elimination_order, factorise, last_block
+from unilateral.fem.linear_systems import elimination_order, factorise, last_block
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.uzawa import DualResult, residual_bound
 from unilateral.study.experiments.extremes.outcome import (

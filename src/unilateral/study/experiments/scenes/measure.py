@@ -13,16 +13,17 @@ from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.mesh_files import write
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
-from unilateral.norms.infsup import InfSup, infsup, of_runs
+from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 from unilateral.study import scenes, tables
+from unilateral.study.beta import of_runs
 from unilateral.system.memory import forget_peak, peak_mb
 
 PER_RUN = (
@@ -64,7 +65,7 @@ def solve_scene(
     gram = Gram.of_table(tables.load(norm)) if norm else None
     cases, partitions, levels = scenes.cases(scene), scenes.partitions(scene), []
     coarsest = scenes.coarsest_mesh(scene)
-    write(coarsest, mesh)
+    write_mesh(coarsest, mesh)
     for refined in scenes.refinements(coarsest, scene["mesh"]["levels"]):
         levels.append(sweep(refined, cases, partitions, gram, scenes.limits(scene), Stop(**stop)))
         print(f"h = {refined.h:.4g} solved")

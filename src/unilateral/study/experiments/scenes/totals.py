@@ -12,8 +12,7 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
-from unilateral.fem.loads import case_moments
-from unilateral.fem.p1 import coupling, load
+from unilateral.fem.p1 import case_moments, coupling, load
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from unilateral.norms.pairing import least_pairing_constant
 from unilateral.norms.resolution import fine, steep
+from unilateral.study.beta import least_pairing_constant
 from unilateral.study.ledger.evidence import (
     ZERO,
     Evidence,

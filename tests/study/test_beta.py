@@ -1,8 +1,13 @@
-"""The pairing of Theorem 5: by the matrix B of all boundary nodes, and by hand on equal cells."""
+"""The constants of Theorem 5, by the matrix B of all boundary nodes and by hand, and what a run says."""
+
+from math import sqrt
 
 import numpy as np
 import pytest
+import xarray as xr
+from boundary_norms import gram, on
 from numpy.testing import assert_allclose
+from scipy.linalg import eigh
 
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
@@ -11,15 +16,17 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms.infsup import cellwise
-from unilateral.norms.pairing import (
+from unilateral.norms.infsup import infsup
+from unilateral.norms.resolution import inner_nodes
+from unilateral.study.beta import (
+    cellwise,
     certified_cellwise,
     extended,
     least_pairing_constant,
+    of_runs,
     pairing,
     pairing_constant,
 )
-from unilateral.norms.resolution import inner_nodes
 
 
 def between(s, nodes, period):
@@ -124,3 +131,42 @@ def test_the_certified_constant_lies_below_the_one_by_solving_and_within_a_half(
 
 def test_nothing_is_certified_where_a_cell_has_no_node_inside():
     assert certified_cellwise(structured(square(), 1 / 4), partitions.uniform(square(), 1 / 4)) == 0
+
+
+def test_the_cellwise_constant_against_a_generalised_eigenvalue():
+    """(sum_i H_i^2 mu_i^2)^{1/2} for H^{1/2} ||mu||_0; on equal cells it is beta_0."""
+    cells = partitions.shifted(square(), 1 / 4, 0.6)
+    op = mixed_spaces(condense(structured(square(), 1 / 18)), cells).operator
+    expected = sqrt(eigh(op.D, np.diag(op.H_i**2), eigvals_only=True)[0])
+    assert cellwise(op) == pytest.approx(expected, rel=1e-10)
+    assert cellwise(op) > 1.1 * infsup(op, gram(cells)).beta_0
+    op, form = on("square", 8, 4)
+    assert cellwise(op) == pytest.approx(infsup(op, form).beta_0, rel=1e-10)
+
+
+def runs(hm12, h1_error, beta=(0.5, 0.5)):
+    """A table of one run with the bounds hm12, of which 0.9 is the discrete norm, and the distance 0.1."""
+    grid, run = ("mesh", "partition"), ("case", "mesh", "partition")
+    values = {"hm12_error_lower": hm12[0], "hm12_error_upper": hm12[1], "h1_error": h1_error}
+    values |= {"discrete_error": 0.9, "hm12_best": 0.1}
+    of_pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}
+    table = {name: (run, [[[value]]]) for name, value in values.items()}
+    table |= {name: (grid, [[value]]) for name, value in of_pair.items()}
+    return xr.Dataset({**table, "u_norm": (("case", "mesh"), [[1.0]])})
+
+
+def test_the_ratios_of_a_run_by_hand():
+    """Every factor on its unfavourable side: the largest error over the smallest right side of (4.6)."""
+    found = of_runs(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
+    assert_allclose(found["norm_ratio_lower"], 0.9 / 1.2)
+    assert_allclose(found["norm_ratio_upper"], 0.9 / 1.0)
+    assert_allclose(found["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
+    assert float(found["lemma_4_3"]) > 1  # a run against the lemma would show
+    assert float(of_runs(runs((1.0, 1.2), 0.2, (0.1, 0.1)))["lemma_4_3"].squeeze()) < 1
+
+
+@pytest.mark.parametrize("table", [runs((1, 1.2), 0.2, (0, 0)), runs((0, 1e-13), 0.2)], ids=["beta", "error"])
+def test_without_a_beta_or_an_error_there_is_no_ratio(table):
+    found = of_runs(table)
+    for name in ("norm_ratio_lower", "norm_ratio_upper", "lemma_4_3"):
+        assert np.isnan(found[name]).all()

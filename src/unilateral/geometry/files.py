@@ -1,4 +1,4 @@
-"""Meshes in files, by meshio."""
+"""Meshes in files, by meshio, and partitions of the boundary in CSV files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh, from_arrays
+from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import anticlockwise, boundary_edges, check_arrays
@@ -20,10 +21,12 @@ from unilateral.system.files import replacing
 
 STRAIGHT = 1e-9
 """A boundary runs straight on if the sine of the angle by which it turns is at most this."""
+SAME = 1e-9
+"""Arc lengths that differ by at most this part of the perimeter are the same."""
 MALFORMED = "it has no nodes or no triangles, its end is missing, or it is not what its ending says"
 
 
-def write(
+def write_mesh(
     mesh: Mesh,
     path: str | os.PathLike[str],
     on_edges: Mapping[str, np.ndarray] | None = None,
@@ -76,7 +79,7 @@ def _names(mesh: Mesh) -> dict[str, np.ndarray]:
     return {f"side_{i}": np.array([i + 1, 1]) for i in range(n)} | {"domain": np.array([n + 1, 2])}
 
 
-def read(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     """The mesh of the triangles in a file of any of meshio's formats, checked as by `from_arrays`.
 
     If no polygon is given, it is the one that the triangles' boundary forms.
@@ -124,6 +127,35 @@ def outline(points: Array, triangles: Index, where: str) -> Polygon:
     d, e = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     turns = np.abs(cross(d, e)) > STRAIGHT * np.hypot(*d.T) * np.hypot(*e.T)
     return Polygon(corners[turns], Path(where).stem)
+
+
+def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
+    """The cells of a CSV file: the columns `start` and `end`, arc lengths anticlockwise from vertex 0.
+
+    Raises InputError, with the file, for what cannot be read, cells that do not join, and as `from_points`.
+    """
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path, skipinitialspace=True)
+        start, end = (table[name].to_numpy(dtype=float) for name in ("start", "end"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{path}: the columns start and end are needed, a row per cell ({error})") from None
+    order = np.argsort(start)
+    start, end = start[order], end[order]
+    apart = np.flatnonzero(~(np.abs(start[1:] - end[:-1]) <= SAME * polygon.perimeter))
+    if apart.size:
+        first = apart[0]
+        raise InputError(
+            f"{path}: a cell ends at s = {end[first]:g}, the next begins at {start[first + 1]:g}; cells have "
+            "to follow one another"
+        )
+    try:
+        return from_points(polygon, np.append(start, end[-1:]))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 @contextmanager

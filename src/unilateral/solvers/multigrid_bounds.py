@@ -1,0 +1,104 @@
+"""What is guaranteed on nested levels: a bound on algebraic errors, a lower bound on the norm of lambda_H.
+
+The first is one for any u and lambda_H >= 0. Let w be the sum of hats at nodes inside the cells with which
+v = u - w fulfils B v >= d and lambda . (B v - d) = 0. Two pairs that fulfil both have
+(B v - B u_h) . (lambda - lambda_H) <= 0. So with R = A v - load - B^T lambda, ||.|| its dual norm on V_h, and
+A (v - u_h) - R = B^T (lambda - lambda_H),
+
+    ||v - u_h||_1^2 + ||lambda - lambda_H||_{-1/2,h}^2
+        = ||R||^2 + 2 (B v - B u_h) . (lambda - lambda_H) <= ||R||^2,
+
+so that ||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h} are at most ||R|| + ||w||_1. For ||R|| see
+`fem.residual`. u and w are rounded numbers, so v is not known exactly; the bound includes by how much it may
+differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.fem import rounded
+from unilateral.fem.hierarchy import Hierarchy
+from unilateral.fem.residual import downwards, dual_norm
+from unilateral.fem.rounded import SLACK, Rounded, root
+from unilateral.formulas.taylor import EPS
+from unilateral.solvers.kernel_cg import Grid
+
+CYCLES, ENOUGH = 6, 0.01
+"""A lower bound on the norm of lambda_H takes at most CYCLES V-cycles.
+
+They end before one that would add no more than the fraction ENOUGH to the square of the norm. The same
+fraction decides on which level they end, see `dual_norm_below`.
+"""
+
+
+def algebraic_bound(grid: Grid, u: Array, lambda_H: Array) -> float:
+    """A guaranteed bound on both errors, for any u (n,) and lambda_H (m,) >= 0."""
+    R, norm = feasible(grid, u, lambda_H)
+    return dual_norm(grid.of, *R) + norm
+
+
+def feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
+    """The residual load + B^T lambda_H - A v (n,), and ||w||_1, with the rounding of v and w."""
+    A, B, inside = grid.of.A, grid.cells.B, grid.cells.inside
+    gap, weights = rounded.constrained(B, u, grid.d), B[:, inside].diagonal()
+    w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
+    v = u.copy()
+    v[inside] -= w
+    moved = (lambda_H > 0) | (gap.values < gap.doubt)
+    doubt = np.where(moved, gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
+    own, size = abs(A[inside][:, inside]), np.abs(w)  # nothing cancels: a norm from above
+    norm = root(size, own @ size) + 2 * root(doubt, own @ doubt)
+    load = rounded.loaded(grid.load, B, lambda_H)
+    return rounded.residual(A, grid.of.mass, v, load), SLACK * norm
+
+
+def dual_norm_below(grids: Sequence[Grid], lambda_H: Array) -> float:
+    """A lower bound on ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
+
+    The `grids` are tried from coarse to fine. The last one is the first that adds so little to the square
+    that, if all others added as much, it would still be little.
+    """
+    functionals = [grids[-1].cells.B.T @ lambda_H]
+    for grid in grids[:0:-1]:
+        R = functionals[0].copy()
+        grid.of.levels[-1].restrict(R)
+        functionals.insert(0, R[: grid.of.levels[-1].before])
+    norm = 0.0
+    for left, grid, R in zip(range(len(grids))[::-1], grids, functionals, strict=True):
+        before, norm = norm, max(norm, norm_below(grid.of, R))
+        if left * (norm**2 - before**2) < ENOUGH * norm**2:
+            break
+    return norm
+
+
+def norm_below(of: Hierarchy, R: Array) -> float:
+    """A lower bound on ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
+    unit = float(np.abs(R).max(initial=0.0))
+    v = _nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
+    A_v = rounded.product(of.A, of.mass, v)
+    norm = SLACK * root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
+    return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
+
+
+def _nearly_solved(of: Hierarchy, R: Array) -> Array:
+    """v (n,) with A v nearly R (n,), by a few V-cycles.
+
+    Each is for the residual that is left, and its result is made conjugate to those before.
+    """
+    left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
+    for _ in range(CYCLES):
+        p = downwards(of, left)
+        A_p = rounded.product(of.A, of.mass, p).values
+        for q, A_q in before:
+            share = (p @ A_q) / (q @ A_q)
+            p, A_p = p - share * q, A_p - share * A_q
+        gain, square = float(p @ left), float(p @ A_p)
+        if not (square > 0 and gain**2 > ENOUGH * square * float(v @ R)):
+            break
+        before.append((p, A_p))
+        v, left = v + gain / square * p, left - gain / square * A_p
+    return v

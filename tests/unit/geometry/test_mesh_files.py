@@ -1,0 +1,149 @@
+"""Meshes in files: what is written is read again, and what is no mesh is refused in words."""
+
+import re
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+from nested import SLANTED
+from numpy.testing import assert_array_equal
+
+from unilateral.errors import InputError
+from unilateral.geometry.files import outline, read_mesh, write_mesh
+from unilateral.geometry.mesh import refine, unstructured
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
+
+MESHES = {
+    "thirds": lambda: structured(square(), 1 / 3),
+    "lshape": lambda: structured(named("lshape"), 1 / 4),
+    "gmsh": lambda: unstructured(SLANTED, 0.4),
+    "gmsh refined": lambda: refine(unstructured(SLANTED, 0.7)),
+    "far": lambda: unstructured(Polygon(SLANTED.vertices + np.array([1e4, -3e3]), "far"), 0.5),
+    "tiny": lambda: refine(unstructured(Polygon(1e-9 * SLANTED.vertices, "tiny"), 4e-10)),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_files_keep_every_bit(name, tmp_path):
+    mesh = MESHES[name]()
+    write_mesh(mesh, tmp_path / "mesh.vtu")
+    again = read_mesh(tmp_path / "mesh.vtu", mesh.polygon)
+    for name in ("points", "triangles", "boundary", "s", "side"):
+        assert_array_equal(getattr(again, name), getattr(mesh, name))
+
+
+@pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
+def test_formats(ending, tmp_path):
+    mesh = structured(named("lshape"), 1 / 4)
+    write_mesh(mesh, tmp_path / f"mesh.{ending}")
+    assert_array_equal(read_mesh(tmp_path / f"mesh.{ending}", named("lshape")).points, mesh.points)
+
+
+def test_writing_twice_gives_the_same_bytes_and_nothing_else(tmp_path):
+    mesh = unstructured(named("lshape"), 0.3)
+    (tmp_path / "b.vtu").write_text("an older file")
+    write_mesh(mesh, tmp_path / "a.vtu")
+    write_mesh(mesh, tmp_path / "b.vtu")
+    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.vtu", "b.vtu"]
+
+
+def test_files_carry_the_sides(tmp_path):
+    """The square with two triangles: its boundary edges are its sides, in order; triangles carry -1."""
+    write_mesh(structured(square(), 1), tmp_path / "mesh.vtu")
+    stored = meshio.read(tmp_path / "mesh.vtu")
+    assert [block.type for block in stored.cells] == ["triangle", "line"]
+    assert [sides.tolist() for sides in stored.cell_data["side"]] == [[-1, -1], [0, 1, 2, 3]]
+
+
+def test_a_file_of_gmsh_is_read(tmp_path):
+    """Written by gmsh itself, with its points and curves as cells and without sides."""
+    path = str(tmp_path / "gmsh.msh")
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 0.25)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.25)
+        gmsh.model.mesh.generate(2)
+        gmsh.write(path)
+    finally:
+        gmsh.finalize()
+    mesh = read_mesh(path, square())
+    assert_array_equal(np.bincount(mesh.side), [4, 4, 4, 4])
+
+
+CORNERS, LIFTED = ([[0, 0, z], [1, 0, 0], [1, 1, 0], [0, 1, 0]] for z in (0, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("points", "cells", "message"),
+    [
+        (LIFTED, ("triangle", [[0, 1, 2], [0, 2, 3]]), r"points have the shape \(4, 3\)"),
+        (CORNERS, ("quad", [[0, 1, 2, 3]]), "cells of type quad"),
+        (CORNERS, ("line", [[0, 1]]), "the file has no triangles"),
+    ],
+)
+def test_files_of_something_else_are_refused(points, cells, message, tmp_path):
+    meshio.Mesh(np.array(points, dtype=float), [cells]).write(tmp_path / "mesh.vtu")
+    with pytest.raises(InputError, match=f"mesh.vtu: .*{message}"):
+        read_mesh(tmp_path / "mesh.vtu", square())
+
+
+NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("missing.vtu", None, "no mesh can be read"),
+        *((name, "this is no mesh", "no mesh can be read") for name in ("g.vtu", "g.msh", "mesh.nothing")),
+        ("header.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "the file has no nodes"),
+        ("empty.inp", "", "the file has no nodes"),
+        ("title.inp", "*HEADING\nsquare\n*NODE\n", "the file has no nodes"),
+        ("nodes.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n", "the file has no triangles"),
+        ("cut.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=S3\n", "the file has no triangles"),
+        ("none.msh", NONE_2_2, ""),
+        ("empty.msh", "", ""),
+        ("cut.vtk", "# vtk", ""),
+    ],
+)
+def test_files_without_a_mesh_are_refused_in_words_not_numpy_s(name, content, message, tmp_path, capfd):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"{name}: {message}") as refused:
+        read_mesh(tmp_path / name, square())
+    assert not re.search("array|shape|index|identity|expected|block", str(refused.value))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "mesh", "inp", "stl", "avs"])
+def test_cut_off_files_are_refused(ending, tmp_path):
+    """After any tenth of it a file is no mesh of the square, and is told so with its name."""
+    write_mesh(structured(square(), 1 / 2), tmp_path / f"whole.{ending}")
+    content = (tmp_path / f"whole.{ending}").read_bytes()
+    for tenths in range(10):
+        (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) * tenths // 10])
+        with pytest.raises(InputError, match=f"cut.{ending}: "):
+            read_mesh(tmp_path / f"cut.{ending}", square())
+
+
+def test_an_unknown_format_is_not_written(tmp_path):
+    with pytest.raises(InputError, match=r"mesh\.nothing.* cannot be written"):
+        write_mesh(structured(square(), 1), tmp_path / "mesh.nothing")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_s_own_outline_is_a_polygon(tmp_path):
+    """Of the L-shape, by its corners only; a square with a hole is refused."""
+    write_mesh(structured(named("lshape"), 1 / 3), tmp_path / "l.vtu")
+    found = read_mesh(tmp_path / "l.vtu").polygon
+    assert found.n_sides == 6
+    assert found.area == pytest.approx(3)
+    ring = structured(square(), 1 / 3)
+    kept = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
+    with pytest.raises(InputError, match="must be one closed line"):
+        outline(ring.points, ring.triangles[kept], "ring")
