@@ -1,8 +1,9 @@
 """The examples of docs/adding.md: all of them are added to a copy of the project, and planned.
 
-The small experiment is run, and its claim judged; the rest is not.
+The small experiment is run, and its claim judged; the rest is not. A plan by Snakemake and a program
+that imports the library take some seconds.
 
-Control: in test_workflow.py and test_configuration.py what is named and not added, too, is refused.
+Control: in test_configuration.py what is named and not added, too, is refused.
 """
 
 from __future__ import annotations

@@ -72,7 +72,10 @@ def test_what_is_beyond_the_page_or_too_small_is_seen(x, size):
 
 
 def test_another_process_gives_the_same_bytes(tmp_path):
-    """With other seeds of its hashes and another time zone; and without what of matplotlib has windows."""
+    """With other seeds of its hashes and another time zone; and without what of matplotlib has windows.
+
+    Takes seconds, for it draws a figure of every module.
+    """
     program = "import sys\nfrom importlib import import_module\n"
     for module, (name, _) in FIGURES.items():
         files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.study.ledger.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
-from unilateral.study.rates_table import smallest_rate
+from unilateral.study.rates import smallest_rate
 
 
 def rate(
