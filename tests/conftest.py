@@ -14,6 +14,7 @@ import pytest
 import scipy.sparse as sp
 import yaml
 
+from unilateral.cli import main
 from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -233,6 +234,25 @@ def problem_file_of(tmp_path):
 def problem_of(problem_file_of):
     """The problem in such a file."""
     return lambda **fields: problem_file.load(problem_file_of(**fields))
+
+
+@pytest.fixture
+def run(capsys):
+    """The exit code of `unilateral` with these arguments, and what it prints on standard output and error."""
+    return lambda *arguments: (main([str(each) for each in arguments]), *capsys.readouterr())
+
+
+@pytest.fixture
+def refused(run):
+    """The one line on standard error with which `unilateral` refuses these arguments, with code 2."""
+
+    def refusing(*arguments):
+        code, out, err = run(*arguments)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert err.startswith("unilateral: ")
+        return err
+
+    return refusing
 
 
 def copy_project(folder):

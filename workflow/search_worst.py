@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -31,7 +31,6 @@ from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.system.files import replacing
 
-Array = NDArray[np.float64]
 FOUND = Path(__file__).parent / "config" / "worst_infsup.yaml"
 SEARCH: dict[str, Any] = {
     "seed": 1,

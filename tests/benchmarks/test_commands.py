@@ -125,7 +125,10 @@ def test_a_command_that_fails_is_told_and_does_not_count(
 
 
 def test_tiny_processes_beside_each_other(tmp_path: Path) -> None:
-    """The bound that is typed is that of the data which others are given, but for the iteration."""
+    """The bound that is typed is that of the data which others are given, but for the iteration.
+
+    Its dozen of processes import what they need: 10 seconds.
+    """
     of = {"solvers": ["bound", "skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
     given = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[of])
     records = Whole(given, tmp_path).all(plan.commands(given))
@@ -147,7 +150,7 @@ def _g(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def test_another_solution_does_not_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Control: u is judged by another one, which is 1 farther away."""
-    of = {"solvers": ["skfem"], "problems": ["own"], "sizes": [16], "repeats": 2}
+    of = {"solvers": ["skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
     given = small(typed=[], beside=[of])
     runs, runner = plan.commands(given), Whole(given, tmp_path)
     path = runner.data(runs[0])

@@ -115,6 +115,7 @@ RUN = {"": commands, "python": program, "yaml": declaration, "text": output}
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)])
 def test_the_blocks_of_a_page_run(page, told):
+    """A page takes as long as all that it types, up to some ten seconds."""
     assert told(blocks(page)) == [block for block in blocks(page) if block.reason is None]
 
 

@@ -1,6 +1,6 @@
 """The jobs that targets need where nothing is made yet, as JSON.
 
-Of each its rule, input, output, params and log, and the memory that it asks for.
+Of each what its rule says: script, input, output, params, log and benchmark, and the memory that it asks for.
 
 `python planned.py TARGET ...`, in a folder with a Snakefile. One process plans for all tests. Snakemake's
 public interface runs or prints jobs and does not list them, so `_workflow.dag`, a private name, is read.
@@ -23,10 +23,20 @@ def main(targets):
 
 def described(job):
     named = {name: files if isinstance(files, str) else list(files) for name, files in job.input.items()}
-    described = {"rule": job.rule.name, "named": named, "params": dict(job.params.items())}
-    asked = {"mem_mb": job.resources.get("mem_mb"), "log": list(map(str, job.log))}
-    asked["unnamed"] = [value for value in job.params if value not in described["params"].values()]
-    return described | asked | {"input": list(map(str, job.input)), "output": list(map(str, job.output))}
+    params = dict(job.params.items())
+    return {
+        "rule": job.rule.name,
+        "script": job.rule.script,
+        "input": list(map(str, job.input)),
+        "named": named,
+        "output": list(map(str, job.output)),
+        "params": params,
+        "unnamed": [value for value in job.params if value not in params.values()],
+        "names": [*named, *dict(job.output.items()), *params],
+        "log": list(map(str, job.log)),
+        "benchmark": job.benchmark and str(job.benchmark),
+        "mem_mb": job.resources.get("mem_mb"),
+    }
 
 
 if __name__ == "__main__":

@@ -11,17 +11,16 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-import yaml
 from conftest import ROOT
 
 from unilateral.errors import InputError
 from unilateral.geometry import polygon
 from unilateral.problems import case
 from unilateral.study import config as configuration
-from unilateral.study import registry
+from unilateral.study import registry, schema
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
-RULES = yaml.safe_load(Path(SCHEMA).read_text())
+RULES = schema._rules(SCHEMA)
 FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
 STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
@@ -65,140 +64,121 @@ def test_defaults_are_filled_in():
     assert (quick["side"], quick["judged"], square["judged"]) == (0, False, True)
 
 
+REFUSED = {
+    "speed": [1],
+    7: [1],
+    "stop.fraction": [0, "1 %"],
+    "stop.max_steps": [1.5],
+    "scenes.Square": [{}],
+    "surveys.betasquare.partitions": [
+        [{"H": "1/16", "shift": 1}],
+        [{"H": math.inf}],
+        [{"H": "1/16", "spread": 2}],
+        [{"size": "1/16"}],
+        [{"counts": [4, 4, 4]}],
+        ["1/16"],
+    ],
+    "surveys.betasquare.kind": ["odd"],
+    "scenes.quick.h": ["1/8"],
+    "scenes.quick.polygon": ["disc"],
+    "scenes.quick.side": [-1],
+    "scenes.quick.cases": [
+        [],
+        "natural",
+        ["natural", "natural"],
+        ["../../etc/passwd"],
+        ["natural.yaml"],
+        ["natural\n"],
+    ],
+    "scenes.quick.mesh.levels": [0, True, 4.0],
+    "scenes.quick.mesh.h": [
+        "1/8\n",
+        math.inf,
+        math.nan,
+        "1/0",
+        "0/1",
+        "0.0",
+        0,
+        -0.125,
+        "-1/8",
+        "1 / 8",
+        "1/8/2",
+        "eighth",
+        None,
+    ],
+    "scenes.quick.H_over_h.max": [math.inf, -1],
+    "scenes.../../etc/passwd": [{}],
+    "scenes.sharpness": [{}],
+    "scenes.adaptive": [{}],
+    "scenes.cells": [{}],
+    "surveys.betasquare.mesh": [{"kind": "found"}, {"kind": "graded"}, {"kind": "equal", "seed": 1}, "equal"],
+    "surveys.betathin.polygon": [[[0, 0], [0, 1], [1, 0]]],
+    "surveys.betaworst.edges_per_cell": [[2]],
+    "surveys.betanode.edges_per_cell": [[2]],
+    "surveys.betanode.deltas": [[0.6], ["2/3"], []],
+    "surveys.betanode.mesh": [{"kind": "inner", "ends": False}, {"kind": "inner", "spread": 2}],
+    "surveys.betasquare.deltas": [["1/2"]],
+    "algorithm.shares": [["1/2"]],
+    "scenes.quick.H": ["1/8", ["1/4", "1/0"]],
+    "scenes.quick.H_over_h.least": [2],
+    "scenes.quick.judged": ["no"],
+    "figures.Rates": [{}],
+    "figures.rates.module": ["style"],
+    "figures.rates.reads.rates": ["results/{case}/rates.nc", "../../etc/passwd"],
+    "figures.rates.reads.floors": ["results/square/floors.nc"],
+    "figures.grid_square.parameters": [{}],
+    "figures.grid_square.parameters.colour": ["red"],
+    "adaptive.scenes": [[], [{"polygon": "square"}]],
+    "adaptive.h": [0],
+    "adaptive.most.unknowns": [0],
+    "adaptive.most.of_beta": [0.5],
+    "adaptive.factor": [1],
+    "cells.period": [1],
+    "cells.H": [["1/9", "1/8"]],
+    "cells.cases": [["thurds"]],
+    "sharpness.alphas": [["1"], ["1/21"], [0.25]],
+    "sharpness.gammas": [[0], ["-1/2"], [1, 1]],
+    "sharpness.positions": [0],
+    "sharpness.H": [["1/8", "1/16"]],
+    "sharpness.h_over_H": ["0/1"],
+    "sharpness.fixed.H": [["1/8", "1/16"]],
+    "sharpness.fixed.h": [0],
+    "cost.base.algebra": ["A_2"],
+    "cost.vary.speed": [[1]],
+    "cost.vary.algorithm": [["fast"]],
+    "cost.vary.H_over_h": [["0"]],
+    "cost.jobs": [[]],
+    "cost.stops": [[2.0]],
+    "cost.costly_steps": [0],
+    "extremes.accuracy": [0],
+    "extremes.axes.ratio.values": [[1], [1, -1]],
+    "extremes.axes.ratio.steps": [3],
+    "extremes.axes": [{}],
+    "figures.solution.parameters.levels": [3],
+    "rates.judged_ratio": ["0"],
+    "rates.norms.h1.bound.reference": ["h"],
+    "rates.norms.energy": [{}],
+    "rates.cases.thirds.h1.rate": ["fast"],
+}
+"""Values of fields that are refused."""
+NEEDED = [
+    "adaptive", "cells", "cost", "cost.base.case", "extremes", "figures.consistency.parameters.case",
+    "figures.rates.module", "figures.solution.parameters.H", "finds", "rates",
+    "rates.cases.thirds.h1.source", "scenes.quick.polygon", "sharpness", "sharpness.fixed",
+    "surveys.betanode.deltas", "surveys.betasquare.partitions",
+]  # fmt: skip
+"""Fields that may not be left out."""
+
+
 @pytest.mark.parametrize(
     ("path", "value"),
-    [
-        ("speed", 1),
-        (7, 1),
-        ("stop", REMOVED),
-        ("rates", REMOVED),
-        ("stop.steps", 10),
-        ("stop.fraction", 0),
-        ("stop.fraction", "1 %"),
-        ("stop.max_steps", 1.5),
-        ("scenes.Square", {}),
-        ("surveys.betasquare.partitions", REMOVED),
-        ("surveys.betasquare.kind", "odd"),
-        ("finds", REMOVED),
-        ("scenes.quick.h", "1/8"),
-        ("scenes.quick.polygon", "disc"),
-        ("scenes.quick.polygon", REMOVED),
-        ("scenes.quick.side", -1),
-        ("scenes.quick.cases", []),
-        ("scenes.quick.cases", "natural"),
-        ("scenes.quick.cases", ["natural", "natural"]),
-        ("scenes.quick.mesh.kind", "quads"),
-        ("scenes.quick.mesh.levels", 0),
-        ("scenes.quick.mesh.levels", True),
-        ("scenes.quick.mesh.levels", 4.0),
-        ("scenes.quick.mesh.h", "1/8\n"),
-        ("scenes.quick.mesh.h", math.inf),
-        ("scenes.quick.mesh.h", math.nan),
-        ("scenes.quick.H_over_h.max", math.inf),
-        ("scenes.quick.cases", ["../../etc/passwd"]),
-        ("scenes.quick.cases", ["natural.yaml"]),
-        ("scenes.quick.cases", ["natural\n"]),
-        ("scenes.../../etc/passwd", {}),
-        ("scenes.sharpness", {}),
-        ("scenes.adaptive", {}),
-        ("scenes.cells", {}),
-        ("surveys.betasquare.partitions", [{"H": "1/16", "shift": 1}]),
-        ("surveys.betasquare.partitions", [{"H": math.inf}]),
-        ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
-        ("surveys.betasquare.partitions", [{"H": "1/16", "spread": 2}]),
-        ("surveys.betasquare.partitions", [{"size": "1/16"}]),
-        ("surveys.betasquare.partitions", [{"counts": [4, 4, 4]}]),
-        ("surveys.betasquare.partitions", ["1/16"]),
-        ("surveys.betasquare.mesh", {"kind": "found"}),
-        ("surveys.betasquare.mesh", {"kind": "graded"}),
-        ("surveys.betasquare.mesh", {"kind": "equal", "seed": 1}),
-        ("surveys.betasquare.mesh", "equal"),
-        ("surveys.betathin.polygon", [[0, 0], [0, 1], [1, 0]]),
-        ("surveys.betaworst.edges_per_cell", [2]),
-        ("surveys.betanode.edges_per_cell", [2]),
-        ("surveys.betanode.deltas", REMOVED),
-        ("surveys.betanode.deltas", [0.6]),
-        ("surveys.betanode.deltas", ["2/3"]),
-        ("surveys.betanode.deltas", []),
-        ("surveys.betanode.mesh", {"kind": "inner", "ends": False}),
-        ("surveys.betanode.mesh", {"kind": "inner", "spread": 2}),
-        ("surveys.betasquare.deltas", ["1/2"]),
-        ("algorithm.shares", ["1/2"]),
-        ("scenes.quick.mesh.h", "1/0"),
-        ("scenes.quick.mesh.h", "0/1"),
-        ("scenes.quick.mesh.h", "0.0"),
-        ("scenes.quick.mesh.h", 0),
-        ("scenes.quick.mesh.h", -0.125),
-        ("scenes.quick.mesh.h", "-1/8"),
-        ("scenes.quick.mesh.h", "1 / 8"),
-        ("scenes.quick.mesh.h", "1/8/2"),
-        ("scenes.quick.mesh.h", "eighth"),
-        ("scenes.quick.mesh.h", None),
-        ("scenes.quick.H", "1/8"),
-        ("scenes.quick.H", ["1/4", "1/0"]),
-        ("scenes.quick.H_over_h.least", 2),
-        ("scenes.quick.H_over_h.max", -1),
-        ("scenes.quick.judged", "no"),
-        ("figures.Rates", {}),
-        ("figures.rates.module", REMOVED),
-        ("figures.rates.module", "style"),
-        ("figures.rates.reads.rates", REMOVED),
-        ("figures.rates.reads.rates", "results/{case}/rates.nc"),
-        ("figures.rates.reads.rates", "../../etc/passwd"),
-        ("figures.rates.reads.floors", "results/square/floors.nc"),
-        ("figures.grid_square.parameters", {}),
-        ("figures.grid_square.parameters.colour", "red"),
-        ("adaptive", REMOVED),
-        ("adaptive.scenes", []),
-        ("adaptive.scenes", [{"polygon": "square"}]),
-        ("adaptive.h", 0),
-        ("adaptive.most.unknowns", 0),
-        ("adaptive.most.of_beta", 0.5),
-        ("adaptive.factor", 1),
-        ("sharpness", REMOVED),
-        ("cells", REMOVED),
-        ("cells.period", 1),
-        ("cells.H", ["1/9", "1/8"]),
-        ("cells.cases", ["thurds"]),
-        ("sharpness.alphas", ["1"]),
-        ("sharpness.alphas", ["1/21"]),
-        ("sharpness.alphas", [0.25]),
-        ("sharpness.gammas", [0]),
-        ("sharpness.gammas", ["-1/2"]),
-        ("sharpness.gammas", [1, 1]),
-        ("sharpness.positions", 0),
-        ("sharpness.H", ["1/8", "1/16"]),
-        ("sharpness.h_over_H", "0/1"),
-        ("sharpness.fixed", REMOVED),
-        ("sharpness.fixed.H", ["1/8", "1/16"]),
-        ("sharpness.fixed.h", 0),
-        ("figures.consistency.parameters.case", REMOVED),
-        ("cost", REMOVED),
-        ("cost.base.algebra", "A_2"),
-        ("cost.base.case", REMOVED),
-        ("cost.vary.speed", [1]),
-        ("cost.vary.algorithm", ["fast"]),
-        ("cost.vary.H_over_h", ["0"]),
-        ("cost.jobs", []),
-        ("cost.stops", [2.0]),
-        ("cost.costly_steps", 0),
-        ("extremes", REMOVED),
-        ("extremes.accuracy", 0),
-        ("extremes.axes.ratio.values", [1]),
-        ("extremes.axes.ratio.values", [1, -1]),
-        ("extremes.axes.ratio.steps", 3),
-        ("extremes.axes", {}),
-        ("figures.solution.parameters.levels", 3),
-        ("figures.solution.parameters.H", REMOVED),
-        ("rates.judged_ratio", "0"),
-        ("rates.norms.h1.bound.reference", "h"),
-        ("rates.norms.energy", {}),
-        ("rates.cases.thirds.h1.rate", "fast"),
-        ("rates.cases.thirds.h1.source", REMOVED),
-    ],
+    [*((path, value) for path in REFUSED for value in REFUSED[path]), *((path, REMOVED) for path in NEEDED)],
 )
 def test_a_bad_value_is_refused_where_it_stands(path, value):
-    """In the field itself, or in the mapping that lacks it, has it in vain, or has its name."""
+    """In the field itself, or in the mapping that lacks it, has it in vain, or has its name.
+
+    What is said in which words of further ones is in the next test.
+    """
     found = fault(changed(path, value))
     field = re.match(r"[\w./, ]+\.yaml(?:, field ([\w.\[\]]+))?: ", found)[1] or ""
     assert str(path).startswith(field) or field.startswith((f"{path}[", f"{path}."))
@@ -464,7 +444,10 @@ def mutant(rng, place):
 
 
 def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
-    """Some 200, of all places, but for most of the numbers that the search for the worst beta found."""
+    """Some 200, of all places, but for most of the numbers that the search for the worst beta found.
+
+    Takes seconds, for the whole configuration is checked each time.
+    """
     rng, accepted, number = np.random.default_rng(7), [], 0
     found = list(places(STUDY))
     found = [place for place in found if "finds" not in place or rng.random() < 0.1]

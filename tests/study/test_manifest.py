@@ -78,7 +78,10 @@ def test_the_stored_manifest_is_that_of_the_results():
 
 
 def test_the_stored_manifest_names_every_file_and_its_rule():
-    """Those that Snakemake knows of, but those of the machine, the manifest, and what is told of it."""
+    """Those that Snakemake knows of, but those of the machine, the manifest, and what is told of it.
+
+    Takes as long as Snakemake takes to begin.
+    """
     command = [sys.executable, "-m", "snakemake", "--summary"]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     rows = [line.split("\t") for line in told.splitlines()[1:]]

@@ -7,15 +7,17 @@ that count in the cases' own files. What claims of the ledger say of these scene
 import json
 from dataclasses import replace
 
+import netCDF4
 import numpy as np
 import pytest
-from conftest import RESULTS, config, stored
+from conftest import RESULTS, ROOT, config, stored
 
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import rates
 from unilateral.study.ledger import claims, printed
 from unilateral.study.ledger.results import Results
+from unilateral.study.tables import VARIABLES
 
 EXPECTED = config("rates")["rates"]
 SCENES = {name: scene for name, scene in config("study")["scenes"].items() if scene.get("judged", True)}
@@ -94,7 +96,7 @@ def test_a_spoilt_table_is_refused(norm):
 
 
 def test_the_table_is_complete(scene, errors):
-    """All variables, all cases and levels, NaN exactly where H/h is outside the scene's limits."""
+    """All cases and levels, NaN exactly where H/h is outside the scene's limits."""
     declared = SCENES[scene]
     assert list(errors["case"].values) == declared["cases"]
     assert errors.sizes["mesh"] == declared["mesh"]["levels"]
@@ -107,8 +109,20 @@ def test_the_table_is_complete(scene, errors):
         values = errors[name].transpose("mesh", "partition", "case").values
         known = values != "" if name == "algorithm" else np.isfinite(values)
         assert np.array_equal(known, np.broadcast_to(inside[..., None], known.shape)), name
-    for name, variable in errors.variables.items():
-        assert variable.attrs.get("units") or name == "case", name
+
+
+LABELS = {"case", "norm", "kind", "axis", "variant"}
+"""Coordinates that are names, and have no unit."""
+
+
+def test_every_variable_of_a_table_is_described_and_every_description_is_of_one():
+    files = [*RESULTS.rglob("*.nc"), ROOT / "benchmarks/results.nc"]
+    written = set()
+    for file in files:
+        with netCDF4.Dataset(file) as table:
+            written |= {*table.variables}
+    assert len(files) > 50
+    assert written - LABELS == VARIABLES.keys()
 
 
 def test_the_longest_edge_is_hardly_longer_than_the_longest_boundary_edge(errors):

@@ -1,4 +1,4 @@
-"""A scene's coarsest mesh as a file: what is damaged is noticed."""
+"""A scene's coarsest mesh as a file, of which what is damaged is noticed; and its sizes."""
 
 from __future__ import annotations
 
@@ -60,3 +60,20 @@ def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(stored: Path
     found = read_with(stored, bytes(damaged))
     assert found is not None
     assert not same(found, right)
+
+
+@pytest.mark.parametrize(
+    ("H", "h", "levels", "limits", "expected"),
+    [
+        (["1/4", "1/8", "1/16", "1/32"], "1/8", 3, {"min": "1/2"}, [0, 1, 2]),
+        (["1/4", "1/8", "1/16"], "1/8", 3, {"min": 2, "max": 1}, [1, 2]),
+        ([2.2, 2.1, 0.7], 0.7, 1, {"max": 3}, [1]),
+        (["1/8"], "1/8", 1, {}, []),
+    ],
+)
+def test_lambda_has_a_norm_on_partitions_coarser_than_the_finest_mesh_and_within_the_limit(
+    H: list, h: str | float, levels: int, limits: dict, expected: list[int]
+) -> None:
+    """2.1 is no more than 3 times 0.7, but it is in floating point."""
+    scene = {"H": H, "mesh": {"h": h, "levels": levels}, "H_over_h": limits}
+    assert scenes.normed(scene) == expected

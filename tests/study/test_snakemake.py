@@ -102,16 +102,6 @@ REFUSED = [
         "number, at least 1, at most 9",
     ),
     (
-        ("study", "    cases: [natural, thirds]\n", "    cases: [natural, reentrant]\n"),
-        "workflow/config/study.yaml, field scenes.quick.cases[1]: case 'reentrant' is for lshape, not for "
-        "'square'",
-    ),
-    (
-        ("rates", "    smooth:", "    smoother:"),
-        "workflow/config/rates.yaml, field rates.cases: there is no 'smooth'; add it, for scene 'square' has "
-        "that case",
-    ),
-    (
         ("study", "judged: false", "judged: false\n    judged: true"),
         "workflow/config/study.yaml is not a YAML file: the field 'judged' is given twice",
     ),
@@ -120,7 +110,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("change", "said"), REFUSED)
 def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, dry_run, change, said):
-    """Also by a dry run, and whatever the target is."""
+    """Also by a dry run, and whatever the target is. What else is refused is in test_configuration.py."""
     name, old, new = change
     file = tree / f"workflow/config/{name}.yaml"
     kept = file.read_text()
@@ -138,7 +128,7 @@ def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
 
 
 def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):
-    """The dual norm that it reads is no table."""
+    """The dual norm that it reads is no table. This takes as long as Snakemake and a job take to begin."""
     left = set(computed.iterdir()) - {computed / name for name in SOLVED}
     command = [sys.executable, "-m", "snakemake", "-c1", "-f", "results/quick/errors.nc"]
     command += ["--rerun-triggers", "mtime"]
@@ -165,6 +155,7 @@ def lints(folder):
 
 
 def test_snakemake_s_linter_has_nothing_else_to_say(tree):
+    """This and its control take as long as Snakemake takes to begin."""
     assert lints(tree) <= ACCEPTED
 
 

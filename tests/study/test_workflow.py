@@ -5,7 +5,6 @@ runs in `test_jobs.py`.
 """
 
 import ast
-import copy
 import inspect
 import json
 import re
@@ -20,7 +19,6 @@ import grimp
 import pytest
 from conftest import ROOT, copy_project
 
-from unilateral.errors import InputError
 from unilateral.study import config as configuration
 from unilateral.study import registry
 from unilateral.study.documents import marks
@@ -28,25 +26,8 @@ from unilateral.study.ledger import claims
 
 WORKFLOW = ROOT / "workflow"
 LIBRARY = ROOT / "src/unilateral"
-GIVEN, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
-
-
-def rules():
-    return "".join(file.read_text() for file in sorted((WORKFLOW / "rules").glob("*.smk")))
-
-
-def jobs():
-    """The functions that rules call, such as manifest.write_manifest."""
-    return re.findall(r'^        job="([\w.]+)",$', rules(), re.MULTILINE)
-
-
-def checked(study):
-    """The same with its defaults."""
-    configuration.check(study, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
-    return study
-
-
-STUDY = checked(copy.deepcopy(GIVEN))
+STUDY, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
+configuration.check(STUDY, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
 
 
 @pytest.fixture(scope="module")
@@ -84,53 +65,28 @@ def built(files):
     return {file.split("/")[1] for file in files if re.match(r"results/\w+/", file)}
 
 
-def figures(files):
-    return {file for file in files if re.fullmatch(r"figures/\w+\.(csv|svg)", file)}
+SOLVED = {"solve": 1, "dual_norm": 1}
+"""The jobs that make a scene's tables: what all levels need is made once, and one process starts."""
+PLANS = {
+    "results/square/errors.nc": (SOLVED, {"square"}),
+    "results/square/floors.nc": ({**SOLVED, "floors": 1}, {"square"}),
+    "figures/rates_square.svg": ({**SOLVED, "rates": 1, "figure": 1}, {"square"}),
+    "figures/rates_lshape.svg": ({**SOLVED, "rates": 1, "figure": 1}, {"lshape"}),
+    "figures/sharpness.svg": ({"sharpness": 1, "figure": 1}, {"sharpness"}),
+    "figures/adaptive.svg": ({"adaptive": 1, "figure": 1}, {"adaptive"}),
+    "figures/extremes.svg": ({"extremes": 1, "figure": 1}, {"extremes"}),
+    "figures/solution.svg": ({"figure": 1}, set()),
+    "quick": ({**SOLVED, "rates": 1, "quick": 1}, {"quick"}),
+}
+"""What a target needs: how many jobs of which rules, and the folders of results."""
 
 
-def jobs_of_a_scene():
-    """The rules of its tables, a job each: what all levels need is made once, and one process starts."""
-    return {"solve": 1, "dual_norm": 1}
-
-
-def test_a_table_plans_no_figure_and_no_other_scene(plan):
-    files, jobs = plan("results/square/errors.nc")
-    assert jobs == jobs_of_a_scene()
-    assert built(files) == {"square"}
-    assert not figures(files)
-
-
-@pytest.mark.parametrize("scene", ["square", "lshape"])
-def test_a_figure_plans_its_own_scene_only(plan, scene):
-    files, jobs = plan(f"figures/rates_{scene}.svg")
-    assert jobs == {**jobs_of_a_scene(), "rates": 1, "figure": 1}
-    assert built(files) == {scene}
-    assert figures(files) == {f"figures/rates_{scene}.{kind}" for kind in ("csv", "svg")}
-
-
-@pytest.mark.parametrize("study", ["sharpness", "adaptive", "extremes"])
-def test_a_study_of_its_own_plans_one_job_and_no_scene(plan, study):
-    files, jobs = plan(f"figures/{study}.svg")
-    assert jobs == dict.fromkeys((study, "figure"), 1)
-    assert built(files) == {study}
-
-
-def test_a_portrait_needs_no_results(plan):
-    files, jobs = plan("figures/solution.svg")
-    assert jobs == {"figure": 1}
-    assert built(files) == set()
-
-
-def test_floors_plan_their_scene_without_rates(plan):
-    files, jobs = plan("results/square/floors.nc")
-    assert jobs == {**jobs_of_a_scene(), "floors": 1}
-    assert built(files) == {"square"}
-
-
-def test_quick_plans_the_quick_scene_only(plan):
-    files, jobs = plan("quick")
-    assert jobs == {**jobs_of_a_scene(), "rates": 1, "quick": 1}
-    assert built(files) == {"quick"}
+@pytest.mark.parametrize("target", PLANS)
+def test_a_target_plans_what_it_needs_and_no_other_scene_or_figure(plan, target):
+    files, jobs = plan(target)
+    assert (jobs, built(files)) == PLANS[target]
+    own = {str(Path(target).with_suffix(kind)) for kind in (".csv", ".svg")} if "figure" in jobs else set()
+    assert {file for file in files if re.fullmatch(r"figures/\w+\.(csv|svg)", file)} == own
 
 
 def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planned):
@@ -145,9 +101,9 @@ def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planne
     assert {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads} <= computed
 
 
-def field(path, study=STUDY):
+def field(path):
     """A field of the configuration by its path, such as cost.base."""
-    return reduce(lambda held, name: held[int(name) if name.isdigit() else name], path.split("."), study)
+    return reduce(lambda held, name: held[int(name) if name.isdigit() else name], path.split("."), STUDY)
 
 
 TABLES = {
@@ -284,27 +240,6 @@ def test_a_file_of_results_has_one_rule(planned):
     assert set(made.values()) == {1}
 
 
-BROKEN = {
-    "cost.base.scene": ("cost.base", "scene", "squared"),
-    "totals.scenes": ("totals.scenes", "squared", ["natural"]),
-    "floors[0]": ("floors", 0, "squared"),
-    "figures.rates.scenes[0]": ("figures.rates.scenes", 0, "squared"),
-    "figures.multiplier.reads": ("figures.multiplier.reads", "survey", "results/betasq/infsup.nc"),
-    "scenes.quick.cases[1]": ("scenes.quick.cases", 1, "naturl"),
-}
-"""Where it is told: the place of a name that stands for nothing, and the name."""
-
-
-@pytest.mark.parametrize("told", BROKEN)
-def test_a_name_that_stands_for_nothing_is_refused(told):
-    """Control: the configuration as it is, which `checked` takes."""
-    path, name, value = BROKEN[told]
-    study = copy.deepcopy(GIVEN)
-    field(path, study)[name] = value
-    with pytest.raises(InputError, match=f", field {re.escape(told)}"):
-        checked(study)
-
-
 @pytest.fixture
 def common(monkeypatch):
     """The names of workflow/rules/common.smk that need nothing of Snakemake."""
@@ -352,14 +287,18 @@ JOB = (WORKFLOW / "scripts/job.py").read_text()
 """The script of every rule."""
 
 
-MODULES = [job.rpartition(".")[0] for job in jobs()]
+def calls(planned):
+    """The jobs that call a function of the study, such as manifest.write_manifest, each with its module."""
+    found = [(job, job["params"]["job"].rpartition(".")[0]) for job in planned if "job" in job["params"]]
+    assert {job["rule"] for job, _ in found} >= {"solve", "figure", "claims", "manifest", *PARAMS}
+    return found
 
 
-@pytest.mark.parametrize("module", [*MODULES, *registry.figures().values()])
-def test_a_rule_depends_on_all_that_its_job_imports_and_on_no_more(code, module):
-    found = {file for file in code(module) if file.endswith(".py")}
-    wanted = imports({f"study.{module}", *imported(JOB)})
-    assert found == {*map(file_of, wanted), "workflow/scripts/job.py"}
+def test_a_rule_depends_on_all_that_its_job_imports_and_on_no_more(planned, code):
+    for module in {*(module for _, module in calls(planned)), *registry.figures().values()}:
+        found = {file for file in code(module) if file.endswith(".py")}
+        wanted = imports({f"study.{module}", *imported(JOB)})
+        assert found == {*map(file_of, wanted), "workflow/scripts/job.py"}, module
 
 
 @pytest.mark.parametrize("module", registry.figures().values())
@@ -418,55 +357,31 @@ def test_jobs_that_ask_for_too_little_are_noticed(planned):
     assert over(planned, share=0.5)
 
 
-def each_rule():
-    """The text of each rule that runs a job, and the function that it names."""
-    texts = re.split(r"^rule ", rules(), flags=re.MULTILINE)[1:]
-    return list(zip(texts, jobs(), strict=True))
-
-
-def test_each_rule_depends_on_its_own_job_and_has_a_log_of_its_name():
-    for text, job in each_rule():
-        assert re.search(r'code\("([\w.]+)"', text)[1] == job.rpartition(".")[0]
-        assert '"../scripts/job.py"' in text
-        name = text.partition(":")[0]
-        assert re.search(rf'^    log:\n        "results/logs/{name}(/.*)?\.log",$', text, re.MULTILINE), name
+def test_each_rule_depends_on_its_own_job_and_has_a_log_of_its_name(planned):
+    for job, module in calls(planned):
+        assert job["script"] == "../scripts/job.py"
+        assert file_of(f"unilateral.study.{module}") in job["input"]
+        (log,) = job["log"]
+        assert re.fullmatch(rf"results/logs/{job['rule']}(/.*)?\.log", log)
 
 
 def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned):
     """Seconds and memory differ from run to run, so nothing reads them, and nothing misses them."""
-    measured, pattern = {}, r'^    benchmark:\n        "results/benchmarks/(\w+).*\.tsv"$'
-    for text, _ in each_rule():
-        for name in re.findall(pattern, text, re.MULTILINE):
-            measured[text.partition(":")[0]] = name
-    assert measured == {name: name for name in ("solve", "surveys", "sharpness", "adaptive", "extremes")}
+    measured = {job["rule"]: job["benchmark"] for job in planned if job["benchmark"]}
+    assert measured.keys() >= {"solve", "surveys", "sharpness", "adaptive", "extremes"}
+    for rule, path in measured.items():
+        assert re.fullmatch(rf"results/benchmarks/{rule}(/.*)?\.tsv", path)
     assert not [file for job in planned for file in job["input"] if file.startswith("results/benchmarks")]
 
 
-def given(text):
-    """The names of a rule's input, output and params; `**` where more follow from the configuration."""
-    parts = re.findall(r"^    (?:input|output|params):\n((?: {8}.*\n)+)", text, re.MULTILINE)
-    names = re.findall(r"^ {8}(?:(\w+)=|\*\*|unpack\()", "".join(parts), re.MULTILINE)
-    return {name or "**" for name in names}
-
-
-def taken(job):
-    """The arguments of the function that a job calls, and `job` itself; `**` where it takes others, too."""
-    module, _, name = job.rpartition(".")
-    function = getattr(import_module(f"unilateral.study.{module}"), name)
-    parameters = inspect.signature(function).parameters.values()
-    return {"job", *("**" if each.kind is each.VAR_KEYWORD else each.name for each in parameters)}
-
-
-def test_a_rule_s_names_are_the_arguments_of_its_job():
-    for text, job in each_rule():
-        assert taken(job) <= given(text), job
-        assert "**" in taken(job) or taken(job) == given(text), job
-
-
-def test_the_names_of_a_rule_are_found():
-    """Control."""
-    text = 'a:\n    input:\n        "x",\n        **{b: c},\n        d="e",\n    output:\n        f="g",\n'
-    assert given(text) == {"**", "d", "f"}
+def test_a_rule_s_names_are_the_arguments_of_its_job(planned):
+    for job, module in calls(planned):
+        function = getattr(import_module(f"unilateral.study.{module}"), job["params"]["job"].split(".")[-1])
+        parameters = inspect.signature(function).parameters.values()
+        taken = {"job", *(each.name for each in parameters if each.kind is not each.VAR_KEYWORD)}
+        takes_others = any(each.kind is each.VAR_KEYWORD for each in parameters)
+        assert taken <= set(job["names"]), job["rule"]
+        assert takes_others or taken == set(job["names"]), job["rule"]
 
 
 def test_no_absolute_path_in_the_workflow():

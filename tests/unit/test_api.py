@@ -1,18 +1,14 @@
-"""The public face: its doctests, problems of functions, own meshes, files and refusals."""
+"""The public face: its doctests, problems of functions, own meshes, warnings and refusals."""
 
 import doctest
-import json
 import math
 import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
 
-import meshio
 import numpy as np
-import pandas as pd
 import pytest
-import xarray as xr
 from conftest import DATA, ROOT
 
 import unilateral as ul
@@ -23,7 +19,6 @@ from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.solution import plot
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -79,17 +74,13 @@ def test_without_a_tolerance_functions_are_solved_to_a_small_share():
     [
         (lambda x, y: np.sqrt(x - 0.5), 0, "problem, field f: the function is nan at"),
         (-1, lambda x, y: 1 / (0 * x), r"problem, field g\[0\]: the function is inf at \(0"),
+        (lambda x, y: x + 1j * y, 0, "problem, field f: the function returns complex numbers"),
     ],
 )
 def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
     """An iteration on such data would never end."""
     with pytest.raises(ul.InputError, match=said):
         ul.solve(ul.Problem(SQUARE, f=f, g=g), **SIZES, stop=ul.Stop(algorithm=algorithm))
-
-
-def test_a_function_with_complex_numbers_is_refused():
-    with pytest.raises(ul.InputError, match="problem, field f: the function returns complex numbers"):
-        ul.solve(ul.Problem(SQUARE, f=lambda x, y: x + 1j * y, g=0), **SIZES)
 
 
 @pytest.mark.parametrize(
@@ -253,150 +244,6 @@ def test_bounds_that_contradict_each_other_are_none():
     assert replace(s).bounds is None
 
 
-def test_files_hold_the_solution(tmp_path):
-    s = ul.solve(ul.Problem(SQUARE, f=-1, g=["-x*y/2", 0, None, 0], free_sides=[2]), **SIZES)
-    for name in ("s.vtu", "s.nc", "s.csv"):
-        s.save(tmp_path / name)
-    stored = meshio.read(tmp_path / "s.vtu")
-    np.testing.assert_array_equal(stored.point_data["u"], s.u)
-    lines = [k for k, block in enumerate(stored.cells) if block.type == "line"]
-    on_edges = np.concatenate([stored.cell_data["multiplier"][k] for k in lines])
-    assert on_edges @ np.diff(s.mesh.s) == pytest.approx(s.partition.lengths @ s.multiplier)
-    cells = pd.read_csv(tmp_path / "s.csv")
-    np.testing.assert_allclose(cells["multiplier"], s.multiplier)
-    assert np.isnan(cells["gap"][cells["side"] == 2]).all()
-    assert np.all(cells["gap"][cells["side"] != 2] > -1e-3)
-    with xr.open_dataset(tmp_path / "s.nc") as table:
-        np.testing.assert_array_equal(table["u"], s.u)
-        np.testing.assert_array_equal(table["triangles"], s.mesh.triangles)
-    with pytest.raises(ul.InputError, match=r"the ending must be \.vtu, \.csv, .* or \.pdf"):
-        s.save(tmp_path / "s.txt")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["s.csv", "s.nc", "s.vtu"]
-
-
-def test_netcdf_follows_the_conventions(tmp_path):
-    """CF 1.8: Conventions and title, units, no _FillValue on coordinates; indices are of 32 bits."""
-    ul.solve(ul.case("natural"), **SIZES).save(tmp_path / "s.nc")
-    with xr.open_dataset(tmp_path / "s.nc") as table:
-        assert table.attrs["Conventions"] == "CF-1.8"
-        assert table.attrs["title"]
-        assert all(of.attrs["units"] == "1" and of.attrs["long_name"] for of in table.variables.values())
-        assert {*table.coords} == {"x", "y"}
-        assert not any("_FillValue" in of.encoding for of in table.coords.values())
-        assert {table[name].dtype for name in ("triangles", "side")} == {np.dtype("int32")}
-
-
-def test_the_certificate_is_a_file(tmp_path):
-    """As the solution says it; NaN, which JSON has not, is null; the problem has no known errors."""
-    problem = ul.Problem(SQUARE, f=-1, g="-x*y/2")
-    s, alone = ul.solve(problem, accuracy=0.3), ul.solve(problem, **SIZES)
-    s.save(tmp_path / "s.json")
-    found = json.loads((tmp_path / "s.json").read_text())
-    assert found["goal"] == {"accuracy": 0.3, "norm": "h1", "absolute": False}
-    assert found["certified"]
-    assert found["h1_relative_bound"] <= 0.3
-    assert [found["h1_bound"], found["hm12_bound"], found["enclosure"]] == [*s.bounds]
-    assert found["h1_error"] is None
-    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
-    assert found["contact"]["length"] == s.contact.length
-    assert found["versions"]["unilateral"] == ul.__version__
-    given = alone.certificate()
-    assert (given["goal"], given["certified"], given["levels"]) == (None, False, [])
-    assert [each[key] for each in (found, given) for key in ("ended", "reach")] == [None] * 4
-
-
-@pytest.fixture(scope="module")
-def adapted():
-    """At a re-entrant corner meshes are adapted."""
-    s = ul.solve(ul.load(DATA / "problems/lshape.yaml"), accuracy=0.3)
-    assert s.mesh.adapted
-    return s
-
-
-@pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
-def test_pictures_have_the_same_bytes_every_time(tmp_path, adapted, ending):
-    """And begin as their format does."""
-    for name in ("a", "b"):
-        adapted.save(tmp_path / f"{name}.{ending}")
-    one, other = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
-    assert one == other
-    assert one.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[ending])
-
-
-def test_a_mesh_is_drawn_where_it_is_adapted(adapted):
-    """Its triangles are counted in a title; a uniform mesh is not drawn."""
-    titles = [axes.get_title() for axes in adapted.plot().axes]
-    assert f"the mesh: {len(adapted.mesh.triangles)} triangles" in titles
-    uniform = ul.solve(ul.case("natural"), **SIZES)
-    assert not any("mesh" in axes.get_title() for axes in uniform.plot().axes)
-
-
-def test_the_picture_shows_contact_and_gap():
-    """The cells with lambda_H > 0 are drawn, and both steps along the boundary, whose sides have numbers."""
-    s = ul.solve(ul.case("natural"), **SIZES)
-    page = s.plot()
-    top, flux, gap = page.axes
-    assert len(top.collections[-1].get_segments()) == len(s.contact.intervals) == 4
-    np.testing.assert_array_equal(flux.patches[0].get_data().values, s.multiplier)
-    held = s.multiplier > 0
-    np.testing.assert_array_equal(gap.patches[0].get_data().values, np.where(held, 0, s.gap))
-    assert not gap.texts
-    (names,) = flux.child_axes
-    assert [label.get_text() for label in names.get_xticklabels()] == [f"side {i}" for i in range(4)]
-
-
-@pytest.mark.parametrize(
-    ("g", "free", "said"),
-    [(0, [], "on the whole boundary"), ([0, 0, 0, None], [3], "on all sides that are not free")],
-)
-def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration(g, free, said):
-    """f < 0 = g presses u down; of this loose tolerance means of u_h - g are up to 1e-3, of both signs."""
-    s = ul.solve(ul.Problem(SQUARE, f=-10, g=g, free_sides=free), **SIZES, stop=ul.Stop(tolerance=1e-2))
-    assert np.nanmin(s.gap) < -1e-5
-    gap = s.plot().axes[2]
-    shown = gap.patches[0].get_data().values
-    assert np.all(shown[np.isfinite(s.gap)] == 0)
-    assert [text.get_text() for text in gap.texts] == [f"$u_h = g$ {said}"]
-    assert gap.get_yticks().tolist() == [0]
-
-
-def test_what_has_not_converged_is_drawn_as_it_is():
-    """After one step nothing is known of what the iteration leaves; and u = g may be without contact."""
-    with pytest.warns(Warning, match="algebraic"):
-        s = ul.solve(ul.case("natural"), **SIZES, stop=ul.Stop(algorithm="uzawa", max_steps=1))
-    gap = s.plot().axes[2]
-    np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
-    assert (np.abs(s.gap).max() > 1, len(gap.texts)) == (True, 0)
-    zero = ul.solve(ul.Problem(SQUARE, f=0, g=0), **SIZES).plot()
-    assert zero.axes[0].get_title().endswith("length 0")
-    assert [text.get_text() for text in zero.axes[2].texts] == ["$u_h = g$ on the whole boundary"]
-
-
-def test_the_gap_is_drawn_but_for_the_size_of_what_the_iteration_left():
-    """By hand: 0.1 is seen of the 0 in contact, so 0.05 outside is nothing, and 0.2 is a gap."""
-    gap, lambda_H = np.array([0.1, -0.05, 0.05, 0.2, math.nan]), np.array([1.0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(plot.settled(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
-    np.testing.assert_array_equal(plot.settled(gap[2:], 0 * gap[2:]), gap[2:])
-
-
-def test_the_picture_says_what_is_certified(adapted):
-    """The bound of the search, rounded up, and of a solution on given sizes the name alone."""
-    bound = f"{up(adapted.search.best.total, '.2g')}, guaranteed"
-    assert adapted.plot().get_suptitle().endswith(bound)
-    assert ul.solve(ul.case("natural"), **SIZES).plot().get_suptitle() == "natural"
-
-
-@pytest.mark.parametrize("height", [0.05, 1.0, 3.0])
-def test_the_colour_bar_is_as_high_as_its_panel(height):
-    """On flat and on tall domains, where the panel is smaller than its place on the page."""
-    page = ul.solve(ul.Problem([(0, 0), (1, 0), (1, height), (0, height)], f="x", g=0), **SIZES).plot()
-    page.draw_without_rendering()
-    panel = page.axes[0]
-    (bar,) = panel.child_axes
-    heights = [axes.get_window_extent().height for axes in (panel, bar)]
-    assert heights[0] == pytest.approx(heights[1], rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -430,18 +277,17 @@ def test_what_does_not_fit_together_is_refused(arguments, message):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"), [(3, "3 is not a problem; take ul.Problem"), ("naturl", "natural")]
+    ("of", "message"),
+    [
+        (lambda: ul.solve(3, **SIZES), "3 is not a problem; take ul.Problem"),
+        (lambda: ul.solve("naturl", **SIZES), "natural"),
+        (lambda: ul.load(3), "3 is no path of a YAML file"),
+        (lambda: ul.Stop(fraction="x"), "fraction is 'x'; it has to be a number"),
+    ],
 )
-def test_what_is_no_problem_is_refused(given, message):
+def test_what_is_no_problem_no_path_and_no_number_is_refused(of, message):
     with pytest.raises(ul.InputError, match=message):
-        ul.solve(given, **SIZES)
-
-
-def test_what_is_no_path_and_no_number_is_refused():
-    with pytest.raises(ul.InputError, match="3 is no path of a YAML file"):
-        ul.load(3)
-    with pytest.raises(ul.InputError, match="fraction is 'x'; it has to be a number"):
-        ul.Stop(fraction="x")
+        of()
 
 
 @pytest.mark.parametrize("name", ["max_unknowns", "max_seconds", "max_memory"])

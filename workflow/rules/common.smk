@@ -6,7 +6,7 @@ from unilateral.study import registry
 from unilateral.study.documents import contents, marks
 from unilateral.study.figure_entries import drawings
 from unilateral.study.ledger.entries import entries, files
-from unilateral.study.sizes import normed
+from unilateral.study.scenes import normed
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]

@@ -36,7 +36,7 @@ rule cost_runs:
 
 rule cost:
     input:
-        code("experiments.cost.collected"),
+        code("experiments.cost.variants"),
         runs=expand("results/cost/runs/{job}.nc", job=JOBS),
         timed=expand("results/cost/runs/{job}_timings.nc", job=JOBS),
     output:
@@ -48,7 +48,7 @@ rule cost:
     resources:
         **TELLS,
     params:
-        job="experiments.cost.collected.collect_cost",
+        job="experiments.cost.variants.collect_cost",
         study=RUNS,
         axes=AXES,
     message:

@@ -51,7 +51,7 @@ rule solve:
 
 rule rates:
     input:
-        code("rates_table"),
+        code("rates"),
         cases_of,
         errors="results/{scene}/errors.nc",
     output:
@@ -61,7 +61,7 @@ rule rates:
     resources:
         **TELLS,
     params:
-        job="rates_table.judge_rates",
+        job="rates.judge_rates",
         name="{scene}",
         study=config["rates"],
         judged=lambda wildcards: scene_of(wildcards)["judged"],

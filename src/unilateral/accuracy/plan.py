@@ -5,24 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.halvings import evenness
-from unilateral.accuracy.level import Level
-from unilateral.accuracy.next_level import (
-    LARGEST_STEP,
-    MARGIN,
-    OF_LAMBDA,
-    most_unknowns,
-    observed_rate,
-    sizes_and_bounds,
-    wanted,
-)
+from unilateral.accuracy.level import Level, Prospect
+from unilateral.accuracy.levels import LARGEST_STEP, MARGIN, OF_LAMBDA, most_unknowns, observed_rate, wanted
 
 PROBE, KNOWN = 1.5, 400
-"""The first levels are enough for a plan from KNOWN unknowns on.
-
-They must also take PROBE seconds, together with the next level.
-"""
+"""Levels are enough for a plan from KNOWN unknowns on, if with the next one they take PROBE seconds."""
 UNEVEN = 1.2
 """An adapted mesh has this many times the triangles of the best distribution."""
 FAR = 10.0
@@ -31,18 +19,12 @@ FAR = 10.0
 A plan was right within 2 for u, and within 3 for lambda.
 """
 VAST = 1e30
-"""Bounds above this many times the wanted error are not told apart.
-
-So their powers are still finite numbers.
-"""
+"""Bounds above this many times the wanted error are not told apart, so that their powers are finite."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Unknowns of the finest mesh, seconds from the beginning, and MB.
-
-    `missed` are the limits that do not allow it.
-    """
+    """Unknowns of the finest mesh, seconds from the beginning, MB; `missed` are the limits below that."""
 
     adapted: bool
     unknowns: int
@@ -120,15 +102,12 @@ def _needed(prospect: Prospect, least_rate: float = 0.0) -> float:
         return last.unknowns * times ** (1 / OF_LAMBDA)
     if prospect.adapted:
         return last.unknowns * times**2 * UNEVEN * evenness(s)
-    rate = observed_rate(*sizes_and_bounds(prospect.done))
+    rate = observed_rate(prospect.done)
     return last.unknowns * (times / MARGIN) ** (2 / (1.0 if math.isnan(rate) else max(rate, least_rate)))
 
 
 def _wanted(last: Level) -> float:
-    """The error that will be wanted: the accuracy times the norm of the solution.
-
-    That norm is taken to be that of the discrete solution less the error itself.
-    """
+    """The error that will be wanted, for a solution whose norm is the discrete one's less that error."""
     goal, solved = last.goal, last.solved
     size = solved.u_norm if goal.norm == "h1" else solved.lambda_norm
     return goal.accuracy if goal.absolute else goal.accuracy * size / (1 + goal.accuracy)

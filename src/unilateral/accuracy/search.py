@@ -11,11 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.level import Level, standing, unknowable, without_contact
-from unilateral.accuracy.levels import levels
-from unilateral.accuracy.next_level import limits, wanted
+from unilateral.accuracy.level import Level, Prospect, standing, unknowable, without_contact
+from unilateral.accuracy.levels import levels, limits, wanted
 from unilateral.accuracy.plan import Plan, enough, hopeless, plan, reach
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.errors import BudgetError, InputError

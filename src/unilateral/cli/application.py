@@ -1,4 +1,4 @@
-"""The command `unilateral`: its commands, each imported when it is chosen, and its completion."""
+"""The command `unilateral`: its commands, declared where they are chosen, and its completion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import click
 
-from unilateral.cli.command import CODES, Command, said
+from unilateral.cli.command import DOES_NOT_HOLD, NOT_CONVERGED, Command, said
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
 
@@ -25,7 +25,7 @@ COMMANDS = {
     "infsup": "tell whether a mesh and a partition of one's own are stable",
     "claims": "judge the paper's statements by the study's results",
 }
-"""Each command, a module in `commands`, and what it is for."""
+"""Each command and what it is for."""
 
 
 class Application(Command, click.Group):
@@ -37,7 +37,8 @@ class Application(Command, click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        found: click.Command = getattr(load(f"unilateral.cli.commands.{name}"), name)
+        module = "solve_command" if name == "solve" else "commands"
+        found: click.Command = getattr(load(f"unilateral.cli.{module}"), name)
         found.short_help = COMMANDS[name]
         return found
 
@@ -67,7 +68,7 @@ application = Application(
         )
     ],
     examples=("unilateral solve natural --accuracy 0.1", "unilateral solve --help"),
-    codes=tuple(CODES),
+    also=(DOES_NOT_HOLD, NOT_CONVERGED),
     no_args_is_help=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

@@ -1,14 +1,17 @@
-"""What all commands share: how their help ends, and how arguments that do not fit are told."""
+"""What commands are declared with: kinds of arguments, how help ends, how what does not fit is told."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
+from click.shell_completion import CompletionItem
 
-from unilateral.errors import meant
+from unilateral.cli.streams import load
+from unilateral.errors import InputError, meant
 
 CODES = {
     0: "done",
@@ -20,6 +23,9 @@ CODES = {
     143: "ended by SIGTERM",
 }
 """What the exit codes say."""
+DOES_NOT_HOLD, NOT_CONVERGED = 1, 3
+EVERY = {0, 2, 4, 130, 143}
+"""The codes of every command."""
 
 
 class Option(click.Option):
@@ -31,14 +37,14 @@ class Option(click.Option):
 
 
 class Command(click.Command):
-    """A command whose help ends with examples that work as typed and with the codes that it may return.
+    """A command whose help ends with examples and with the exit codes that it may return.
 
-    Examples are lines to be typed one after the other.
+    The examples work as typed, one after the other. `also` are codes that not every command has.
     """
 
-    def __init__(self, *args: Any, examples: Sequence[str], codes: Sequence[int], **rest: Any) -> None:
+    def __init__(self, *args: Any, examples: Sequence[str], also: Sequence[int] = (), **rest: Any) -> None:
         super().__init__(*args, **rest)
-        self.examples, self.codes = examples, codes
+        self.examples, self.codes = examples, sorted({*EVERY, *also})
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
@@ -100,3 +106,85 @@ def _fault(error: click.UsageError) -> str:
 
 def _name(param: click.Parameter) -> str:
     return param.human_readable_name if isinstance(param, click.Argument) else max(param.opts, key=len)
+
+
+Context: TypeAlias = click.Context | None
+Parameter: TypeAlias = click.Parameter | None
+
+
+class Positive(click.ParamType):
+    """A positive number, or a fraction such as 1/64."""
+
+    name = "positive"
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> float:
+        if isinstance(value, float):  # a default
+            return value
+        try:
+            number = float(load("unilateral.formulas.formula").real(value, ""))
+        except InputError:
+            number = math.nan
+        if not 0 < number < math.inf:
+            mended = load("unilateral.formulas.grammar").comma(value)
+            self.fail(f"'{value}' must be a positive number or a fraction such as 1/64{mended}", param, ctx)
+        return number
+
+
+class Count(click.ParamType):
+    """A whole number of at least 1."""
+
+    name = "count"
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> int:
+        if not str(value).isdecimal() or int(value) < 1:
+            self.fail(f"'{value}' must be a whole number of at least 1", param, ctx)
+        return int(value)
+
+
+class Sides(click.ParamType):
+    """Numbers of sides such as 1,2,3."""
+
+    name = "sides"
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> tuple[int, ...]:
+        parts = value.split(",")
+        if not all(part.isdecimal() for part in parts):
+            self.fail(f"'{value}' must be numbers of sides such as 1,2,3", param, ctx)
+        return tuple(sorted({int(part) for part in parts}))
+
+
+class Choice(click.Choice[str]):
+    """One of a few names."""
+
+    def get_invalid_choice_message(self, value: Any, ctx: Context) -> str:
+        return f"'{value}' is none of {', '.join(self.choices)}{meant(value, self.choices)}"
+
+
+class Name(click.ParamType):
+    """A name that the library knows or, where it takes `files`, a file; the library says what is wrong."""
+
+    name = "name"
+
+    def __init__(self, known: Callable[[], Sequence[str]], files: bool = True) -> None:
+        self.known, self.files = known, files
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """The completions, files first, because bash drops what comes before them."""
+        found = [CompletionItem(incomplete, type="file")] if self.files else []
+        return found + [CompletionItem(name) for name in self.known() if name.startswith(incomplete)]
+
+
+def _cases() -> list[str]:
+    return list(load("unilateral.problems.catalogue").names())
+
+
+def _polygons() -> list[str]:
+    return list(load("unilateral.geometry.polygon").names())
+
+
+POSITIVE, COUNT, SIDES = Positive(), Count(), Sides()
+FILE, FOLDER = click.Path(readable=False), click.Path(readable=False, file_okay=False)
+CASE, POLYGON = Name(_cases), Name(_polygons)
+as_json = option("--json", is_flag=True, help="print one JSON object, and nothing else")

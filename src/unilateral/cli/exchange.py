@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
+from unilateral.cli.command import DOES_NOT_HOLD
 from unilateral.cli.streams import load, say
 from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError
@@ -24,7 +25,6 @@ from unilateral.problems.case import Case
 from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
-DOES_NOT_HOLD = 1
 
 
 def export(

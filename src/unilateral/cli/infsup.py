@@ -102,19 +102,22 @@ def _coarse(cells: Partition, of: OfCells) -> list[dict[str, float]]:
     A cell without a node well inside, at least H_i/4 from both ends, is among them.
     """
     wrong = np.flatnonzero(~fine(of.over_longest))
-    ends = cells.points[wrong], cells.points[wrong + 1]
-    columns = (wrong, cells.side[wrong], *ends, of.edges[wrong], of.over_longest[wrong], of.deltas[wrong])
-    names = ("cell", "side", "start", "end", "edges", "cell_over_edge", "delta")
-    return [dict(zip(names, each, strict=True)) for each in zip(*(c.tolist() for c in columns), strict=True)]
+    start, end = cells.points[wrong], cells.points[wrong + 1]
+    of_rule = {"edges": of.edges[wrong], "cell_over_edge": of.over_longest[wrong], "delta": of.deltas[wrong]}
+    return _rows(cell=wrong, side=cells.side[wrong], start=start, end=end, **of_rule)
 
 
 def _flat(mesh: Mesh, triangles: Index, angles: Array) -> list[dict[str, float]]:
     """The triangles with small angles, by their numbers and centroids."""
     wrong = np.flatnonzero(~steep(angles))
     x, y = mesh.points[mesh.triangles[triangles[wrong]]].mean(axis=1).T
-    columns = (triangles[wrong], x, y, angles[wrong])
-    names = ("triangle", "x", "y", "angle")
-    return [dict(zip(names, each, strict=True)) for each in zip(*(c.tolist() for c in columns), strict=True)]
+    return _rows(triangle=triangles[wrong], x=x, y=y, angle=angles[wrong])
+
+
+def _rows(**columns: Array | Index) -> list[dict[str, float]]:
+    """A record for each row of the columns (k,)."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def lines(found: dict[str, Any]) -> Iterator[str]:

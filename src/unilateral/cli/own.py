@@ -8,7 +8,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -52,7 +51,10 @@ def check(name: str, picture: str | None) -> str:
         raise InputError(f"{name} declares a case; 'unilateral cases' lists what is known of the project's")
     problem = problem_file.load(name)
     if picture is not None:
-        _save(drawn(problem), picture)
+        from unilateral.solution.plot import draw  # and with it the method
+
+        with replacing(picture) as temporary:
+            draw(drawn(problem), temporary)
     return "\n".join(described(problem))
 
 
@@ -171,11 +173,3 @@ def _draw_obstacle(axes: Axes, problem: Problem) -> None:
         axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
     axes.set(xlabel="arc length along the boundary, a line at each vertex", ylabel="g; dashed: k ∂u/∂n",
              xlim=(0, polygon.perimeter))  # fmt: skip
-
-
-def _save(figure: Figure, picture: str) -> None:
-    """Writes a picture, with the same bytes for the same problem."""
-    ending = Path(picture).suffix
-    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending)
-    with matplotlib.rc_context({"svg.hashsalt": "unilateral"}), replacing(picture) as temporary:
-        figure.savefig(temporary, metadata=undated)

@@ -15,6 +15,7 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
@@ -40,20 +41,22 @@ from unilateral.system.memory import available_mb, keep_freed, peak_mb
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
-NOT_CONVERGED, INTERRUPTED = 3, 130
+INTERRUPTED = 130
+LIMITS = ("max_unknowns", "max_seconds", "max_memory")
+PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMITS)
+OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
+"""Options that are arguments of `api.solve` and of `Stop`, by the same names."""
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
-"""Up to this many cells the error in H^{-1/2} is computed.
-
-For more it takes longer than all the rest.
-"""
+"""Up to this many cells the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
 KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
 """The names of the files in the folder of --out."""
 
 
 def run(options: SimpleNamespace) -> int:
     """Solve and report; the exit code."""
+    options.sharp = options.sharp or options.norm == "hm12"
     _targets(options)
     keep_freed()
     drawn = sys.stderr.isatty() and not options.json
@@ -85,23 +88,9 @@ def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
 def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
     return api.solve(
         problem,
-        options.h,
-        options.H,
-        options.accuracy,
-        norm=options.norm,
+        **{name: getattr(options, name) for name in PASSED_ON},
         mesh=_mesh(options.mesh, problem),
-        stop=Stop(
-            tolerance=options.tolerance,
-            max_steps=options.max_steps,
-            algorithm=options.algorithm,
-            rho=options.rho,
-        ),
-        max_unknowns=options.max_unknowns,
-        max_seconds=options.max_seconds,
-        max_memory=options.max_memory,
-        sharp=_sharp(options),
-        absolute=options.absolute,
-        dry_run=options.dry_run,
+        stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
         tell=None if options.json else _told(problem, drawn),
         watch=watch,
     )
@@ -109,7 +98,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
-    search, sharp = found.search, _sharp(options)
+    search, sharp = found.search, options.sharp
     needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
     if needed > free:
         tell(f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free")
@@ -144,10 +133,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
 
 
 def _targets(options: SimpleNamespace) -> list[Path]:
-    """The files that are asked for. The folder of --out is made.
-
-    Raises InputError for a file that cannot be written there.
-    """
+    """The files that are asked for; --out's folder is made. Raises InputError for what cannot be written."""
     files = [Path(name) for name in options.output]
     if (files or options.out) and options.dry_run:
         raise InputError("a --dry-run has no solution that could be kept; leave -o and --out out")
@@ -173,10 +159,6 @@ def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) ->
             as_json.write(printed, file)
         else:
             found.save(file)
-
-
-def _sharp(options: SimpleNamespace) -> bool:
-    return options.sharp or options.norm == "hm12"
 
 
 def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
@@ -216,10 +198,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
-    """A function that prints each level when it is done, where a bar was drawn.
-
-    The first level comes below a line that says what is wanted.
-    """
+    """A function that prints each level, the first one below a line that says what is wanted."""
     first, length = True, problem.units.length
 
     def one(level: Level) -> None:
@@ -240,10 +219,7 @@ def _tell_faults(search: Search) -> None:
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
-    """The forces over the whole boundary, and over each side with multipliers.
-
-    None for more than SIDES sides.
-    """
+    """The forces over the boundary, and over each side with multipliers; None for more than SIDES sides."""
     n_sides, cells = found.mesh.polygon.n_sides, found.partition
     if n_sides > SIDES:
         return None

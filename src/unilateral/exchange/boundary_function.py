@@ -1,4 +1,7 @@
-"""Functions on the boundary that are linear on the cells of a partition: what a multiplier is read as."""
+"""Functions on the boundary: those that are linear on cells, as which a multiplier is read, and the obstacle.
+
+The conditions of a case hold on all sides that are not free, and at the nodes of these.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
@@ -101,3 +104,26 @@ def continuous(mesh: Mesh, values: Array) -> Trace:
 def of_reactions(mesh: Mesh, reactions: Array) -> Trace:
     """The continuous mu with <mu, phi_j> = the reactions (nb,): by the boundary mass matrix."""
     return continuous(mesh, np.asarray(spsolve(boundary_mass(mesh).tocsc(), reactions)))
+
+
+def held_edges(case: Case, mesh: Mesh) -> Mask:
+    """(nb,) which boundary edges lie on no free side."""
+    return ~np.isin(mesh.side, case.free_sides)
+
+
+def held_cells(case: Case, cells: Partition) -> Mask:
+    """(m,) which cells lie on no free side."""
+    return ~np.isin(cells.side, case.free_sides)
+
+
+def obstacle(case: Case, mesh: Mesh) -> Array:
+    """(nb,) g at the boundary nodes, NaN where both edges are free."""
+    nb, edges = len(mesh.boundary), held_edges(case, mesh)
+    of_end, g = np.roll(mesh.side, 1), np.full(len(edges), np.nan)
+    before = np.flatnonzero(~edges & np.roll(edges, 1))
+    side, s = np.where(edges, mesh.side, of_end), mesh.s[:-1].copy()
+    s[before] = mesh.s[np.where(before == 0, nb, before)]
+    held = np.flatnonzero(edges | np.roll(edges, 1))
+    u, _, gap = case.boundary(side[held], s[held] - mesh.polygon.starts[side[held]])
+    g[held] = u - gap
+    return g

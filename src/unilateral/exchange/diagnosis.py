@@ -7,18 +7,22 @@ than an algebraic error may be: the same share of the discretisation error for o
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
-from unilateral.exchange.boundary_function import Trace
-from unilateral.exchange.discrete_conditions import conditions, mistaken
+from unilateral.exchange.boundary_function import Trace, constant, of_reactions
+from unilateral.exchange.discrete_conditions import ROUNDING, conditions, mistaken, moves
 from unilateral.exchange.equation_bugs import EXPLAINS, explanations, renumbered, with_load
 from unilateral.exchange.equation_residual import Fit, Residual, flux_load
 from unilateral.exchange.exported_folder import Foreign
 from unilateral.exchange.fault import Fault, either, unexplained, wrong
-from unilateral.exchange.multiplier_readings import ahead, plain, readings
+from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.formulas.decimals import down, up
+from unilateral.geometry.mesh import Mesh
 from unilateral.norms.dual import Errors
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
@@ -28,7 +32,7 @@ COUNTS = Stop.fraction
 
 Up to there a rate over a factor of 2 changes by 0.03 at most.
 """
-ROUNDING = 1e-10
+NO_ERROR = 1e-10
 """An error of lambda below this fraction of the error of u counts as 0."""
 REMARK = "the load is that of f {}; its error is a part of yours, and no fault"
 
@@ -80,13 +84,10 @@ def _inside(of: Residual) -> Fault:
 
 
 def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """What is wrong with the multiplier.
-
-    u's equation at the boundary says what it has to be, and its conditions are checked.
-    """
+    """What is wrong with the multiplier, by u's equation at the boundary, and with its conditions."""
     if mu is None:
         return
-    allowed, first = _allowed(of, own), plain(mu, of.discrete.mesh)
+    allowed, first = _allowed(of, own), MeantMultiplier("", mu.load(of.discrete.mesh), mu)
     right = of.nearer_to(first.load)
     misfit = of.norm(first.load - right)
     if misfit <= allowed:
@@ -110,7 +111,7 @@ def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> I
 
 def _allowed(of: Residual, own: Errors) -> float:
     """How much may be left at the boundary."""
-    return COUNTS * (own.hm12_lower if own.hm12_lower > ROUNDING * own.h1 else own.h1) + of.inside
+    return COUNTS * (own.hm12_lower if own.hm12_lower > NO_ERROR * own.h1 else own.h1) + of.inside
 
 
 def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
@@ -137,10 +138,7 @@ def _is_scaled(fit: Fit, allowed: float) -> bool:
 
 
 def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """A wrong sign of the multiplier, by the exact one, where u says nothing.
-
-    It is told only if it is surer than what is left and this project's error.
-    """
+    """A wrong sign by the exact multiplier, if it is surer than what is left and this project's error."""
     if mu is None:
         return
     fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))
@@ -174,3 +172,67 @@ def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Itera
         "the iteration stopped too early, or g or the conditions are others",
         measured,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class MeantMultiplier:
+    """A way in which a multiplier may have been meant; `fault` says which.
+
+    `load` (nb,) is the boundary load that it is then. `mu` is None where the fault says all, and its
+    conditions need not be looked at.
+    """
+
+    fault: str
+    load: Array
+    mu: Trace | None
+
+
+def readings(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
+    """Other ways to read the multiplier, where u's equation has the `right` load (nb,)."""
+    if mu.nodal is None:
+        yield from _of_cells(mu, mesh, right)
+        return
+    mass = boundary_mass(mesh)
+    for fault, load in (
+        (
+            "the multiplier is lumped: its values are reactions over the row sums of the mass matrix",
+            mass.sum(axis=1) * mu.nodal,
+        ),
+        ("the multiplier's values are reactions; hand these in as `reaction`", mu.nodal),
+        ("the reactions are values of a multiplier; hand these in as `multiplier`", mass @ (mass @ mu.nodal)),
+    ):
+        yield MeantMultiplier(fault, np.asarray(load), of_reactions(mesh, np.asarray(load)))
+
+
+def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
+    divided = constant(mu.cells, mu.values / mu.cells.lengths)
+    fault = "the multiplier's values are integrals over the cells; hand in means"
+    yield MeantMultiplier(fault, divided.load(mesh), divided)
+    for text, moved in moves(mu):
+        fault = f"{text}; it has to begin at vertex 0 and run anticlockwise"
+        yield MeantMultiplier(fault, moved.load(mesh), moved)
+    spread = coupling(mesh, mu.cells) @ (right / boundary_mass(mesh).sum(axis=1))
+    as_reactions = of_reactions(mesh, right)
+    means = coupling(mesh, mu.cells) @ as_reactions.nodal
+    for how, values in (("their shares in the cells", spread), ("the means of their function", means)):
+        fault = f"the multiplier is nodal reactions, made {how}; hand in `reaction`"
+        other = mu.load(mesh) - constant(mu.cells, values / mu.cells.lengths).load(mesh)
+        yield MeantMultiplier(fault, right + other, as_reactions)
+
+
+def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMultiplier]:
+    """The multiplier after one more step of Uzawa's iteration than u has.
+
+    That is max(0, mu_u - rho times the means of u - g), where mu_u has the `right` load (nb,). The rho > 0 is
+    taken that comes nearest.
+    """
+    for each in conditions(case, of.discrete, mu):
+        gap = each.means(of.u[of.discrete.mesh.boundary])
+        mu_u, on = np.linalg.lstsq(each.B.T.toarray(), right)[0], each.mu > ROUNDING * np.abs(each.mu).max()
+        if not gap[on].any():
+            continue
+        rho = -float(gap[on] @ (each.mu - mu_u)[on] / (gap[on] @ gap[on]))
+        if rho > 0:
+            step = each.B.T @ np.maximum(0, mu_u - rho * gap)
+            what = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
+            yield MeantMultiplier(what, right + mu.load(of.discrete.mesh) - step, None)

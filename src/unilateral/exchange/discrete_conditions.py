@@ -20,8 +20,7 @@ import scipy.sparse as sp
 from unilateral.arrays import Array, Mask
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import Trace, constant
-from unilateral.exchange.held_sides import held_cells, held_edges, obstacle
+from unilateral.exchange.boundary_function import Trace, constant, held_cells, held_edges, obstacle
 from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import dual_operator
@@ -146,10 +145,7 @@ def mistaken(
 
 
 def _counted(case: Case, of_cells: Conditions, mu: Trace) -> Iterator[tuple[str, Conditions]]:
-    """The conditions with the means of g on the cells taken from another vertex on.
-
-    That is done where the cells are the same from there.
-    """
+    """The conditions with means of g from another vertex on, where the cells are the same from there."""
     if mu.nodal is not None or case.free_sides:
         return
     given = constant(mu.cells, of_cells.g)
@@ -177,10 +173,7 @@ def moves(mu: Trace) -> Iterator[tuple[str, Trace]]:
 def _ignored(
     case: Case, discrete: CondensedProblem, mu: Trace, trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
-    """The conditions without the sides that look ignored.
-
-    Nodes at their ends that look ignored, too, are left out.
-    """
+    """The conditions without the sides, and the nodes at their ends, that look ignored."""
     first = next(conditions(case, discrete, mu))
     below, pushed = _below_and_pushed(first, trace)
     sides = [

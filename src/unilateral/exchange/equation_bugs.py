@@ -28,10 +28,7 @@ from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.problems.case import Case
 
 EXPLAINS = 0.1
-"""A bug is named if at most this fraction of what is wrong is left without it.
-
-A tenth of a norm is 1 % of its square.
-"""
+"""A bug is named if at most this fraction of what is wrong is left without it, 1 % of the square."""
 NOTHING = 1e-3
 """Less than this fraction of what may be left is as good as nothing, and not compared."""
 EXACT = 1e-6
@@ -121,10 +118,7 @@ def _of_load(of: Residual) -> Iterator[Undone]:
 
 
 def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
-    """The fault that a term (n,) has a wrong factor.
-
-    The term is missing if the factor is 0 as exactly as what is left lets see.
-    """
+    """The fault that a term (n,) has a wrong factor, or is missing if that is 0 as far as one can see."""
     size = of.size(term)
     if abs(factor) * size <= of.inside + EXACT * size:
         return Fault(f"{name} is missing", "the equation holds inside without it")

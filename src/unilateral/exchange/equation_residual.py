@@ -74,10 +74,7 @@ class Residual:
         return math.sqrt(max(float(self._inner(load[:, None])[0, 0]), 0.0))
 
     def whole(self, mu: Array | None) -> float:
-        """The dual norm over V_h of what is left beside a boundary load mu (nb,).
-
-        It is `inside` where mu is None.
-        """
+        """The dual norm over V_h of what is left beside a boundary load mu (nb,); without it `inside`."""
         return self.inside if mu is None else math.hypot(self.inside, self.norm(self.boundary - mu))
 
     def plus(self, load: Array) -> Residual:
@@ -90,10 +87,7 @@ class Residual:
         return float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
 
     def _inner(self, loads: Array) -> Array:
-        """(k, k) products of loads (n, k) in the norm of `size`.
-
-        A_II^{-1}, of the inner nodes, comes from A^{-1}.
-        """
+        """(k, k) products of loads (n, k) in the norm of `size`, by A^{-1} in place of A_II^{-1}."""
         condensed, boundary = self.discrete.spaces.condensed, self.discrete.mesh.boundary
         inner = loads.copy()
         inner[boundary] = 0.0
@@ -115,10 +109,7 @@ class Residual:
         return float(one @ self.discrete.spaces.condensed.solve_boundary(other))
 
     def fitted(self, load: Array, right: Array) -> Fit:
-        """The multiple of the right load that is nearest to a boundary load (nb,).
-
-        The factor is 0 where the right load is 0.
-        """
+        """The multiple of the right load, by 0 if that is 0, that is nearest to a boundary load (nb,)."""
         square = self.product(right, right)
         factor = self.product(load, right) / square if square > 0 else 0.0
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))

@@ -21,8 +21,8 @@ import yaml
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, StorageError
+from unilateral.exchange.boundary_function import held_cells, held_edges, obstacle
 from unilateral.exchange.case_formulas import DEFINITIONS, formulas
-from unilateral.exchange.held_sides import held_cells, held_edges, obstacle
 from unilateral.fem.p1 import case_moments
 from unilateral.fem.p1 import load as p1_load
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
@@ -32,6 +32,7 @@ from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
+from unilateral.solution.tables import of_cells
 from unilateral.system.files import hidden_beside, write_netcdf
 
 LEVEL_FILES = {
@@ -41,6 +42,10 @@ LEVEL_FILES = {
     "quadrature.nc": "points, weights and f in the triangles; s, weights and g on the boundary edges",
     "partition.csv": "the cells of T_H by arc length and place, with the mean of g on each",
 }
+FREE = (
+    "\nOn the sides {} there is no obstacle: ∂u/∂n = 0. λ = 0 is to be handed in there.\n"
+    "Side i runs from vertex i to the next, counted from 0.\n"
+)
 
 
 def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
@@ -50,8 +55,9 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     what the disk refuses.
     """
     folder = Path(folder)
+    is_there = InputError(f"{folder} is there already; name a folder that is not")
     if folder.exists():
-        raise _is_there(folder)
+        raise is_there
     if not folder.parent.is_dir():
         raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
     try:
@@ -64,12 +70,8 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
         raise StorageError(str(error).replace(str(made), str(folder))) from error
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # another export was quicker
-            raise _is_there(folder) from None
+            raise is_there from None
         raise StorageError(f"{folder} cannot be written: {error.strerror or error}") from error
-
-
-def _is_there(folder: Path) -> InputError:
-    return InputError(f"{folder} is there already; name a folder that is not")
 
 
 def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> None:
@@ -113,7 +115,8 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
     for name in ("mesh.msh", "mesh.vtu"):
         write_mesh(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
-    _cells(case, cells).to_csv(folder / "partition.csv", index=False)
+    g_mean = np.where(held_cells(case, cells), cell_means(case, cells).g_means, np.nan)
+    of_cells(cells, g_mean=g_mean).to_csv(folder / "partition.csv", index=False)
     write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")
 
 
@@ -126,20 +129,6 @@ def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
     return pd.DataFrame(
         {"node": np.arange(mesh.n_nodes), "x": x, "y": y, "f": f, "load": load, "s": s, "g": g}
     )
-
-
-def _cells(case: Case, cells: Partition) -> pd.DataFrame:
-    """A row per cell, in the order of arc length; no mean of g on free sides."""
-    s, (start, end) = cells.points, cells.ends
-    ends = {"x_start": start[:, 0], "y_start": start[:, 1], "x_end": end[:, 0], "y_end": end[:, 1]}
-    columns = {
-        "side": cells.side,
-        "start": s[:-1],
-        "end": s[1:],
-        **ends,
-        "g_mean": np.where(held_cells(case, cells), cell_means(case, cells).g_means, np.nan),
-    }
-    return pd.DataFrame(columns)
 
 
 def _quadrature(case: Case, mesh: Mesh) -> xr.Dataset:
@@ -183,15 +172,5 @@ def _readme(case: Case, found: dict[str, Any]) -> str:
         f=found["f"] or "no closed formula",
         files="\n".join(files),
         levels="\n".join(rows),
-        free=_free(case),
-    )
-
-
-def _free(case: Case) -> str:
-    """What holds on free sides, if there are any."""
-    if not case.free_sides:
-        return ""
-    return (
-        f"\nOn the sides {', '.join(map(str, case.free_sides))} there is no obstacle: ∂u/∂n = 0. λ = 0 is "
-        "to be handed in there.\nSide i runs from vertex i to the next, counted from 0.\n"
+        free=FREE.format(", ".join(map(str, case.free_sides))) if case.free_sides else "",
     )

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from unilateral import __version__
 from unilateral.arrays import Array
-from unilateral.exchange.held_sides import obstacle
+from unilateral.exchange.boundary_function import obstacle
 from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
 from unilateral.problems.case import Case
 from unilateral.solution.plot import svg

@@ -1,26 +1,27 @@
-"""The errors of another solver's solutions beside this project's own, the rates, and a verdict."""
+"""The errors of other solvers' solutions beside this project's own, rates, the worst places, a verdict."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.discrete.condensed import discretise, solve
-from unilateral.exchange.boundary_function import Trace, constant
+from unilateral.discrete.condensed import CondensedProblem, discretise, solve
+from unilateral.exchange.boundary_function import Trace, constant, continuous
 from unilateral.exchange.diagnosis import Judged, judged
+from unilateral.exchange.discrete_conditions import conditions
 from unilateral.exchange.exported_folder import SAME, Foreign
-from unilateral.exchange.worst_places import Extremes, extremes
 from unilateral.formulas.decimals import down, up
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import Case
+from unilateral.problems.case_certificate import PROVED
 
-PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
-"""The rates proved by (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
 ROOM = 0.1
 """A rate between finite levels may stay below the proved one by this: set, not derived.
 
@@ -28,6 +29,7 @@ For comparison: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) o
 """
 
 ROUNDING = 1e-12
+FAULTS, SHORT = "faults were found", "falls short of a proved rate"
 UNSEEN = "without a multiplier the conditions were not looked at"
 
 
@@ -72,9 +74,8 @@ def score(case: Case, given: Foreign) -> Scored:
     mesh, cells = given.level.mesh, given.level.cells
     discrete = discretise(case, mesh, cells)
     norm, solved = dual_norm(cells, [case]), solve(discrete)
-    own = _errors(
-        norm, case, given, solved.u_h, constant(cells, solved.lambda_H) if discrete.unique else None
-    )
+    lambda_H = constant(cells, solved.lambda_H) if discrete.unique else None
+    own = _errors(norm, case, given, solved.u_h, lambda_H)
     errors = _errors(norm, case, given, given.u, given.multiplier)
     told = judged(case, given, discrete, own, solved.u_h)
     return Scored(given, errors, own, told, extremes(case, given, discrete))
@@ -95,21 +96,23 @@ def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
     """
     ladder = sorted(scored, key=lambda each: -each.given.level.mesh.h)
     holds = all(case.declaration["hypotheses"].values())
-    found = {}
+    by_norm = {}
     for norm, proved in PROVED.items():
         declared = case.declaration["asymptotic"][norm]
         begin, factor = real(declared["from"], norm), float(declared.get("factor", 2))
         pairs = list(_pairs(ladder, begin, factor))
-        of, own = (
-            [math.log(error_in(a, norm) / error_in(b, norm)) / math.log(factor) for a, b in errors]
-            for errors in (
-                [(a.errors, b.errors) for a, b in pairs if _known(norm, a.errors, b.errors)],
-                [(a.own, b.own) for a, b in pairs if _known(norm, a.own, b.own)],
-            )
-        )
-        least, own_least = (min(each, default=math.nan) for each in (of, own))
-        found[norm] = Rate(least, len(of), own_least, proved if holds else math.nan)
-    return found
+        theirs = _observed([(a.errors, b.errors) for a, b in pairs], norm, factor)
+        own = _observed([(a.own, b.own) for a, b in pairs], norm, factor)
+        least, own_least = (min(each, default=math.nan) for each in (theirs, own))
+        by_norm[norm] = Rate(least, len(theirs), own_least, proved if holds else math.nan)
+    return by_norm
+
+
+def _observed(pairs: Sequence[tuple[Errors, Errors]], norm: str, factor: float) -> list[float]:
+    """The rates between errors that are neither NaN nor 0 up to rounding, which has no rate."""
+    errors = [(error_in(coarse, norm), error_in(fine, norm)) for coarse, fine in pairs]
+    known = [(coarse, fine) for coarse, fine in errors if coarse > ROUNDING and fine > ROUNDING]
+    return [math.log(coarse / fine) / math.log(factor) for coarse, fine in known]
 
 
 def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tuple[Scored, Scored]]:
@@ -121,11 +124,6 @@ def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tu
         for fine in ladder:
             if abs(level.mesh.h / fine.given.level.mesh.h - factor) < SAME:
                 yield coarse, fine
-
-
-def _known(norm: str, *errors: Errors) -> bool:
-    """Whether the errors are neither NaN nor 0 up to rounding, which has no rate."""
-    return all(error_in(each, norm) > ROUNDING for each in errors)
 
 
 def error_in(errors: Errors, norm: str) -> float:
@@ -168,20 +166,73 @@ def at_boundary(scored: Sequence[Scored]) -> str:
 
 def holds(scored: Sequence[Scored], found: dict[str, Rate]) -> bool:
     """Whether nothing is wrong, and no rate falls short of a proved one."""
-    return not any(each.faults for each in scored) and not any(map(_short, found.values()))
-
-
-def _short(rate: Rate) -> bool:
-    return rate.verdict == "falls short"
+    return verdict(scored, found) not in (FAULTS, SHORT)
 
 
 def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
     """The verdict in a few words: faults come before rates, and what was not looked at comes last."""
     if any(each.faults for each in scored):
-        return "faults were found"
-    if any(map(_short, found.values())):
-        return "falls short of a proved rate"
+        return FAULTS
+    if any(rate.verdict == "falls short" for rate in found.values()):
+        return SHORT
     judged = any(rate.verdict == "reaches the proved rate" for rate in found.values())
     if any(each.given.multiplier is None for each in scored):
         return f"{'reaches the proved rates' if judged else 'no fault was found inside'}; {UNSEEN}"
     return "reaches the proved rates" if judged else "no fault was found; rates are not judged"
+
+
+class Extreme(NamedTuple):
+    """A value, and its place on a side."""
+
+    value: float
+    place: tuple[float, float]
+    side: int
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} at ({self.place[0]:g}, {self.place[1]:g}) on side {self.side}"
+
+
+class Extremes(NamedTuple):
+    """Extremes of values at the nodes, or of the means over the cells; without a multiplier `gap` alone."""
+
+    at_nodes: bool
+    gap: Extreme
+    multiplier: Extreme | None
+    product: Extreme | None
+
+    def as_numbers(self) -> dict[str, Any]:
+        """The extremes for programs; null where there is no multiplier."""
+        values = {"gap_least": self.gap, "lambda_least": self.multiplier, "product_largest": self.product}
+        where = "values at the nodes" if self.at_nodes else "means over the cells"
+        return {"of": where} | {name: each and each._asdict() for name, each in values.items()}
+
+    def __str__(self) -> str:
+        """The extremes in a line. A lambda that is constant on the cells is its own mean."""
+        where, gap = ("at the nodes", "(u - g)") if self.at_nodes else ("over the cells", "mean(u - g)")
+        names = (f"min {gap}", "min lambda", f"max |lambda {gap}|")
+        known = [f"{name} = {of}" for name, of in zip(names, self[1:], strict=True) if of is not None]
+        return f"{where}: {', '.join(known)}"
+
+
+def extremes(case: Case, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
+    """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
+
+    None if all sides are free. At a node lambda is its integral with the hat over that of the hat.
+    """
+    mesh, mu = discrete.mesh, given.multiplier
+    each = next(conditions(case, discrete, mu or continuous(mesh, np.zeros(len(mesh.boundary)))))
+    if not len(each.s):
+        return None
+    gap = each.means(given.u[mesh.boundary])
+    side = mesh.polygon.sides_of(each.s)
+    place = mesh.polygon.at(side, each.s - mesh.polygon.starts[side])
+
+    def at(values: Array, k: int) -> Extreme:
+        x, y = place[k].tolist()
+        return Extreme(float(values[k]), (x, y), int(side[k]))
+
+    least = at(gap, int(gap.argmin()))
+    if mu is None:
+        return Extremes(True, least, None, None)
+    product, at_nodes = np.abs(each.mu * gap), mu.nodal is not None
+    return Extremes(at_nodes, least, at(each.mu, int(each.mu.argmin())), at(product, int(product.argmax())))

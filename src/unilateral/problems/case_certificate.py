@@ -18,6 +18,8 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.problems.case import Case
 
+PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
+"""The rates proved by (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
 SAMPLES = 2001
 ROUND_OFF = 1e-12
 VANISHES = 1e-14

@@ -6,15 +6,15 @@ import math
 import platform
 from dataclasses import asdict
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import Search
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.norms.dual import Errors
-from unilateral.problems.units import Units
 from unilateral.solution.contact import Contact
+
+if TYPE_CHECKING:
+    from unilateral.solution.solution import Solution
 
 NORMS = {
     "h1": "||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)^(1/2)",
@@ -38,19 +38,12 @@ class Bounds(NamedTuple):
     unknown: float
 
 
-def record(
-    solved: DiscreteSolution,
-    search: Search | None,
-    bounds: Bounds | None,
-    errors: Errors | None,
-    sharp: bool,
-    contact: Contact,
-    units: Units,
-) -> dict[str, Any]:
+def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
     """The fields of `solve --json`, but for forces and cost; NaN for what is unknown.
 
-    `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's `units`.
+    `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's units.
     """
+    solved, search, units = solution.solved, solution.search, solution.units
     discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
     mesh, cells = discrete.mesh, discrete.partition
     length, norm = units.length, goal.norm if goal else "h1"
@@ -60,7 +53,7 @@ def record(
         "problem": discrete.data.name if discrete.data else None,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
         "norm": norm,
-        "certified": search is not None and search.certified,
+        "certified": solution.certified,
         "ended": search.ended or None if search and not search.certified else None,
         "reach": search.reach if search else None,
         "k": rounded(units.k),
@@ -74,10 +67,10 @@ def record(
         "unknowns": mesh.n_nodes,
         "multipliers": len(discrete.cells),
         "algorithm": result.algorithm,
-        "iterations": steps(solved, search),
-        "converged": bool(result.converged),
+        "iterations": solution.iterations,
+        "converged": solution.converged,
         "algebraic_bound": result.bound,
-        "unique": unique(solved, search),
+        "unique": solution.unique,
         "h1_error": errors.h1 if errors else math.nan,
         "hm12_error_lower": errors.hm12_lower if errors else math.nan,
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
@@ -90,7 +83,7 @@ def record(
         "enclosure": unknown,
         "total_bound": bound_lambda if norm == "hm12" else bound_u,
         "levels": [_level(level, length) for level in search.done] if search else [],
-        "contact": _contact(contact),
+        "contact": _contact(solution.contact),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
     }
@@ -99,20 +92,6 @@ def record(
 def relative(bound: float, size: float) -> float:
     """A bound over a lower bound of the solution's norm, rounded up; NaN where that is 0 or unknown."""
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
-
-
-def unique(solved: DiscreteSolution, search: Search | None) -> bool:
-    """Whether lambda_H is known to be the only one.
-
-    After a search it is, because a search takes two edges or more in every cell.
-    """
-    return bool(search) or solved.discrete.unique
-
-
-def steps(solved: DiscreteSolution, search: Search | None) -> float:
-    """The steps of the algorithm on all levels; NaN if it counts none."""
-    levels = [level.solved for level in search.done] if search else [solved]
-    return sum(level.result.iterations for level in levels)
 
 
 def _level(level: Level, length: float) -> dict[str, float]:

@@ -28,7 +28,7 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
 from unilateral.solution import tables
-from unilateral.solution.certificate import Bounds, record, steps, unique
+from unilateral.solution.certificate import Bounds, record
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import at_points
 from unilateral.system import as_json
@@ -45,10 +45,7 @@ ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 def in_units(force: Force, unit: float) -> Force:
-    """A force in that unit, with bounds that stay bounds.
-
-    The unit is rounded once, and each product with it once more.
-    """
+    """A force in that unit, which is rounded once, as is each product with it; bounds stay bounds."""
     value, lower, upper = (unit * number for number in force)
     return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
 
@@ -126,10 +123,7 @@ class Solution:
         return Contact(self.partition, self.multiplier)
 
     def u_at(self, points: ArrayLike) -> Array:
-        """(k,) u_h at the points (k, 2), NaN at those outside the polygon.
-
-        Raises InputError for another shape.
-        """
+        """(k,) u_h at the points (k, 2), NaN outside the polygon. Raises InputError for another shape."""
         places = np.asarray(points, dtype=float)
         if places.ndim != 2 or places.shape[1] != 2:
             raise InputError(f"points: their shape {places.shape} must be (k, 2), a row for each point")
@@ -152,7 +146,8 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        return steps(self.solved, self.search)
+        levels = [level.solved for level in self.search.done] if self.search else [self.solved]
+        return sum(level.result.iterations for level in levels)
 
     @property
     def converged(self) -> bool:
@@ -161,8 +156,11 @@ class Solution:
 
     @property
     def unique(self) -> bool:
-        """Whether lambda_H is known to be the only one; if not, beta may be 0."""
-        return unique(self.solved, self.search)
+        """Whether lambda_H is known to be the only one; if not, beta may be 0.
+
+        After a search it is, because a search takes two edges or more in every cell.
+        """
+        return bool(self.search) or self.solved.discrete.unique
 
     @property
     def certified(self) -> bool:
@@ -218,7 +216,7 @@ class Solution:
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
-        return tables.of_cells(self.partition, self.multiplier, self.gap)
+        return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
 
     def certificate(self) -> dict[str, Any]:
         """What is known of the solution: the fields of docs/command-line.md.
@@ -231,7 +229,7 @@ class Solution:
 
     def record(self, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
         """The fields of `certificate` with these errors and bounds, the `sharp` ones or the cheap ones."""
-        return record(self.solved, self.search, bounds, errors, sharp, self.contact, self.units)
+        return record(self, bounds, errors, sharp)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""

@@ -31,8 +31,8 @@ LONG_NAMES = {
 }
 
 
-def of_cells(partition: Partition, multiplier: Array, gap: Array) -> pd.DataFrame:
-    """A row per cell: its side, its ends' arc lengths and places, lambda_H (m,), the mean of u_h - g (m,)."""
+def of_cells(partition: Partition, **values: Array) -> pd.DataFrame:
+    """A row per cell: its side, the arc lengths and places of its ends, and the `values` (m,) on it."""
     import pandas as pd
 
     s, (start, end) = partition.points, partition.ends
@@ -41,10 +41,11 @@ def of_cells(partition: Partition, multiplier: Array, gap: Array) -> pd.DataFram
             "side": partition.side,
             "start": s[:-1],
             "end": s[1:],
-            **dict(zip(("x_start", "y_start"), start.T, strict=True)),
-            **dict(zip(("x_end", "y_end"), end.T, strict=True)),
-            "multiplier": multiplier,
-            "gap": gap,
+            "x_start": start[:, 0],
+            "y_start": start[:, 1],
+            "x_end": end[:, 0],
+            "y_end": end[:, 1],
+            **values,
         }
     )
 

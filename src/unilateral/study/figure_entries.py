@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import reduce
 from importlib import import_module
+from itertools import chain
 from typing import Any, NamedTuple
 
 from unilateral.study import registry
@@ -73,15 +74,15 @@ def _files(given: str | list[str], scene: str, surveys: Fields) -> str | list[st
     if isinstance(given, str) and "{surveys}" not in given:
         return given.format(scene=scene)
     paths = [given] if isinstance(given, str) else given
-    found = [path.format(scene=scene, surveys=survey) for path in paths for survey in surveys]
-    return list(dict.fromkeys(found))
+    files = [path.format(scene=scene, surveys=survey) for path in paths for survey in surveys]
+    return list(dict.fromkeys(files))
 
 
 def _fields(where: str | list[str], scene: str, study: Fields) -> Any:
     """The field of the configuration with a path such as cost.base, or the fields with such paths."""
     if isinstance(where, list):
         return [_fields(each, scene, study) for each in where]
-    return reduce(lambda found, name: found[name], where.format(scene=scene).split("."), study)
+    return reduce(lambda held, name: held[name], where.format(scene=scene).split("."), study)
 
 
 def faults(study: Fields) -> Iterator[tuple[Place, str]]:
@@ -90,12 +91,11 @@ def faults(study: Fields) -> Iterator[tuple[Place, str]]:
     Faults are found one after the other, since the second check relies on the first.
     """
     for name, entry in study["figures"].items():
-        for check in (_unknown, _unfit):
-            for place, said in check(name, entry, study):
-                yield ("figures", name, *place), said
+        for place, said in chain(_unknown(entry, study), _unfit(name, entry, study)):
+            yield ("figures", name, *place), said
 
 
-def _unknown(name: str, entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
+def _unknown(entry: Fields, study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: a module or a field of the configuration that does not exist."""
     if entry["module"] not in (known := registry.figures()):
         yield ("module",), f"it is '{entry['module']}'; it has to be one of {', '.join(known)}"

@@ -1,4 +1,4 @@
-"""Rates and their judgement: one-sided, on every asymptotic pair, with a bound on the finest level.
+"""Rates, judged one-sided on every asymptotic pair, with a bound on the finest level; and their table.
 
 A rate holds if every pair of asymptotic levels reaches the expected rate less a tolerance, and the finest
 error lies under a stated bound. It is judged only if every run that counts converged with a guaranteed
@@ -15,18 +15,20 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
+from unilateral.problems.case import declared
+from unilateral.study import tables
 from unilateral.study.tables import NORMS, along_ratio, error_in
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 Verdict = Literal["holds", "fails", "exact", "not judged"]
 Reasons = tuple[str, ...]
+INDEX = ["case", "norm", "h_over_H"]
+OF_PAIRS = ("h_coarse", "h_fine", "rate", "asymptotic")
 FEWEST_PAIRS = 3
 ZERO = 1e-12
 
@@ -115,16 +117,6 @@ class JudgedRates:
             return "fails"
         return "exact" if self.expected.rate == "exact" else "holds"
 
-    def __str__(self) -> str:
-        lines = [f"{'h':>12} {'H':>12} {'error':>12}"]
-        lines += [
-            f"{h:12.6g} {H:12.6g} {e:12.4e}" for h, H, e in zip(self.h, self.H, self.error, strict=True)
-        ]
-        lines += [f"{'h':>12} {'to':>12} {'rate':>12}"]
-        for a, b, rate, counts in zip(self.h_coarse, self.h_fine, self.rate, self.asymptotic, strict=True):
-            lines.append(f"{a:12.6g} {b:12.6g} {rate:12.3f}{'' if counts else '  not asymptotic'}")
-        return "\n".join([*lines, f"bound on the finest level {self.bound:.4e}", *self.why, self.verdict])
-
 
 def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> JudgedRates:
     """The judgement of a case's errors in a norm along a fixed h/H, from the table of a scene."""
@@ -202,18 +194,58 @@ def _why_large(runs: xr.Dataset, norm: str, expected: Expectation) -> Reasons:
     return () if finest <= bound else (f"the finest error {finest:.4g} is above its bound {bound:.4g}",)
 
 
-def judge_all(
-    table: xr.Dataset, study: Mapping[str, Any], asymptotic: Mapping[str, Mapping[str, Any]]
-) -> dict[tuple[str, str, float], JudgedRates]:
-    """The judgements of all cases of a table, in all norms and along all ratios h/H of the study.
+def judge_rates(errors: str, name: str, study: Mapping[str, Any], judged: bool, rates: str) -> None:
+    """Write and print the rates of a scene, judged as `study`, the table of expected rates, says."""
+    table, judgements = tables.load(errors), {}
+    for case in map(str, table["case"].values):
+        asymptotic = declared(case)[0]["asymptotic"]
+        for norm in NORMS:
+            expected = Expectation.of(study, case, norm, asymptotic)
+            for ratio in (real(ratio, "ratios") for ratio in study["ratios"]):
+                judgements[case, norm, ratio] = judge(table, case, norm, ratio, expected)
+    judged_ratio = real(study["judged_ratio"], "judged_ratio")
+    collected = collect(judgements, judged_ratio if judged else None)
+    tables.save(collected, rates, name, {"rates": study, f"scenes.{name}.judged": judged})
+    print(summary(collected, judged_ratio))
 
-    `study` is the table of expected rates, and `asymptotic` has the declaration of each case.
-    """
-    return {
-        (case, norm, ratio): judge(
-            table, case, norm, ratio, Expectation.of(study, case, norm, asymptotic[case])
-        )
-        for case in map(str, table["case"].values)
-        for norm in NORMS
-        for ratio in (real(ratio, "ratios") for ratio in study["ratios"])
-    }
+
+def collect(
+    judgements: Mapping[tuple[str, str, float], JudgedRates], judged_ratio: float | None
+) -> xr.Dataset:
+    """The table of rates from judgements by (case, norm, h/H), with verdicts at `judged_ratio`, if any."""
+    pairs, rows = {}, {}
+    for key, judgement in judgements.items():
+        pairs[key] = pd.DataFrame({name: getattr(judgement, name) for name in OF_PAIRS}, dtype=float)
+        expected, judged = judgement.expected, key[2] == judged_ratio
+        rows[key] = {
+            "fitted": judgement.fitted,
+            "proved": expected.proved,
+            "expected": math.nan if isinstance(expected.rate, str) else expected.rate,
+            "finest_error": judgement.error[-1] if len(judgement.error) else math.nan,
+            "bound": judgement.bound,
+            "verdict": judgement.verdict if judged else "not judged",
+            "why": "; ".join(judgement.why) if judged else "",
+        }
+    of_pairs = pd.concat(pairs, names=[*INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
+    of_rates = pd.DataFrame.from_dict(rows, orient="index").rename_axis(INDEX).sort_index().to_xarray()
+    table = xr.merge([of_pairs, of_rates], join="outer")
+    variables = {name: each.variable for name, each in table.data_vars.items()}  # before the coordinates
+    return xr.Dataset(variables, {name: table[name].variable for name in INDEX})
+
+
+def summary(rates: xr.Dataset, ratio: float) -> str:
+    """Observed against expected rates at one h/H, a line per case and norm."""
+    lines = [f"{'case':15} {'norm':5} {'proved':>7} {'expected':>9} {'smallest':>9} {'fitted':>7}  verdict"]
+    for case in rates["case"].values:
+        for norm in rates["norm"].values:
+            of = rates.sel(case=case, norm=norm, h_over_H=ratio)
+            numbers = f"{of.proved.item():7.3g} {of.expected.item():9.3g} {smallest_rate(of):9.3f}"
+            verdict = f"{of.fitted.item():7.3f}  {of.verdict.item()} {of.why.item()}"
+            lines.append(f"{case:15} {norm:5} {numbers} {verdict}".rstrip())
+    return "\n".join(lines)
+
+
+def smallest_rate(of: xr.Dataset) -> float:
+    """The smallest rate of the asymptotic pairs in one row of the table of rates; NaN if there is none."""
+    rates = of["rate"].values[of["asymptotic"].values == 1]
+    return float(np.min(rates)) if len(rates) else math.nan

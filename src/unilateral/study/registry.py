@@ -48,13 +48,13 @@ def having(module: str) -> list[str]:
 @cache
 def figures() -> dict[str, str]:
     """The figures by their names, each with its module, such as experiments.cost.work_precision_figure."""
-    found = {
+    by_name = {
         name.removesuffix(FIGURE): f"{package}.{name}"
         for package in (*experiments().values(), "ledger")
         for name in modules(package)
         if name.endswith(FIGURE)
     }
-    return dict(sorted(found.items()))
+    return dict(sorted(by_name.items()))
 
 
 @cache
@@ -66,19 +66,19 @@ def checks() -> dict[str, str]:
 
 def constant(module: str, name: str) -> Any:
     """The value of a constant of a module of the study, which has to be written as a literal."""
-    (found,) = [
+    (value,) = [
         each.value
         for each in _statements(module)
         if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == name
     ]
-    return ast.literal_eval(found)
+    return ast.literal_eval(value)
 
 
 @cache
 def functions(module: str) -> dict[str, Arguments]:
     """The functions of a module of the study."""
-    found = [each for each in _statements(module) if isinstance(each, ast.FunctionDef)]
-    return {each.name: _arguments(each.args) for each in found}
+    definitions = [each for each in _statements(module) if isinstance(each, ast.FunctionDef)]
+    return {each.name: _arguments(each.args) for each in definitions}
 
 
 def _statements(module: str) -> list[ast.stmt]:

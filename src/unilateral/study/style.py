@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -111,6 +112,12 @@ def look(i: int) -> Look:
     return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
 
 
+def marked(i: int, filled: bool, size: float) -> Look:
+    """The colour and the marker with the number i, of that size, filled or open."""
+    own = look(i)
+    return {**own, "ms": size, "mfc": own["color"] if filled else "white", "mew": 1.0}
+
+
 def numbered(names: Iterable[str]) -> dict[str, int]:
     """The number of each name's look; the familiar cases keep their own."""
     given = list(names)
@@ -130,6 +137,21 @@ def over_sizes(axes: Axes, sizes: pd.Series, every: int = 1) -> None:
     axes.yaxis.set_major_locator(LogLocator(numticks=20))
     axes.yaxis.set_minor_formatter(NullFormatter())
     light_grid(axes)
+
+
+def log_line(axes: Axes, x: pd.Series, y: pd.Series, **look: Any) -> None:
+    """Draw a line on axes that are both logarithmic."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    light_grid(axes)
+    axes.plot(x, y, **look)
+
+
+def few_powers(axis: Axis) -> None:
+    """Ticks at 1, 2 and 5 with plain numbers, for a logarithmic axis on which are few powers of 10."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
 def whole_decades(low: float, high: float) -> tuple[float, float]:

@@ -99,11 +99,11 @@ def save(
 
 def _encoding(table: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
     """Whole numbers have 32 bits, and coordinates no number for missing values, as CF demands."""
-    found: dict[Hashable, dict[str, Any]] = {}
+    encoding: dict[Hashable, dict[str, Any]] = {}
     for name, variable in table.variables.items():
         of_whole = {"dtype": "int32"} if variable.dtype.kind in "iu" else {}
-        found[name] = of_whole | ({"_FillValue": None} if name in table.coords else {})
-    return found
+        encoding[name] = of_whole | ({"_FillValue": None} if name in table.coords else {})
+    return encoding
 
 
 def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -> xr.Dataset:

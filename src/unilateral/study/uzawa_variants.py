@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 
-Array = NDArray[np.float64]
 VARIANTS = ("as meant", "as printed", "without the clip")
 """(5.1)-(5.3) with u^n from lambda^n; with u^n from lambda^(n-1), as the printed index reads; and with u^n
 from lambda^n but without max(0, .)."""

@@ -9,7 +9,6 @@ import pytest
 from conftest import ROOT
 
 from unilateral.errors import InputError
-from unilateral.norms.resolution import RULE
 from unilateral.study import config
 from unilateral.study.documents import contents, marks, verdicts
 from unilateral.study.ledger import records
@@ -93,21 +92,15 @@ def test_the_recommendation_rests_on_the_claim_of_its_exception():
     assert "but `natural`,<!--/-->" in text("README.md").partition("<!--?5.K-->")[2]
 
 
-def test_the_rule_for_beta_that_documents_state_is_the_library_s(told):
-    """By which `local_rule` judges it and `unilateral infsup` tells who breaks it."""
-    found, _, _ = told
-    for name, value in RULE._asdict().items():
-        assert found[f"study.infsup.rule.{name}"] == value
-
-
-def test_every_table_is_shown_and_every_group_of_numbers_used(told):
-    """Of parameters and claims, which have numbers by one rule, only some are."""
+def test_every_table_is_shown_and_every_number_of_an_experiment_is_named(told):
+    """Parameters, claims and costs of the whole study have numbers by one rule, of which only some are."""
     found, tables, _ = told
     everything = "".join(text(document) for document in DOCUMENTS)
     assert set(tables) == set(re.findall(r"^<!-- ([\w-]+): begin -->$", everything, re.MULTILINE))
-    used = re.findall(r"<!--=([\w.]+)", everything)
-    of_tables, of_used = ({tuple(name.split(".")[:2]) for name in names} for names in (found, used))
-    assert {group for group in of_tables - of_used if group[0] not in ("study", "claims")} == set()
+    used = set(re.findall(r"<!--=([\w.]+)", everything))
+    unused = {name for name in found if name not in used}
+    assert {name for name in unused if not name.startswith(("study.", "claims.", "whole."))} == set()
+    assert {name.split(".")[0] for name in unused} == {"study", "claims", "whole"}
 
 
 def test_links_to_other_pages_lead_somewhere():

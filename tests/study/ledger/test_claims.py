@@ -94,15 +94,15 @@ def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, c
 GENERAL = ("id", "section", "title", "statement", "where")
 ENTRY = {
     **dict.fromkeys((*GENERAL, "verdict"), "x"),
-    **{"id": "4.x", "check": "scenes.slow", "source": "derived: x", "reads": [], "control": {"what": "x"}},
+    **{"id": "4.x", "check": "scenes.rate", "source": "derived: x", "reads": [], "control": {"what": "x"}},
 }
 
 
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"check": "scenes.slowly"}, r"there is no check 'scenes\.slowly'"),
-        ({"check": "rate.slow"}, r"there is no check 'rate\.slow'"),
+        ({"check": "scenes.rates"}, r"there is no check 'scenes\.rates'"),
+        ({"check": "rates.rate"}, r"there is no check 'rates\.rate'"),
         ({"contol": {}}, ".* unexpected keyword argument 'contol'"),
         ({"source": "derived by hand"}, "its source has to begin with one of 'derived', "),
         ({"unmeasured": "x"}, "it needs check, control, reads, source, verdict, or 'unmeasured' alone"),
@@ -131,50 +131,10 @@ def test_the_control_turns_it_to_fails(name):
     assert judgement.verdict == records.FAILS, "\n" + printed.explanation(judgement)
 
 
-LIMIT = float(np.sqrt(2) / np.tanh(8**-0.5))
-"""Of lambda_max(S) on the unit square, 1/sigma_1."""
-PRINTED = [{"variant": "as printed", "rho_share": share} for share in (0.51, 0.49)]
-BRANCHES = [  # a claim, and what turns it to "fails" in a way that its own control does not
-    ("R1.1", "algorithm/steps", "saddle_in_v", {"value": -1e-9, "at": {"case": 1}}),
-    ("3.5", "square/dual_norm", "norm_lower", {"factor": 1.02}),
-    ("3.5", "square/dual_norm", "norm_upper", {"factor": 0.98}),
-    ("3.th", "algorithm/uniqueness", "multiplier_distance", {"value": 0.01}),
-    ("R4.1b", "irregular/errors", "hm12_error_lower", {"factor": 9, "at": {"mesh": -1}}),
-    ("5.1", "algorithm/steps", "distance", {"labels": PRINTED[0], "to": PRINTED[1]}),
-    ("5.2b", "algorithm/steps", "distance", {"labels": {"rho_share": 0.99}, "to": {"rho_share": 1.01}}),
-    ("5.2c", "square/errors", "lambda_max", {"value": 1.0001 * LIMIT}),
-    ("5.A", "algorithm/elimination", "difference", {"value": 1e-9}),
-    ("5.G", "cost/algorithm", "steps", {"value": np.nan, "at": {"algorithm": 1, "H": 2, "stop": 3}}),
-    ("A.beta", "adaptive/infsup", "smallest_angle", {"value": 30.0}),
-    ("A.rate", "adaptive/rates", "error_rate", {"value": 0.46, "at": {"case": 3, "kind": 1, "level": 9}}),
-    ("F.norm", "square/errors", "hm12_error_upper", {"factor": 0.9, "at": {"mesh": 0}}),
-    ("F.total", "corners/totals", "total_index_lambda", {"factor": 0.1}),
-    ("S.local", "betasquare/infsup", "cell_over_edge", {"value": 3.0}),
-    ("T.ends", "betanode/infsup", "beta_lower", {"factor": 0.9, "at": {"partition": -1}}),
-    ("T.node", "betasquare/infsup", "beta_lower", {"factor": 0.69}),
-    ("T.node0", "betaneedle/infsup", "smallest_angle", {"value": 30.0}),
-    ("T.pair", "betaslit/infsup", "pairing", {"factor": 0.1}),
-    ("T.low", "betanodeends/infsup", "beta_0_cellwise", {"factor": 0.5}),
-]
-
-
-@pytest.mark.parametrize(("name", "table", "variable", "spoil"), BRANCHES)
-def test_every_branch_of_a_check_can_turn_its_claim_to_fails(name, table, variable, spoil):
-    """One number is spoilt so that only that branch is taken; all else is as it was found."""
-    judgement = judged(name, tables=[table], variable=variable, **spoil)
-    assert judgement.verdict == records.FAILS, "\n" + printed.explanation(judgement)
-
-
 FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
-LOST, OTHER = {"value": np.nan, "at": {"case": 0, "H": -2}}, {"factor": 2, "at": {"algebra": 1}}
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
-    ("A.rate", "adaptive/rates", "share", {"value": 0.02}, r"the algebraic bound is 0\.02 of an error"),
     ("1.2h", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
-    ("3.1c", "square/errors", "h_over_H", {"value": 0.5}, "the largest .* at H <= h is not known of square"),
     ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
-    ("S.12", "lshape/rates", "verdict", FAILING, "lshape, full_contact, hm12: fa"),
-    ("5.H", "cost/case", "h1_error", LOST, r"a run of thirds does not reach the level 0\.1"),
-    ("5.J", "cost/algebra", "steps", OTHER, "steps with A are not known to be as many as those with S"),
     ("S.edges", "betaworst/infsup", "edges_per_cell", {"value": 1.0}, "the smallest beta .* of betaworst"),
     ("X.rho", "extremes/extremes", "predicted_limit", {"factor": 1.0001}, r"0\.999 of the limit was not"),
 ]
@@ -196,6 +156,7 @@ EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 
 
 @pytest.mark.usefixtures("measured_once")
 def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch):
+    """By a look at all claims, which takes ten seconds; the tests below have what it measured."""
     monkeypatch.setattr(of_study, "Results", lambda *_, **__: controls.spoilt(results(), EDGES))
     reason = "not judged: the smallest beta with 2 edges in every cell is not known of betaworst"
     assert cli.main(["claims", "S.edges"]) == 1
@@ -225,7 +186,7 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
     tolerances = {norm: declared["tolerance"] for norm, declared in RATES["norms"].items()}
     found = 0
     for claim in LEDGER.values():
-        given = claim.parameters
+        given = {**claim.parameters, **claim.parameters.get("select", {})}
         if "H_over_h" in given:
             ratio = ratios.get(claim.section, 1 / real(RATES["judged_ratio"], ""))
             assert given["H_over_h"] == ratio, claim.id
@@ -233,6 +194,8 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
             assert tolerance == tolerances[norm], claim.id
         if {"norm", "tolerance"} <= set(given):
             assert given["tolerance"] == tolerances[given["norm"]], claim.id
+        if {"norm", "at_least"} <= set(given) and given["value"].startswith("(rate - predicted)"):
+            assert given["at_least"] == -tolerances[given["norm"]], claim.id
         found += len({"H_over_h", "tolerance", "tolerances"} & set(given))
     assert found > 20
 
@@ -249,7 +212,8 @@ def test_the_rule_for_beta_is_the_library_s_and_judged_on_every_survey():
 
 def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
     declared = [case for scene in STUDY["adaptive"]["scenes"] for case in scene["cases"]]
-    assert LEDGER["A.rate"].parameters["cases"] == LEDGER["A.index"].parameters["cases"] == declared
+    assert LEDGER["A.rate"].parameters["cases"] == declared
+    assert LEDGER["A.index"].parameters["select"]["case"] == declared
 
 
 def failing(changed):
@@ -278,7 +242,8 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
     """H^{1/2} ||.||_0 in place of ||.||_{-1/2} on P0(T_H): beta is then beta_0.
 
     An inverse estimate holds for it, trivially, and rates do not tell it from the norm. But its
-    constant is 1, too small for (4.7) where a multiplier is far from its best approximation.
+    constant is 1, too small for (4.7) where a multiplier is far from its best approximation. All claims are
+    measured anew, which takes ten seconds.
     """
 
     def shortcut(gram):

@@ -15,8 +15,9 @@ def made_up(at_least=True):
     table = xr.Dataset({"number": ("row", [OBSERVED, 3.0]), "other": ("row", [5.0, 5.0])})
     results = Results("", {"t": table, "none": table * 0})
     entry = dict.fromkeys(("section", "title", "statement", "where", "verdict"), "x")
-    entry |= {"id": "x", "check": "ledger.values", "source": "derived: x", "reads": ["t"]}
-    parameters = {"table": "t", "variable": "number", "required": REQUIRED, "at_least": at_least}
+    entry |= {"id": "x", "check": "ledger.worst", "source": "derived: x", "reads": ["t"]}
+    bound = {"at_least" if at_least else "at_most": REQUIRED}
+    parameters = {"table": "t", "value": "number", "quantity": "a number", **bound}
     return results, {**entry, "parameters": parameters}
 
 

@@ -29,7 +29,10 @@ def read_once(monkeypatch, tables_of):
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_the_examples_of_help_work_as_typed(monkeypatch, capsys, example):
-    """Where the results are: every claim of the study holds. A spoilt one would end with 1."""
+    """Where the results are: every claim of the study holds. A spoilt one would end with 1.
+
+    To judge all takes ten seconds, once.
+    """
     monkeypatch.chdir(ROOT)
     program, *arguments = shlex.split(example)
     assert (program, main(arguments)) == ("unilateral", 0)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import DATA, load
+from conftest import load
 from hand_made import Manufactured
 from known_solutions import Feature
+from searched import FILES, problem
 
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.halvings import MOST_HALVINGS, divided, evenness, uniform
@@ -18,11 +19,11 @@ from unilateral.geometry.adapted import divided as divided_mesh
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import h1_distance
-from unilateral.problems import problem_file
 from unilateral.problems.atoms import X
 from unilateral.solvers.stop import Stop
 
-PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
+LSHAPE = "lshape.yaml"
+"""A problem whose u is singular at the re-entrant corner."""
 FIT = 10
 """Times as many unknowns as on the first of the meshes to which a rate is fitted."""
 RE_ENTRANT = [[0, 0], [2, 0], [2, 2], [1.2, 0.8], [0, 1.5]]
@@ -32,23 +33,14 @@ def on_adapted(done):
     return [level for level in done if level.solved.discrete.mesh.adapted]
 
 
-def on_polygon(name):
-    return load(name, {"reentrant": "lshape", "violates_j": "lshape"}.get(name, "square"))
-
-
-def on_lshape():
-    """A problem whose u is singular at the re-entrant corner."""
-    return problem_file.load(str(DATA / "problems/lshape.yaml"))
-
-
 def error_of(level):
     solved = level.solved
     return h1_distance(solved.discrete.data, solved.discrete.mesh, solved.u_h)
 
 
-def steps(problem, mesh, times):
+def steps(of, mesh, times):
     """The solutions on a mesh and on others adapted from it."""
-    found = refinements(problem, mesh, Stop(), lambda last: marked(last.discrete.mesh, last.shares), np.inf)
+    found = refinements(of, mesh, Stop(), lambda last: marked(last.discrete.mesh, last.shares), np.inf)
     return [next(found) for _ in range(times)]
 
 
@@ -70,8 +62,11 @@ def rate(unknowns, values):
     [("reentrant", 0.05), ("violates_j", 0.05), ("singular", 0.05), ("thirds", 0.05)],
 )
 def test_certificates_hold_and_the_search_gets_there(name, accuracy):
-    """Every level's bound against the true error, by quadrature with the exact solution."""
-    case = on_polygon(name)
+    """Every level's bound against the true error, by quadrature with the exact solution.
+
+    To enclose the f of `reentrant`, which is singular, takes most of the time, here and below.
+    """
+    case = problem(name)
     done = list(levels(case, Goal(accuracy, max_unknowns=12_000)))
     assert len(on_adapted(done)) > 1
     for level in done:
@@ -81,7 +76,7 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
 
 
 def test_of_a_flux_that_is_not_square_integrable():
-    """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: meshes without it."""
+    """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
     case, errors = load("rough"), []
     for solved in steps(case, structured(square(), 1 / 8), 12):
         errors.append(h1_distance(case, solved.discrete.mesh, solved.u_h))
@@ -89,12 +84,12 @@ def test_of_a_flux_that_is_not_square_integrable():
     assert errors[-1] < 0.75 * errors[0]
 
 
-@pytest.mark.parametrize("file", PROBLEMS, ids=[file.stem for file in PROBLEMS])
+@pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
 def test_the_bound_is_never_violated_on_problems_of_ones_own(file):
     """||u - u_h|| >= ||u_fine - u_h|| - bound_fine, u_h interpolated on the mesh adapted from its own."""
-    problem = problem_file.load(str(file))
-    H = problem.polygon.lengths.max() / 2
-    coarse, *_, fine = steps(problem, two_edges_per_cell(problem.polygon, H, "unstructured"), 10)
+    of = problem(file.name)
+    H = of.polygon.lengths.max() / 2
+    coarse, *_, fine = steps(of, two_edges_per_cell(of.polygon, H, "unstructured"), 10)
     apart = h1_norm(fine.discrete.mesh, fine.u_h - interpolated(coarse, fine))
     assert apart - fine.total("h1") > 0.5 * apart
     assert coarse.total("h1") >= apart - fine.total("h1")
@@ -106,7 +101,7 @@ def test_the_bound_falls_like_the_unknowns_to_the_power_one_half(name):
 
     On uniform meshes it tends to 1/3 and 3/8, half of what regularity gives.
     """
-    done = on_adapted(levels(on_polygon(name), Goal(1e-3, max_unknowns=40_000)))[-3:]
+    done = on_adapted(levels(problem(name), Goal(1e-3, max_unknowns=40_000)))[-3:]
     unknowns = [level.unknowns for level in done]
     assert unknowns[-1] >= FIT * unknowns[0]
     assert rate(unknowns, [level.total for level in done]) >= 0.47
@@ -115,16 +110,16 @@ def test_the_bound_falls_like_the_unknowns_to_the_power_one_half(name):
 def test_where_triangles_share_the_bound_alike_meshes_stay_uniform():
     """`natural` varies alike everywhere, an L-shape's u does not; a mesh or solver may be asked for."""
     assert not on_adapted(levels(load("natural"), Goal(0.06)))
-    assert on_adapted(levels(on_lshape(), Goal(0.2)))
-    asked_for = list(levels(on_lshape(), Goal(0.2), None, "structured"))
+    assert on_adapted(levels(problem(LSHAPE), Goal(0.2)))
+    asked_for = list(levels(problem(LSHAPE), Goal(0.2), None, "structured"))
     assert not on_adapted(asked_for)
     assert refinement_pays(asked_for[-1])
-    assert not on_adapted(levels(on_lshape(), Goal(0.2), Stop(algorithm="nesterov")))
+    assert not on_adapted(levels(problem(LSHAPE), Goal(0.2), Stop(algorithm="nesterov")))
 
 
 def test_fewer_unknowns_than_on_uniform_meshes():
     """Of `singular` to 10 %, at least four times."""
-    case = on_polygon("singular")
+    case = problem("singular")
     goal = Goal(0.1, max_unknowns=70_000)
     adapted, uniform = (list(levels(case, goal, None, kind))[-1] for kind in ("", "structured"))
     assert adapted.certified
@@ -188,18 +183,10 @@ def test_triangles_are_halved_at_least_as_often_as_asked():
 
 def test_few_systems_are_solved_on_a_mesh():
     """The sets and u of the mesh before are a start: fewer iterations than from nothing."""
-    *_, last = levels(on_polygon("singular"), Goal(1e-2, max_unknowns=5000))
+    *_, last = levels(problem("singular"), Goal(1e-2, max_unknowns=5000))
     assert last.solved.discrete.mesh.adapted
     cold = last.solved.discrete.iterated(last.algebraic, Stop())
     assert last.solved.result.iterations < cold.result.iterations
-
-
-def test_a_budget_is_kept():
-    found = search(on_lshape(), Goal(1e-4, max_unknowns=2000))
-    assert not found.certified
-    assert found.best.unknowns <= 2000
-    assert found.ended == "out of budget (max_unknowns=2000)"
-    assert on_adapted(found.done)
 
 
 def test_an_interrupt_keeps_the_best():
@@ -207,7 +194,7 @@ def test_an_interrupt_keeps_the_best():
         if level.solved.discrete.mesh.adapted:
             raise KeyboardInterrupt
 
-    found = search(on_lshape(), Goal(1e-4, max_unknowns=10**6), tell=interrupting)
+    found = search(problem(LSHAPE), Goal(1e-4, max_unknowns=10**6), tell=interrupting)
     assert found.ended == "interrupted"
     assert found.best is found.done[-1]
     assert found.best.solved.discrete.mesh.adapted

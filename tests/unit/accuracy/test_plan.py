@@ -4,25 +4,18 @@ import re
 from dataclasses import replace
 
 import pytest
-from conftest import DATA, load
+from conftest import load
+from searched import problem
 
-from unilateral.accuracy import next_level
+from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy import plan as of_plan
 from unilateral.accuracy import search as of_search
-from unilateral.accuracy.cost import Prospect
 from unilateral.accuracy.goal import MAX_SECONDS, Goal
-from unilateral.accuracy.levels import levels
-from unilateral.accuracy.next_level import MARGIN, most_unknowns
+from unilateral.accuracy.level import Prospect
+from unilateral.accuracy.levels import MARGIN, levels, most_unknowns
 from unilateral.accuracy.plan import FAR, enough, hopeless, plan
 from unilateral.accuracy.search import search
-from unilateral.problems import problem_file
 from unilateral.solvers.stop import Stop
-
-
-def problem(name):
-    if name.endswith(".yaml"):
-        return problem_file.load(str(DATA / "problems" / name))
-    return load(name, "lshape" if name == "violates_j" else "square")
 
 
 def planned(done, goal):
@@ -38,7 +31,7 @@ def at_once(monkeypatch):
 @pytest.fixture
 def machine(monkeypatch):
     """One with so much memory whatever else runs on it, on which a level takes a second for 1e5 unknowns."""
-    monkeypatch.setattr(next_level, "available_mb", lambda: 8000.0)
+    monkeypatch.setattr(of_levels, "available_mb", lambda: 8000.0)
     monkeypatch.setattr(Prospect, "speed", 1.0)
 
 
@@ -153,8 +146,8 @@ def test_costs_and_what_they_allow_agree():
 
 
 def test_only_what_is_left_free_is_adapted():
-    """The bound of `reentrant` comes from its corner; a kind or a solver may ask for uniform meshes."""
-    *_, last = levels(load("reentrant", "lshape"), Goal(0.3), kind="structured")
+    """The bound comes from the L-shape's corner; a kind or a solver may ask for uniform meshes."""
+    *_, last = levels(problem("lshape.yaml"), Goal(0.3), kind="structured")
     assert Prospect([last], Stop(), "", 0.0).adapted
     for stop, kind in ((Stop(), "structured"), (Stop(rho=0.1), ""), (Stop(algorithm="nesterov"), "")):
         assert not Prospect([last], stop, kind, 0.0).adapted

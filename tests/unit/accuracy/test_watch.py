@@ -10,7 +10,7 @@ from conftest import load
 from unilateral.accuracy import levels as of_levels
 from unilateral.accuracy import watch as of_watch
 from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.next_level import SPARE
+from unilateral.accuracy.levels import SPARE
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import ENCLOSING, OutOfBudget, Watch
 from unilateral.errors import BudgetError

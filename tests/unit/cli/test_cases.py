@@ -1,6 +1,7 @@
 """`unilateral cases`: the list for programs, and one case with its formulas, as text and as modules."""
 
 import json
+import re
 import sys
 import types
 
@@ -8,7 +9,6 @@ import numpy as np
 import pytest
 from conftest import CANTOR, ROOT, certified, home, load
 
-from unilateral.cli import main
 from unilateral.exchange.case_formulas import module
 from unilateral.geometry.mesh import unstructured
 from unilateral.problems import case as cases
@@ -17,14 +17,23 @@ CLOSED = [name for name in cases.names() if name not in CANTOR]
 SHELTER = str(ROOT / "examples/shelter.yaml")
 
 
-@pytest.fixture
-def run(capsys):
-    """The exit code, and what is printed on standard output and error."""
-    return lambda *arguments: (main(list(arguments)), *capsys.readouterr())
-
-
 def of(name):
     return load(name, home(name).name)
+
+
+def test_cases_lists_the_catalogue_with_its_certificates(run, monkeypatch):
+    monkeypatch.setattr("unilateral.cli.cases.certify", lambda of: certified(of.name, of.polygon.name))
+    code, out, err = run("cases")
+    assert (code, err) == (0, "")
+    for name in cases.names():
+        declaration = cases.declared(name)[0]
+        rows = [line.split() for line in out.splitlines() if line.startswith(f"{name} ")]
+        on = ["square", "lshape", "hexagon"] if declaration["polygons"] == "any" else declaration["polygons"]
+        assert [row[-1] for row in rows] == on
+        hypotheses = ["yes" if value else "no" for value in declaration["hypotheses"].values()]
+        assert all(row[1:4] == hypotheses for row in rows)
+        assert declaration["title"] in out
+    assert re.search(r"natural .* 0: 0\.5-1; sides 1, 2, 3 +square", out)
 
 
 def test_json_has_every_case_on_every_polygon(run, monkeypatch):
@@ -156,31 +165,3 @@ def test_what_has_no_formulas_says_so(run):
     assert (code, err) == (0, "")
     assert out.count("there are no closed formulas, for u is a sum over the intervals of a Cantor set") == 3
     assert "contact on 85 intervals" in out  # 1 + 4 + 16 + 64 of four odd generations
-    for kind in ("python", "ufl"):
-        code, out, err = run("cases", "violates_jjj", "--format", kind)
-        assert (code, out) == (2, "")
-        assert "'violates_jjj': there are no closed formulas" in err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ("--format", "python"),
-            "--format python is for one case; name it, such as natural; see 'unilateral",
-        ),
-        (("--side", "1"), "--side is for one case"),
-        (
-            ("natural", "--format", "fortran"),
-            "argument --format: 'fortran' is none of text, json, python, ufl",
-        ),
-        (("natural", "--polygon", "lshape"), "case 'natural' is for square, not for 'lshape'"),
-        (("thirds", "--polygon", "none.yaml"), "there is no file none.yaml"),
-        (("thirds", "--side", "4"), "'square' has the sides 0 to 3, not 4"),
-        (("natural", "--polygon", SHELTER), "case 'natural' is for square, not for '"),
-    ],
-)
-def test_bad_arguments_are_one_error(run, arguments, message):
-    code, out, err = run("cases", *arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert message in err

@@ -10,8 +10,6 @@ from conftest import ROOT
 from documents import blocks
 from matplotlib.image import imread
 
-from unilateral.cli import main
-
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"unilateral (solve examples/(\w+)\.yaml --accuracy 0\.05) -o \2\.svg", README)
 NUMBER = re.compile(r"\d+\.?\d*(?:e[+-]\d+)?")
@@ -19,12 +17,6 @@ GRID = 100
 """Places along each axis."""
 PRINTED = 1e-2
 """Relative: on another processor a mesh may differ by a few triangles."""
-
-
-@pytest.fixture
-def run(capsys):
-    """The exit code, and what is printed on standard output and error."""
-    return lambda *arguments: (main(list(arguments)), *capsys.readouterr())
 
 
 def drawn(folder, run, name, accuracy="0.05"):

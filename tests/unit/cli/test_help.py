@@ -11,10 +11,9 @@ import click
 import pytest
 from conftest import ROOT
 
-from unilateral.cli import main
+from unilateral.cli import solve_command
 from unilateral.cli.application import COMMANDS, application
 from unilateral.cli.command import CODES
-from unilateral.cli.commands import solve
 from unilateral.errors import meant
 from unilateral.solvers.stop import ALGORITHMS
 from unilateral.solvers.uzawa_steps import STEPS
@@ -25,12 +24,6 @@ EVERY = ["", *COMMANDS]
 
 def command_of(name):
     return application.get_command(click.Context(application), name) if name else application
-
-
-@pytest.fixture
-def run(capsys):
-    """The exit code, and what is printed on standard output and error."""
-    return lambda *arguments: (main(list(arguments)), *capsys.readouterr())
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -71,46 +64,8 @@ def test_the_placeholders_of_an_option_are_its_own(run):
 def test_all_algorithms_can_be_named():
     """Those that iterate by steps are declared beside their steps."""
     assert set(STEPS) < set(ALGORITHMS)
-    assert f"default {solve.Stop.max_steps}" in str([param.help for param in command_of("solve").params[1:]])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "offered"),
-    [
-        (("slove",), "there is no command 'slove'; did you mean solve?; see 'unilateral --help'"),
-        (("solve", "natural", "--acuracy", "1"), "no option --acuracy; did you mean --accuracy?"),
-        (("solve", "natral", "--h", "1/8", "--H", "1/4"), "did you mean natural?"),
-        (("export", "smoth", "--h", "1/8", "--H", "1/4", "--out", "x"), "did you mean smooth?"),
-        (
-            ("solve", "thirds", "--h", "1/8", "--H", "1/4", "--polygon", "lshap"),
-            "polygon 'lshap' is unknown; the named ones are square, lshape, hexagon; did you mean lshape?",
-        ),
-        (("solve", "natural", "--accuracy", "0.1", "--norm", "hm1"), "none of h1, hm12; did you mean hm12?"),
-        (("solve", "natural", "--h", "1/8", "--H", "1/4", "--algorithm", "uzwa"), "did you mean uzawa?"),
-    ],
-    ids=["command", "option", "case", "case of export", "polygon", "norm", "algorithm"],
-)
-def test_what_is_like_a_misspelt_name_is_offered(run, arguments, offered):
-    code, out, err = run(*arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert offered in err
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("solve", "nothing", "--accuracy", "0.1"),
-        ("cases", "nothing"),
-        ("score", "nothing", "u.csv"),
-        ("infsup", "--h", "1"),
-        ("claims", "nothing"),
-    ],
-    ids=lambda arguments: arguments[0],
-)
-def test_with_json_bad_input_leaves_standard_output_empty(run, arguments):
-    """So that a program never reads half an object."""
-    code, out, err = run(*arguments, "--json")
-    assert (code, out, err.count("\n")) == (2, "", 1)
+    helps = [each.help for each in command_of("solve").params[1:]]
+    assert f"default {solve_command.Stop.max_steps}" in str(helps)
 
 
 def test_nothing_is_offered_for_what_is_like_nothing():
@@ -142,25 +97,6 @@ def test_bash_completes(tmp_path, words, found):
     assert (done.stdout.strip(), done.stderr) == (found, "")
     takes_files = len(words) == 2 or "--polygon" in words
     assert ("compopt" in (tmp_path / "files").read_text()) == takes_files
-
-
-def test_case_names_are_completed_without_what_takes_long_to_import():
-    """Control: the names of polygons are read from YAML into arrays."""
-    assert imported_by("unilateral solve nat") == set()
-    assert "numpy" in imported_by("unilateral solve natural --polygon l")
-
-
-def imported_by(line):
-    """Which slow modules a completion imports."""
-    source = (
-        "import sys; from unilateral.cli import main; main([]); "
-        "print(*{'numpy', 'scipy', 'sympy', 'yaml', 'gmsh'} & set(sys.modules), file=sys.stderr)"
-    )
-    asked = {"_UNILATERAL_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
-    command = [sys.executable, "-c", source]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **asked}, timeout=60)
-    assert done.returncode == 0
-    return set(done.stderr.split())
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("solve", "nothing"), ("cases", "--nothing")])

@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from unilateral.cli import main
 from unilateral.cli.own import drawn
 from unilateral.problems import problem_file
 
 SHELTER = str(ROOT / "examples/shelter.yaml")
-
-
-@pytest.fixture
-def run(capsys):
-    """The exit code, and what is printed on standard output and error."""
-    return lambda *arguments: (main(list(arguments)), *capsys.readouterr())
 
 
 def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
@@ -125,17 +118,3 @@ def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     for picture in pictures:
         assert run("check", SHELTER, "--out", str(picture))[0] == 0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("natural",), "natural declares a case; 'unilateral cases' lists"),
-        (("none.yaml",), "there is no file none.yaml"),
-        ((SHELTER, "--out", "picture.txt"), "argument --out: picture.txt has to end in .svg, .png, .pdf"),
-    ],
-)
-def test_what_cannot_be_checked_is_refused(run, arguments, message):
-    code, out, err = run("check", *arguments)
-    assert (code, out) == (2, "")
-    assert err.startswith(f"unilateral: {message}")

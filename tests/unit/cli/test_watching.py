@@ -1,7 +1,8 @@
-"""The bar that is drawn before a search."""
+"""The bar that is drawn before a search and while it works."""
 
 import contextlib
 import signal
+import sys
 import time
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.cli import main, watching
-from unilateral.cli.watching import bar_during
+from unilateral.cli.watching import bar, bar_during
 from unilateral.problems import problem_file
 
 
@@ -86,3 +87,27 @@ def test_formulas_that_take_longer_than_the_limit_are_told(capsys, problem_file_
     assert ended == []
     assert main(["solve", file, "--h", "1/4", "--H", "1/2"]) == 0
     assert ended == [file]
+
+
+def test_a_bar_on_a_terminal_and_nowhere_else(capfd, monkeypatch):
+    """Of each level there is at least what clears it. No escapes, so no colours; the lines are as ever."""
+    arguments = ["solve", "natural", "--accuracy", "0.2"]
+    main(arguments)
+    plain = capfd.readouterr()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    main([*arguments, "--json"])
+    as_json = capfd.readouterr()
+    main(arguments)
+    drawn = capfd.readouterr()
+    assert (plain.err, as_json.err) == ("", "")
+    assert drawn.err.count("\r") >= 2 * 4
+    assert "\033" not in drawn.err
+    assert drawn.out.splitlines()[:-1] == plain.out.splitlines()[:-1]  # the last one has the seconds
+
+
+def test_the_bar_shows_the_phase_and_is_never_full():
+    """5 of 10 seconds are half of 20 cells; 30 are not all, for the level goes on; 0 is not known."""
+    watch = Watch(phase="solve", unknowns=4225, expected=10.0)
+    assert bar(watch, 5.0) == f"  4225 unknowns: solve [{'#' * 10}{'.' * 10}] 5 s"
+    assert bar(watch, 30.0) == f"  4225 unknowns: solve [{'#' * 19}.] 30 s"
+    assert bar(Watch(phase="mesh"), 5.0) == f"  mesh [{'.' * 20}] 5 s"

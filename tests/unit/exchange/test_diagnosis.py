@@ -17,7 +17,7 @@ from unilateral.discrete.condensed import solve
 from unilateral.exchange.boundary_function import constant, continuous, of_reactions
 from unilateral.exchange.diagnosis import judged
 from unilateral.exchange.discrete_conditions import Equal, Reversed, conditions
-from unilateral.exchange.equation_residual import Residual, loads
+from unilateral.exchange.equation_residual import loads
 from unilateral.exchange.exported_folder import ExportedLevel, Foreign
 from unilateral.exchange.score import score
 from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
@@ -113,15 +113,20 @@ def test_a_spoilt_solution_is_named_from_the_size_on_that_is_documented(how):
     assert told(*spoilt(how, size / (4 if size == 0.02 else 2))) == []
 
 
+def of_load(of, reactions):
+    """(n,) the u that belongs to the reactions (nb,)."""
+    total = of.load.copy()
+    total[of.mesh.boundary] += reactions
+    return of.spaces.condensed.solve(total)
+
+
 def solutions_with(conditions_of):
     """u, reactions (nb,) and what is >= 0, for all conditions that a multiplier may belong to."""
     of = problem()
     for each in conditions(load("natural"), of, conditions_of):
         reactions, bound = each.multiplier_load(of, of.load, 1e-9)
         assert bound <= 1e-9
-        total = of.load.copy()
-        total[of.mesh.boundary] += reactions
-        yield of.spaces.condensed.solve(total), reactions, each.what
+        yield of_load(of, reactions), reactions, each.what
 
 
 def on_edges():
@@ -177,30 +182,6 @@ def moments(mesh, case, value):
     return found
 
 
-def test_a_multiplier_on_parts_of_the_exported_cells_may_belong_to_these():
-    """lambda_H as values on edges is the same function; with means over edges it would be another one."""
-    u, mu, _ = own()
-    edges = on_edges().cells
-    assert told(u, constant(edges, np.repeat(mu, N // M))) == []
-
-
-def test_f_by_its_values_at_the_nodes_is_no_fault():
-    """The load M f is a choice of quadrature: its error is the solution's, and is scored, not named.
-
-    On `thirds`, whose f a mesh of this size sees badly: taken for the exported load it would be named.
-    """
-    case, of = load("thirds"), discrete("thirds", N, M)
-    interpolated = stiffness_and_mass(of.mesh)[1] @ case.source(of.mesh.points)
-    trace = of.spaces.condensed.solve(interpolated)[of.mesh.boundary]
-    offset = of.spaces.B @ trace / of.partition.lengths - of.g_means
-    other = replace(of, load=interpolated, offset=offset, exact=None, data=None)
-    found = solve(other, Stop(tolerance=1e-7))
-    level = ExportedLevel("level_0", of.mesh, of.partition)
-    one = score(case, Foreign("file", level, found.u_h, constant(of.partition, found.lambda_H), ""))
-    assert Residual(of, found.u_h, of.load).inside > 0.01 * one.own.h1
-    assert one.faults == []
-
-
 def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
     """For constants all of them; those of f interpolated, and of the edges' midpoints, also for x and y.
 
@@ -213,11 +194,9 @@ def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
         assert (len(found), sum(right), right[0], right[-1]) == (4, exact, True, True)
 
 
-def test_another_numbering_is_named_and_two_swapped_nodes_are_placed():
-    """All values in reverse; and two inner ones exchanged, about which the equation holds least."""
+def test_two_swapped_nodes_are_placed():
+    """Two inner ones, about which the equation holds least."""
     u, mesh = own()[0], problem().mesh
-    (fault,) = told(u[::-1])
-    assert "at other nodes" in fault
     one, other = (int(np.argmin(np.hypot(*(mesh.points - at).T))) for at in ([0.25, 0.25], [0.75, 0.5]))
     swapped = u.copy()
     swapped[[one, other]] = u[[other, one]]
@@ -240,24 +219,34 @@ def test_wrong_values_are_not_called_right_ones_at_other_nodes(size):
         assert "does not hold inside the domain, and no known bug explains it" in fault
 
 
-@pytest.mark.parametrize(("vertex", "way"), [(0, "clockwise"), (1, "anticlockwise"), (3, "clockwise")])
-def test_cells_counted_from_elsewhere_are_named(vertex, way):
+def counted(mu, vertex, clockwise):
     """Values in the order of arc length from another vertex, or clockwise."""
-    u, mu, _ = own()
     count = len(mu) // 4 * vertex
-    counted = np.roll(mu, -count) if way == "anticlockwise" else np.roll(mu[::-1], count)
-    (fault,) = told(u, on_cells(counted))
-    assert f"begins at vertex {vertex} and runs {way};" in fault
+    return np.roll(mu[::-1], count) if clockwise else np.roll(mu, -count)
 
 
 @pytest.mark.parametrize(
-    "change", [lambda mu: mu + 1, lambda mu: np.minimum(mu, 2), lambda mu: mu.mean() + 0 * mu]
+    ("spoil", "said"),
+    [
+        (lambda u, mu: (-u, mu), "u has the wrong sign: -1 times"),
+        (lambda u, mu: (u, counted(mu, 0, True)), "begins at vertex 0 and runs clockwise;"),
+        (lambda u, mu: (u, counted(mu, 1, False)), "begins at vertex 1 and runs anticlockwise;"),
+        (lambda u, mu: (u, counted(mu, 3, True)), "begins at vertex 3 and runs clockwise;"),
+        (lambda u, mu: (u, mu + 1), "do not fit"),
+        (lambda u, mu: (u, np.minimum(mu, 2)), "do not fit"),
+        (lambda u, mu: (u, mu.mean() + 0 * mu), "do not fit"),
+        (lambda u, mu: (np.ones_like(u), None), "does not hold inside"),
+    ],
 )
-def test_no_factor_is_made_up_for_another_multiplier(change):
-    """A constant dominates the dual norm, and has much in common with lambda; but it leaves more than 1 %."""
-    u, mu, _ = own()
-    (fault,) = told(u, on_cells(change(mu)))
-    assert "do not fit" in fault
+def test_what_is_spoilt_in_one_way_has_one_fault(spoil, said):
+    """No factor is made up for another multiplier or another u.
+
+    A constant dominates the dual norm, and has much in common with lambda, but it leaves more than 1 %. And
+    (1, v)_1 is nearly a multiple of an f that is nearly constant.
+    """
+    u, mu = spoil(*own()[:2])
+    (fault,) = told(u, None if mu is None else on_cells(mu))
+    assert said in fault
 
 
 def test_a_multiplier_of_zeros_has_no_scale():
@@ -314,21 +303,13 @@ def test_sentences_of_a_fault_have_one_colon():
     for each in (Equal, Reversed):
         (right,) = conditions(load("natural"), problem(), on_cells(mu))
         reactions, _ = each(**vars(right)).multiplier_load(problem(), problem().load, 1e-9)
-        total = problem().load.copy()
-        total[problem().mesh.boundary] += reactions
         wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
-        faults += told(problem().spaces.condensed.solve(total), on_cells(wrong))
+        faults += told(of_load(problem(), reactions), on_cells(wrong))
     assert [each.count(":") for each in faults] == 6 * [1]
     assert "explains it (perhaps the linear solve stopped too early" in faults[0]
     assert "explains it (perhaps the iteration stopped too early" in faults[1]
     assert "the conditions hold as equations (u = g everywhere)" in faults[4]
     assert "the conditions are turned around (u <= g and lambda <= 0)" in faults[5]
-
-
-def test_no_factor_is_made_up_for_another_u():
-    """(1, v)_1 is nearly a multiple of an f that is nearly constant."""
-    (fault,) = told(np.ones_like(own()[0]))
-    assert "does not hold inside" in fault
 
 
 def test_a_wrong_sign_is_named_where_u_is_wrong_too():
@@ -341,7 +322,9 @@ def test_a_wrong_sign_is_named_where_u_is_wrong_too():
     assert len(told(spoilt_u, on_cells(mu))) == 1
 
 
-@pytest.mark.parametrize("name", ["natural", "thirds", "full_contact", "no_contact", "singular", "rough"])
+@pytest.mark.parametrize(
+    "name", ["natural", "thirds", "full_contact", "no_contact", "singular", "rough", "violates_jj"]
+)
 @pytest.mark.parametrize("sizes", [(4, 2), (8, 8), (8, 3)])
 def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
     """This project's, nodal and mortar ones: on coarse meshes, with beta = 0, and with cells that cut edges.
@@ -355,8 +338,6 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
     nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))
     for each in conditions(case, of, nothing):
         reactions, _ = each.multiplier_load(of, of.load, 1e-6)
-        total = of.load.copy()
-        total[of.mesh.boundary] += reactions
-        u = of.spaces.condensed.solve(total)
-        handed_in = Foreign("file", level, u, of_reactions(of.mesh, reactions), "")
+        u, mu = of_load(of, reactions), of_reactions(of.mesh, reactions)
+        handed_in = Foreign("file", level, u, mu, "")
         assert judged(case, handed_in, of, one.own, solved.u_h) == ([], [])

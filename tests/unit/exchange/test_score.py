@@ -20,8 +20,7 @@ from unilateral.exchange.boundary_function import constant, continuous, of_react
 from unilateral.exchange.diagnosis import Judged
 from unilateral.exchange.exported_folder import Foreign, exported, foreign
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.score import Rate, Scored, rates, score, verdict
-from unilateral.exchange.worst_places import Extreme, Extremes
+from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, rates, score, verdict
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
@@ -71,37 +70,6 @@ def scored(folder, tmp_path):
     return scoring
 
 
-def at_boundary(values):
-    """(n,) with those of the boundary nodes, NaN inside, where none are needed."""
-    mesh = own(*FINEST).mesh
-    found = np.full(mesh.n_nodes, np.nan)
-    found[mesh.boundary] = values
-    return found
-
-
-def nodal():
-    """u and reactions of the nodal method, u >= g at the nodes, by an active set on dense matrices."""
-    problem = discrete("natural", *FINEST)
-    condensed, mesh = problem.spaces.condensed, problem.mesh
-    u, _, gap = problem.data.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
-    trace, A = condensed.solve(problem.load)[mesh.boundary], condensed.A_3
-    active = np.ones(len(u), bool)
-    for _ in range(50):
-        reactions = np.zeros(len(u))
-        value = np.where(active, u - gap, 0.0)
-        value[~active] = np.linalg.solve(
-            A[np.ix_(~active, ~active)], (A @ trace - A[:, active] @ value[active])[~active]
-        )
-        reactions = A @ (value - trace)
-        now = reactions - (value - (u - gap)) > 0
-        if np.array_equal(now, active):
-            break
-        active = now
-    total = problem.load.copy()
-    total[mesh.boundary] += reactions
-    return condensed.solve(total), reactions
-
-
 @pytest.mark.parametrize("ending", [".nc", ".vtu"])
 def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, ending):
     """By `Solution.errors`, which never saw a file. A wrong node, cell or edge would change all three."""
@@ -121,18 +89,6 @@ def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, endi
     last, finest = (own(*LEVELS[name]).errors for name in ("level_1", "level_2"))
     assert ladder["h1"].observed == pytest.approx(np.log2(last.h1 / finest.h1), rel=1e-9)
     assert verdict(found, ladder) == "reaches the proved rates"
-
-
-def test_a_ladder_that_does_not_converge_falls_short(folder, tmp_path):
-    """The coarser levels' errors are the finest one's: the rate is 0."""
-    case, levels = exported(folder)
-    found = []
-    for sizes in LEVELS.values():
-        own(*sizes).save(tmp_path / "own.nc")
-        found.append(score(case, foreign(levels, str(tmp_path / "own.nc"))))
-    same = [replace(each, errors=found[-1].errors) for each in found]
-    assert rates(case, same)["h1"].observed == 0
-    assert verdict(same, rates(case, same)) == "falls short of a proved rate"
 
 
 @pytest.mark.parametrize("proved", [1.0, 0.5])
@@ -218,33 +174,22 @@ def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(scored):
         assert one.faults == []
 
 
-@pytest.mark.parametrize("name", ["no_contact", "thirds", "violates_jj"])
-def test_nothing_is_wrong_on_a_mesh_that_is_too_coarse(name, tmp_path):
-    """Errors of 100 % and more, and errors that are 0, are no faults of a converged solution."""
-    out = str(tmp_path / name)
-    assert main(["export", name, "--h", "1/4", "--H", "1/2", "--out", out]) == 0
-    case, levels = exported(out)
-    kept(discrete(name, 4, 2)).save(tmp_path / "own.nc")
-    assert score(case, foreign(levels, str(tmp_path / "own.nc"))).faults == []
-
-
 @pytest.mark.parametrize("bug", ["", "g negative", "conditions turned around", "Dirichlet everywhere"])
-def test_u_alone_is_not_said_to_meet_the_conditions(folder, tmp_path, capsys, bug):
+def test_u_alone_is_not_said_to_meet_the_conditions(folder, tmp_path, run, bug):
     """Its equation holds inside, whatever its conditions are. With its multiplier each bug is a fault."""
     u, cells = author.solved(author.read(folder, "level_2"), bug)
     files = [str(tmp_path / name) for name in ("u.csv", "cells.csv")]
     u.to_csv(files[0], index=False)
     cells.to_csv(files[1], index=False)
     unseen = "no fault was found inside; without a multiplier the conditions were not looked at"
-    assert main(["score", str(folder), files[0]]) == 0
-    assert capsys.readouterr().out.endswith(f"natural: {unseen}\n")
-    assert main(["score", str(folder), files[0], "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    code, out, _ = run("score", folder, files[0])
+    assert (code, out.endswith(f"natural: {unseen}\n")) == (0, True)
+    told = json.loads(run("score", folder, files[0], "--json")[1])
     conditions = told["solutions"][0]["conditions"]
     assert (told["verdict"], conditions["of"]) == (unseen, "values at the nodes")
     assert (conditions["lambda_least"], conditions["product_largest"]) == (None, None)
-    assert main(["score", str(folder), files[0], "--multiplier", files[1]]) == bool(bug)
-    assert "not looked at" not in capsys.readouterr().out
+    code, out, _ = run("score", folder, files[0], "--multiplier", files[1])
+    assert (code, "not looked at" in out) == (bool(bug), False)
 
 
 def test_one_solution_without_a_multiplier_is_enough_to_be_told():
@@ -262,79 +207,17 @@ def test_one_solution_without_a_multiplier_is_enough_to_be_told():
     assert verdict([wrong, two], reached) == "faults were found"
 
 
-def test_u_alone_is_scored(scored):
-    one = scored(own(*FINEST).u)
+def test_a_multiplier_may_be_missing_or_reactions(scored):
+    """These are the function with such loads; inside, where none are needed, they are NaN."""
+    solution = own(*FINEST)
+    one = scored(solution.u)
     assert (one.given.kind, one.faults) == ("none", [])
     assert np.isnan(one.errors[1:]).all()
-
-
-@pytest.mark.parametrize(
-    ("of_u", "of_lambda", "fault"),
-    [
-        (1, -1, "the multiplier has the wrong sign"),
-        (1, 2, "the multiplier has the wrong scale: 2 times"),
-        (-1, 1, "u has the wrong sign"),
-        (2, 1, "u has the wrong scale: 2 times"),
-    ],
-)
-def test_a_wrong_sign_or_scale_is_named(scored, of_u, of_lambda, fault):
-    solution = own(*FINEST)
-    cells = solution.partition.points, of_lambda * solution.multiplier
-    (found,) = scored(of_u * solution.u, cells).faults
-    assert found.startswith(fault)
-
-
-def test_cells_in_the_wrong_direction_are_named(scored):
-    solution = own(*FINEST)
-    s = solution.partition.points
-    (found,) = scored(solution.u, (s[-1] - s[::-1], solution.multiplier[::-1])).faults
-    assert "clockwise" in found
-
-
-@pytest.mark.parametrize(("steps", "stopped"), [(3, True), (3000, False)])
-def test_an_iteration_that_stopped_too_early_is_named(scored, steps, stopped):
-    """Uzawa's steps from 0, with the u that belongs to them: the equation holds, the conditions do not."""
-    problem = discrete("natural", *FINEST)
-    operator, mu = problem.spaces.operator, np.zeros(len(problem.offset))
-    for _ in range(steps):
-        mu = np.maximum(0, mu - operator.gap(mu, problem.offset) / operator.lambda_max)
-    u = problem.spaces.response(problem.load, mu)
-    found = scored(u, (problem.partition.points, mu)).faults
-    assert [("stopped too early" in fault and "iteration" in fault) for fault in found] == [True] * stopped
-
-
-def test_a_linear_solve_that_stopped_too_early_is_named(scored):
-    """Jacobi's steps from the values at the boundary, 0 inside."""
-    problem, solution = discrete("natural", *FINEST), own(*FINEST)
-    A, mesh = problem.spaces.condensed.A, problem.mesh
-    u, inside = np.zeros(mesh.n_nodes), np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    u[mesh.boundary] = solution.u[mesh.boundary]
-    for _ in range(60):
-        u[inside] += ((problem.load - A @ u) / A.diagonal())[inside]
-    assert any("inside the domain" in fault for fault in scored(u).faults)
-
-
-def test_reactions_become_a_function_and_lumped_ones_are_named(scored):
-    u, reactions = nodal()
-    mesh = own(*FINEST).mesh
-    right = scored(u, reaction=at_boundary(reactions))
-    assert "mass matrix" in right.given.kind
-    assert right.faults == []
-    np.testing.assert_allclose(right.given.multiplier.load(mesh), reactions, atol=1e-12)
-    masses = boundary_mass(mesh).sum(axis=1)
-    lumped = scored(u, multiplier=at_boundary(reactions / masses))
-    (found,) = lumped.faults
-    assert "lumped" in found
-    (doubled,) = scored(u, reaction=at_boundary(2 * reactions)).faults
-    assert "wrong scale" in doubled
-
-
-def test_a_multiplier_of_another_problem_does_not_fit(scored):
-    """The exact one and 10 % that oscillates from cell to cell."""
-    solution = own(*FINEST)
-    signs = (-1.0) ** np.arange(len(solution.multiplier))
-    (found,) = scored(solution.u, (solution.partition.points, solution.multiplier + signs)).faults
-    assert "do not fit" in found
+    mesh, reactions = solution.mesh, np.full(solution.mesh.n_nodes, np.nan)
+    reactions[mesh.boundary] = constant(solution.partition, solution.multiplier).load(mesh)
+    found = scored(solution.u, reaction=reactions).given
+    assert found.kind == "reactions, made a function by the mass matrix"
+    np.testing.assert_allclose(found.multiplier.load(mesh), reactions[mesh.boundary], atol=1e-12)
 
 
 def test_traces_have_their_loads_and_norms():
@@ -379,37 +262,30 @@ def spoilt(what, points):
         ("name", "x, y and u are needed"),
     ],
 )
-def test_what_cannot_be_scored_is_one_error(folder, tmp_path, capsys, what, message):
-    points = own(*FINEST).mesh.points
-    spoilt(what, points).to_csv(tmp_path / "u.csv", index=False)
-    assert main(["score", str(folder), str(tmp_path / "u.csv")]) == 2
-    out, error = capsys.readouterr()
-    assert (out, error.count("\n")) == ("", 1)
-    assert f"{tmp_path / 'u.csv'}: {message}" in error or message in error
+def test_what_cannot_be_scored_is_one_error(folder, tmp_path, refused, what, message):
+    spoilt(what, own(*FINEST).mesh.points).to_csv(tmp_path / "u.csv", index=False)
+    assert f"{tmp_path / 'u.csv'}: {message}" in refused("score", folder, tmp_path / "u.csv")
 
 
-def test_a_file_without_multipliers_is_named(folder, tmp_path, capsys):
+def test_files_that_do_not_fit_together_are_one_error(folder, tmp_path, refused):
+    """A file without multipliers; one for two solutions, which could be meant for either; another folder."""
     own(*FINEST).save(tmp_path / "u.vtu")
-    cells = str(folder / "level_2/partition.csv")
-    assert main(["score", str(folder), str(tmp_path / "u.vtu"), "--multiplier", cells]) == 2
-    assert "the columns start, end and multiplier are needed" in capsys.readouterr().err
+    said = refused("score", folder, tmp_path / "u.vtu", "--multiplier", folder / "level_2/partition.csv")
+    assert "the columns start, end and multiplier are needed" in said
+    said = refused("score", folder, "a.vtu", "b.vtu", "--multiplier", "cells.csv")
+    assert "--multiplier names 1 files for 2 solutions; repeat it" in said
+    assert "no folder that 'unilateral export' wrote" in refused("score", tmp_path, "u.csv")
 
 
-def test_every_solution_has_a_file_of_multipliers_or_none(folder, capsys):
-    """One for two solutions could be meant for either."""
-    files = ["--multiplier", "cells.csv"]
-    assert main(["score", str(folder), "a.vtu", "b.vtu", *files]) == 2
-    assert "--multiplier names 1 files for 2 solutions; repeat it" in capsys.readouterr().err
-
-
-def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, capsys):
+def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, run):
     own(*FINEST).save(tmp_path / "own.nc")
     with xr.open_dataset(tmp_path / "own.nc") as found:
         found.load().assign(multiplier=-found.multiplier).to_netcdf(tmp_path / "spoilt.nc")
-    assert main(["score", str(folder), str(tmp_path / "spoilt.nc")]) == 1
-    assert "spoilt.nc: the multiplier has the wrong sign" in capsys.readouterr().out
-    assert main(["score", str(folder), str(tmp_path / "own.nc"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    code, out, _ = run("score", folder, tmp_path / "spoilt.nc")
+    assert (code, "spoilt.nc: the multiplier has the wrong sign" in out) == (1, True)
+    code, out, _ = run("score", folder, tmp_path / "own.nc", "--json")
+    assert code == 0
+    told = json.loads(out)
     (one,) = told["solutions"]
     assert one["errors"]["h1"] == pytest.approx(own(*FINEST).errors.h1, rel=1e-12)
     assert (one["level"], one["faults"], told["rates"]["h1"]["verdict"]) == ("level_2", [], "not judged")
@@ -429,24 +305,11 @@ def test_the_fields_of_the_conditions_are_documented(page):
 
 
 @pytest.mark.parametrize(
-    ("at_nodes", "text"),
-    [
-        (
-            True,
-            "at the nodes: min (u - g) = -1 at {0}, min lambda = 2 at {0}, max |lambda (u - g)| = 3 at {0}",
-        ),
-        (
-            False,
-            "over the cells: min mean(u - g) = -1 at {0}, min lambda = 2 at {0}, "
-            "max |lambda mean(u - g)| = 3 at {0}",
-        ),
-    ],
+    ("at_nodes", "where", "gap"),
+    [(True, "at the nodes", "(u - g)"), (False, "over the cells", "mean(u - g)")],
 )
-def test_the_line_of_extremes_says_first_what_they_are_of(at_nodes, text):
+def test_the_line_of_extremes_says_first_what_they_are_of(at_nodes, where, gap):
     values = [Extreme(value, (0.5, 0.0), 0) for value in (-1.0, 2.0, 3.0)]
-    assert str(Extremes(at_nodes, *values)) == text.format("(0.5, 0) on side 0")
-
-
-def test_a_folder_that_is_no_export_is_named(tmp_path, capsys):
-    assert main(["score", str(tmp_path), "u.csv"]) == 2
-    assert "no folder that 'unilateral export' wrote" in capsys.readouterr().err
+    at = "at (0.5, 0) on side 0"
+    said = f"{where}: min {gap} = -1 {at}, min lambda = 2 {at}, max |lambda {gap}| = 3 {at}"
+    assert str(Extremes(at_nodes, *values)) == said

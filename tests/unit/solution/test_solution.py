@@ -1,9 +1,13 @@
-"""What a solution shows: its contact set, and its values at points and along sides."""
+"""What a solution shows: its contact set, its values at points and along sides, and its files."""
 
+import json
 from fractions import Fraction
 
+import meshio
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from conftest import ROOT
 
 import unilateral as ul
@@ -15,6 +19,7 @@ from unilateral.problems.units import Units
 from unilateral.solution.contact import Contact
 from unilateral.solution.solution import in_units
 
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 
 
@@ -48,18 +53,6 @@ def test_contact_intervals_are_runs_of_cells_on_one_side():
         ((0.25, 0), (1, 0)), ((1, 0), (1, 0.25)), ((0, 0.25), (0, 0)),
     ]  # fmt: skip
     assert (contact.lengths.tolist(), contact.length, contact.full) == ([0.75, 0.25, 0, 0.25], 1.25, False)
-
-
-def test_contact_of_a_known_solution():
-    """natural: for x > 1/2 at the bottom, and on all of the other sides; the end is known up to a cell."""
-    contact = ul.solve(ul.case("natural"), **SIZES).contact
-    bottom, *others = contact.intervals
-    assert bottom.start == pytest.approx(0.5, abs=SIZES["H"])
-    assert [each[:3] for each in others] == [(side, 0, 1) for side in (1, 2, 3)]
-    assert not contact.full
-    assert ul.solve(ul.case("full_contact"), **SIZES).contact.full
-    none = ul.solve(ul.case("no_contact"), **SIZES).contact
-    assert (none.intervals, none.length, none.full) == ([], 0, False)
 
 
 def test_u_at_nodes_between_them_and_outside(shelter):
@@ -106,3 +99,55 @@ def test_what_cannot_be_evaluated_is_refused(shelter):
         shelter.u_at((0, 0))
     with pytest.raises(ul.InputError, match="side 5: the sides of 'shelter' are 0 to 4"):
         shelter.lambda_at(5, 0)
+
+
+def test_files_hold_the_solution(tmp_path):
+    s = ul.solve(ul.Problem(SQUARE, f=-1, g=["-x*y/2", 0, None, 0], free_sides=[2]), **SIZES)
+    for name in ("s.vtu", "s.nc", "s.csv"):
+        s.save(tmp_path / name)
+    stored = meshio.read(tmp_path / "s.vtu")
+    np.testing.assert_array_equal(stored.point_data["u"], s.u)
+    lines = [k for k, block in enumerate(stored.cells) if block.type == "line"]
+    on_edges = np.concatenate([stored.cell_data["multiplier"][k] for k in lines])
+    assert on_edges @ np.diff(s.mesh.s) == pytest.approx(s.partition.lengths @ s.multiplier)
+    cells = pd.read_csv(tmp_path / "s.csv")
+    np.testing.assert_allclose(cells["multiplier"], s.multiplier)
+    assert np.isnan(cells["gap"][cells["side"] == 2]).all()
+    assert np.all(cells["gap"][cells["side"] != 2] > -1e-3)
+    with xr.open_dataset(tmp_path / "s.nc") as table:
+        np.testing.assert_array_equal(table["u"], s.u)
+        np.testing.assert_array_equal(table["triangles"], s.mesh.triangles)
+    with pytest.raises(ul.InputError, match=r"the ending must be \.vtu, \.csv, .* or \.pdf"):
+        s.save(tmp_path / "s.txt")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["s.csv", "s.nc", "s.vtu"]
+
+
+def test_netcdf_follows_the_conventions(tmp_path):
+    """CF 1.8: Conventions and title, units, no _FillValue on coordinates; indices are of 32 bits."""
+    ul.solve(ul.case("natural"), **SIZES).save(tmp_path / "s.nc")
+    with xr.open_dataset(tmp_path / "s.nc") as table:
+        assert table.attrs["Conventions"] == "CF-1.8"
+        assert table.attrs["title"]
+        assert all(of.attrs["units"] == "1" and of.attrs["long_name"] for of in table.variables.values())
+        assert {*table.coords} == {"x", "y"}
+        assert not any("_FillValue" in of.encoding for of in table.coords.values())
+        assert {table[name].dtype for name in ("triangles", "side")} == {np.dtype("int32")}
+
+
+def test_the_certificate_is_a_file(tmp_path):
+    """As the solution says it; NaN, which JSON has not, is null; the problem has no known errors."""
+    problem = ul.Problem(SQUARE, f=-1, g="-x*y/2")
+    s, alone = ul.solve(problem, accuracy=0.3), ul.solve(problem, **SIZES)
+    s.save(tmp_path / "s.json")
+    found = json.loads((tmp_path / "s.json").read_text())
+    assert found["goal"] == {"accuracy": 0.3, "norm": "h1", "absolute": False}
+    assert found["certified"]
+    assert found["h1_relative_bound"] <= 0.3
+    assert [found["h1_bound"], found["hm12_bound"], found["enclosure"]] == [*s.bounds]
+    assert found["h1_error"] is None
+    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
+    assert found["contact"]["length"] == s.contact.length
+    assert found["versions"]["unilateral"] == ul.__version__
+    given = alone.certificate()
+    assert (given["goal"], given["certified"], given["levels"]) == (None, False, [])
+    assert [each[key] for each in (found, given) for key in ("ended", "reach")] == [None] * 4

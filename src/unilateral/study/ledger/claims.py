@@ -1,12 +1,13 @@
 """The ledger: every statement of the paper, a check on the study's results, and a verdict.
 
-An experiment declares its claims in `claims.yaml`, and its `checks` measure them. A check gives an observed
-number and the one it has to reach or to stay below; its margin is what is left, relative to the latter. A
-claim whose margin is not negative gets the verdict that the ledger declares for that case, any other one
-fails. Where a precondition of the check does not hold the claim is not judged, for that reason, and does not
-hold either. A control is a spoilt result on which the check has to fail; the smallest
-share of it at which it does is how small an error the check sees. A statement that no number can refute is
-declared with the reason, and has no check.
+An experiment declares its claims in `claims.yaml`. What is observed is there an expression over its tables,
+see `ledger.checks`, or a function in the experiment's `checks`. A check gives an observed number and the one
+it has to reach or to stay below; its margin is what is left, relative to the latter. A claim whose margin is
+not negative gets the verdict that the ledger declares for that case, any other one fails. Where a
+precondition of the check does not hold the claim is not judged, for that reason, and does not hold either. A
+control is a spoilt result on which the check has to fail; the smallest share of it at which it does is how
+small an error the check sees. A statement that no number can refute is declared with the reason, and has no
+check.
 """
 
 from __future__ import annotations

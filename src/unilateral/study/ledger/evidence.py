@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from string import Formatter
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.linalg import eigvalsh
 
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import Gram
-from unilateral.study import tables as stored
 
 Tables = Mapping[str, xr.Dataset]
 Array = NDArray[np.float64]
@@ -56,6 +56,25 @@ def worst(values: Mapping[str, float], quantity: str, required: float, at_least:
     return Evidence(quantity, float(observed), required, at_least, lines)
 
 
+def in_rows(values: xr.DataArray, rows: str, scene: str = "") -> dict[str, float]:
+    """Values by names, made by a format of the scene and of coordinates, such as "{scene}, H = {H:g}"."""
+    dims, found = dims_of(values, rows), {}
+    for place in itertools.product(*(range(values.sizes[dim]) for dim in dims)):
+        here = values.isel(dict(zip(dims, place, strict=True)))
+        labels = {name: here[name].item() for name in _coordinates(rows)}
+        found[rows.format(scene=scene, **labels)] = float(here)
+    return found
+
+
+def dims_of(values: xr.DataArray, rows: str) -> list[Hashable]:
+    """The dimensions of the coordinates in a format of names."""
+    return list(dict.fromkeys(dim for name in _coordinates(rows) for dim in values[name].dims))
+
+
+def _coordinates(rows: str) -> list[str]:
+    return [name for _, name, _, _ in Formatter().parse(rows) if name and name != "scene"]
+
+
 def all_of(*parts: Evidence) -> Evidence:
     """The evidence for a statement in parts: the first part that fails or, if all hold, the first part."""
     return next((part for part in parts if not part.holds), parts[0])
@@ -66,11 +85,6 @@ def provided(evidence: Evidence, faults: Sequence[str]) -> Evidence:
     if evidence.holds and faults:
         raise Unjudged("; ".join(faults))
     return evidence
-
-
-def along_ratio(table: xr.Dataset, variable: str, H_over_h: float) -> Array:
-    """(case, level) values at a fixed H/h, coarse to fine; (level,) if there are no cases."""
-    return stored.along_ratio(table, 1 / H_over_h)[variable].values
 
 
 def by_case(tables: Tables, table: str, scenes: Sequence[str], cases: Iterable[str]) -> dict[str, xr.Dataset]:
@@ -89,10 +103,3 @@ def forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:
     polygon = named(str(tables[f"{scene}/dual_norm"]["polygon"].values))
     cells = [uniform(polygon, H) for H in table["H"].values]
     return [(each, gram.on(each)) for each in cells if each.n_cells <= gram.n_cells]
-
-
-def inverse_constant(cells: Partition, form: Array) -> float:
-    """The least C of (4.9), ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by a form (m, m) of the norm."""
-    root = np.sqrt(cells.H * cells.lengths)
-    scaled = form / root[:, None] / root
-    return float(eigvalsh(scaled, subset_by_index=[0, 0])[0] ** -0.5)

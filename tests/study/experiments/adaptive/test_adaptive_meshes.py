@@ -17,7 +17,6 @@ from unilateral.norms.infsup import infsup
 from unilateral.solvers.stop import Stop
 from unilateral.study.experiments.adaptive import measure as adaptive
 from unilateral.study.experiments.adaptive import numbers as adaptive_tables
-from unilateral.study.tables import VARIABLES
 
 LIMITS = adaptive.MostUnknowns(100, 50)
 STOP = Stop(fraction=0.01)
@@ -99,11 +98,8 @@ def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
     assert float(constants["edges_per_cell"].min()) == 2
 
 
-def test_tables_are_described_and_put_together(measured):
+def test_tables_are_put_together(measured):
     errors = measured[0]
-    rates = adaptive.rates_over(adaptive.together([errors], "case", ["thirds"]), 3)
-    written = {name for table in (*measured, rates) for name in table.variables}
-    assert written - {"case", "kind", "level"} <= set(VARIABLES)
     both = adaptive.together([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
     assert both["case"].values.tolist() == ["a", "b"]
     assert both.sizes["level"] == errors.sizes["level"]

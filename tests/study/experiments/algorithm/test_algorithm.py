@@ -13,7 +13,6 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import ritz_projection
-from unilateral.study.experiments.algorithm import certificates as trials
 from unilateral.study.experiments.algorithm import formulation as statements
 from unilateral.study.experiments.algorithm import measure as experiments
 
@@ -107,13 +106,13 @@ def test_the_printed_lagrangian_doubles_the_multiplier():
 
 
 def test_two_multipliers_at_equal_sizes_and_one_at_others():
-    equal = trials.uniqueness(structured(square(), 1 / 8), partitions.uniform(square(), 1 / 8))
+    equal = experiments.uniqueness(structured(square(), 1 / 8), partitions.uniform(square(), 1 / 8))
     assert float(equal["violation"]) < 1e-12
     assert float(equal["same_u"]) < 1e-12
     assert float(equal["multiplier_distance"]) == pytest.approx(
         0.5 * 2
     )  # (-1)^e / 2 on a boundary of length 4
-    finer = trials.uniqueness(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8))
+    finer = experiments.uniqueness(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8))
     assert float(finer["violation"]) > 1e-3
 
 
@@ -121,7 +120,7 @@ def test_the_counts_and_the_iterates_of_both_ways():
     sizes = (1 / 8, 1 / 16)
     on = [structured(square(), h) for h in sizes]
     cells = [partitions.uniform(square(), 2 * h) for h in sizes]
-    found = trials.elimination(on, cells, 20)
+    found = experiments.elimination(on, cells, 20)
     assert float(found["difference"]) < 1e-12
     np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
@@ -137,8 +136,8 @@ def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
     """At H = 2h both are at least the error; at H = h the residual's is infinite, the energy's holds."""
     cases = [load(name) for name in ("full_contact", "natural")]
     mesh = structured(square(), 1 / 16)
-    stable = trials.certificates(mesh, partitions.uniform(square(), 1 / 8), cases, [10, 200])
-    singular = trials.certificates(mesh, partitions.uniform(square(), 1 / 16), cases, [10, 200])
+    stable = experiments.certificates(mesh, partitions.uniform(square(), 1 / 8), cases, [10, 200])
+    singular = experiments.certificates(mesh, partitions.uniform(square(), 1 / 16), cases, [10, 200])
     for found in (stable, singular):
         assert np.all(found["residual_index"] >= 1)
         assert np.all(found["energy_index"] >= 1)
@@ -150,7 +149,7 @@ def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
     """In full contact, in the energy: half of S's square root is A_3^{-1/2} B^T, so sigma^{1/2} weighs y."""
     case = [load("full_contact")]
     mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
-    found = trials.certificates(mesh, cells, case, [50])
+    found = experiments.certificates(mesh, cells, case, [50])
     sigma, y = spectrum()
     weighted = np.sqrt(sigma) * y
     left = (1 - 0.9 / sigma[-1] * sigma) ** 50 * weighted
@@ -162,14 +161,14 @@ def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
 def test_the_split_of_the_error_holds_up_to_quadrature():
     """Galerkin orthogonality; with another norm in its last term it is off by more than a hundredth."""
     cases = [load(name) for name in ("full_contact", "thirds")]
-    found = trials.split(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8), cases)
+    found = experiments.split(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8), cases)
     assert np.all(found["split_defect"] <= 1e-4)  # full_contact has no kink, thirds the edge of its cutoff
     assert np.all(found["split_defect_elsewhere"] >= 1e-2)
 
 
 def test_the_first_term_of_the_residual_s_bound_is_no_bound():
     cells = partitions.uniform(square(), 1 / 8)
-    found = trials.certificates(structured(square(), 1 / 16), cells, [load("natural")], [10])
+    found = experiments.certificates(structured(square(), 1 / 16), cells, [load("natural")], [10])
     assert np.all(found["first_term_index"] < 1)
     assert np.all(found["residual_index"] >= 1)
 

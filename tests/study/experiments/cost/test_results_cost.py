@@ -37,7 +37,6 @@ def test_every_variant_ran_on_every_mesh_that_has_it():
     runs = {Variant(*fields) for fields in zip(*(table[f].values for f in Variant._fields), strict=True)}
     assert runs == set(plan(config("study")["cost"]))
     np.testing.assert_allclose(table["H"], table["H_over_h"] * table["h"], rtol=1e-12)
-    assert [name for name in table.data_vars if not table[name].attrs.get("units")] == ["case"]
     for name in (*Variant._fields, "h", "H"):
         np.testing.assert_array_equal(table[name].values, timings[name].values)
     assert np.array_equal(np.isfinite(timings["seconds"]), np.isfinite(table["steps"]))

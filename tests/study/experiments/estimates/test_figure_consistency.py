@@ -16,7 +16,7 @@ from unilateral.geometry.polygon import named
 from unilateral.norms.exact_errors import cell_means
 from unilateral.study import tables
 from unilateral.study.experiments.estimates import consistency_figure as consistency
-from unilateral.study.experiments.estimates.consistency import first_transition, leading
+from unilateral.study.experiments.estimates.consistency_figure import first_transition, leading
 
 
 def cells():

@@ -26,23 +26,24 @@ from unilateral.solvers.active_set import active_set
 from unilateral.solvers.iterate import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa_steps import STEPS
-from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps, trial
+from unilateral.study.experiments.extremes import cells, contact, iteration, outcome, shapes
 from unilateral.study.experiments.extremes import measure as extremes
 from unilateral.study.experiments.extremes import problem as problems
-from unilateral.study.experiments.extremes.measure import KINDS, Budget
+from unilateral.study.experiments.extremes.measure import KINDS
 from unilateral.study.experiments.extremes.outcome import (
     NO_TOOL,
     NOT_CONVERGED,
     REFUSED,
     RIGHT,
     WRONG,
+    Budget,
     Row,
+    attempt,
     crossing,
     judge,
     within,
 )
 from unilateral.study.experiments.extremes.problem import condensed, full, made, on_square, waves
-from unilateral.study.experiments.extremes.trial import attempt
 
 BUDGET = Budget(1e-6, 2000)
 AXES = config("extremes")["extremes"]["axes"]
@@ -77,20 +78,20 @@ def test_a_bound_below_the_error_is_wrong_and_so_is_a_false_claim_of_convergence
     assert judge(of, result, tolerance).outcome == RIGHT
     off = replace(result, lambda_H=result.lambda_H + 1e-4)
     assert judge(of, off, tolerance).outcome == WRONG
-    for bound, converged, outcome in (
+    for bound, converged, expected in (
         (1.0, False, NOT_CONVERGED),
         (1.0, True, WRONG),
         (math.nan, False, WRONG),
         (math.inf, False, WRONG),
     ):
-        assert judge(of, replace(off, bound=bound, converged=converged), tolerance).outcome == outcome
+        assert judge(of, replace(off, bound=bound, converged=converged), tolerance).outcome == expected
 
 
 def test_a_wrong_solver_makes_the_point_wrong(monkeypatch):
     of = problem()
     assert attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition).outcome == RIGHT
     monkeypatch.setattr(
-        trial, "active_set", lambda *_: replace(active_set(*_), lambda_H=np.zeros(len(of.discrete.offset)))
+        outcome, "active_set", lambda *_: replace(active_set(*_), lambda_H=np.zeros(len(of.discrete.offset)))
     )
     row = attempt(1.0, lambda _: of, BUDGET, lambda each, _: each.condition)
     assert (row.outcome, row.tool) == (WRONG, WRONG)
@@ -116,9 +117,11 @@ def test_a_solver_may_refuse_and_the_others_are_still_judged(monkeypatch):
     assert (row.outcome, row.tool, row.measured) == (REFUSED, REFUSED, 7.0)
     assert row.message.startswith("the first residual, 2e+301, is not below 1e+300; scale the data")
     assert row.true_error <= row.guaranteed + row.allowance
-    monkeypatch.setattr(trial, "active_set", lambda *_: replace(active_set(*_), bound=0.0, lambda_H=0 * _[1]))
+    monkeypatch.setattr(
+        outcome, "active_set", lambda *_: replace(active_set(*_), bound=0.0, lambda_H=0 * _[1])
+    )
     assert attempt(1.0, lambda _: of, BUDGET, lambda *_: 7.0, start=1e301).outcome == WRONG
-    monkeypatch.setattr(trial, "active_set", lambda *_: 1 / 0)
+    monkeypatch.setattr(outcome, "active_set", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         attempt(1.0, lambda _: of, BUDGET, lambda *_: 7.0)
 
@@ -197,7 +200,7 @@ def test_an_axis_makes_and_condenses_a_mesh_once(count):
 def test_in_partial_contact_the_held_cells_decide_near_the_solution_only():
     """Below the local limit rho converges from nearby, above it no more; from 0 not even below it."""
     of = problem()
-    limit, operator = steps.local_limit(of), of.spaces.operator
+    limit, operator = iteration.local_limit(of), of.spaces.operator
     for share, near in ((0.97 * limit, True), (1.03 * limit, False)):
         rho = share * 2 / operator.lambda_max
         with nullcontext() if near else pytest.warns(RuntimeWarning):
@@ -295,7 +298,7 @@ def test_every_kind_of_axis_has_a_right_point_and_no_wrong_one(kind):
 
 
 def test_all_of_the_single_precision_is_single():
-    of = precision.operator_in(problem(), np.float32)
+    of = iteration.operator_in(problem(), np.float32)
     assert {each.dtype for each in (of.half, of.D, of.S, of.H_i, of.spectrum)} == {np.dtype(np.float32)}
     exact = problem().spaces.operator
     assert 1e-9 < np.abs(of.S - exact.S).max() / exact.lambda_max < 1e-5
@@ -318,7 +321,7 @@ def test_rounding_of_A3_is_within_what_is_allowed(n):
 
 def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition():
     """2^-24 and 2^-53; and an error that large has a bound no larger than the limit is predicted by."""
-    for axis, digits in ((precision.single, 24), (precision.double, 53)):
+    for axis, digits in ((iteration.single, 24), (iteration.double, 53)):
         row = axis(np.array([1 / 4]), 1 / 8, 1 / 4, Budget(1e-4, 10)).rows[0]
         assert row.predicted == pytest.approx(2.0**-digits * problem(contact=full).condition, rel=1e-12)
     of, rng = problem(contact=full), np.random.default_rng(0)
@@ -328,12 +331,12 @@ def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition():
     for e in [*vectors.T, *rng.standard_normal((20, 16))]:
         mu = of.lambda_H + 1e-5 * in_L2 * e / np.linalg.norm(e) / np.sqrt(operator.H_i)
         bound = uzawa.residual_bound(operator, of.discrete.offset, mu, 1 / operator.lambda_max)
-        assert bound <= 1.0001e-5 * precision._bound_of_floor(of) * of.size
+        assert bound <= 1.0001e-5 * iteration._bound_of_floor(of) * of.size
 
 
 def floor_of(of, operator):
     """The relative error in L2 after 20 000 steps, over the unit round-off of float32 times cond(S)."""
-    H_i, error = of.spaces.operator.H_i, precision._last(of, operator, 20_000) - of.lambda_H
+    H_i, error = of.spaces.operator.H_i, iteration._iterate_in(of, operator, 20_000) - of.lambda_H
     return float(np.sqrt(H_i @ error**2 / (H_i @ of.lambda_H**2)) / (2.0**-24 * of.condition))
 
 
@@ -346,7 +349,7 @@ def test_what_the_floor_has_above_its_prediction_is_the_rounding_of_the_factors(
     sizes, rounded, computed = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), [], []
     for H in sizes:
         of = on_square(H / 2, H, full)
-        exact, single = of.spaces.operator, precision.operator_in(of, np.float32)
+        exact, single = of.spaces.operator, iteration.operator_in(of, np.float32)
         after = DualOperator(exact.half.astype(np.float32), single.H_i, exact.area)
         rounded.append(floor_of(of, after))
         computed.append(floor_of(of, single))

@@ -8,7 +8,6 @@ from conftest import ROOT
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
-from unilateral.geometry import partition
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.resolution import resolution
@@ -44,7 +43,8 @@ def mesh_of(cells, spec, K):
 
 def test_all_that_can_be_asked_for_is_tried_here():
     """The schema's kinds of boundary nodes, and its forms of partitions."""
-    rules = yaml.safe_load((ROOT / "workflow/schemas/study.schema.yaml").read_text())["$defs"]
+    schema = yaml.safe_load((ROOT / "src/unilateral/study/experiments/stability/schema.yaml").read_text())
+    rules = schema["surveys"]["$defs"]
     assert rules["nodes"]["properties"]["kind"]["enum"] == [
         "structured",
         *(spec["kind"] for spec in KINDS),
@@ -54,15 +54,10 @@ def test_all_that_can_be_asked_for_is_tried_here():
     assert forms == [list(spec) for spec in PARTITIONS]
 
 
-def test_uniform_partition():
-    assert_array_equal(
-        partition_of(named("lshape"), {"H": "1/3"}).points, partition.uniform(named("lshape"), 1 / 3).points
-    )
-
-
 @pytest.mark.parametrize(
     ("spec", "expected"),
     [
+        ({"H": 2}, [0, 2, 4, 4 + 5 / 3, 4 + 10 / 3, 9, 9 + 3 / 2, 12]),
         (
             {"H": 2, "shift": "1/4"},
             [0, 2 + 1 / 2, 4, 4 + 5 / 3 + 5 / 12, 4 + 10 / 3 + 5 / 12, 9, 9 + 3 / 2 + 3 / 8, 12],

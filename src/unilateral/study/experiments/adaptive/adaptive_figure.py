@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator
 
 from unilateral.study import style, tables
 
@@ -28,12 +28,12 @@ def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
 
     `beta_of_edges` is an upper bound on beta with the edges as cells. What is not known is NaN.
     """
-    found, constants = tables.load(errors), tables.load(infsup)
+    measured, constants = tables.load(errors), tables.load(infsup)
     of = xr.Dataset(
         {
-            "unknowns": found["unknowns"],
-            "error": found["h1_error"],
-            "bound": found["h1_bound"],
+            "unknowns": measured["unknowns"],
+            "error": measured["h1_error"],
+            "bound": measured["h1_bound"],
             "beta": constants["beta_lower"],
             "beta_of_edges": constants["beta_of_edges"],
         }
@@ -80,9 +80,7 @@ def _errors(axes: Axes, rows: pd.DataFrame) -> None:
         axes.plot(of["unknowns"], of["bound"], lw=1.0, ms=3.4, mew=0.9, **look, **BOUND)
         axes.plot(of["unknowns"], of["error"], lw=1.1, ms=3.4, mew=0.9, **look)
     _slope(axes, rows)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
+    style.few_powers(axes.yaxis)
 
 
 def _slope(axes: Axes, rows: pd.DataFrame) -> None:

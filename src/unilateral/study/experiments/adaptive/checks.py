@@ -28,11 +28,3 @@ def rate(
         faults.append(f"the algebraic bound is {largest:.2g} of an error")
     rows = {case: float(np.min(found, initial=np.inf)) for case, found in rates.items()}
     return provided(worst(rows, "the smallest rate against the unknowns", least, True), faults)
-
-
-def index(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
-    """The largest quotient of the bound and the error on asymptotic adapted meshes."""
-    of = tables[table].sel(kind="adapted", case=list(cases))
-    largest = of["index"].where(of["asymptotic"] == 1).max("level")
-    rows = {str(case): float(largest.sel(case=case)) for case in of["case"].values}
-    return worst(rows, "the largest bound over the error", most, False)

@@ -58,12 +58,12 @@ def measure_adaptive(
     """Write the tables of all cases, and of the problems in the files `examples`."""
     problems: list[Case | Problem] = [*chain.from_iterable(map(scenes.cases, study["scenes"]))]
     problems += map(problem_file.load, examples)
-    h, limits, found = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
+    h, limits, measured = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
     for problem in problems:
-        found.append(measure(problem, h, limits, Stop(**stop)))
+        measured.append(measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")
     names, given = [problem.name for problem in problems], {"adaptive": study, "stop": stop}
-    for parts, path in zip(zip(*found, strict=True), (errors, infsup, timings), strict=True):
+    for parts, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
         tables.save(together(parts, "case", names), path, "adaptive", given)
     tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive", given)
 
@@ -89,9 +89,10 @@ def measure(
     Where no solution is known the error is NaN, and so is the number of unknowns from which it is asymptotic.
     """
     first = first_mesh(problem.polygon, h)
-    found = [list(_rows(problem, first, kind, limits, stop)) for kind in KINDS]
+    by_kind = [zip(*_rows(problem, first, kind, limits, stop), strict=True) for kind in KINDS]
     errors, constants, timings = (
-        together([_levels([row[k] for row in rows]) for rows in found], "kind", list(KINDS)) for k in range(3)
+        together([_levels(rows) for rows in of_kinds], "kind", list(KINDS))
+        for of_kinds in zip(*by_kind, strict=True)
     )
     return errors.assign(asymptotic_from=asymptotic_from(problem)), constants, timings
 
@@ -145,10 +146,10 @@ def stability(mesh: Mesh, cells: Partition) -> Row:
     """
     edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh)
     gram = dual_norm(edges).gram()
-    found, of_edges = (
+    of_cells, of_edges = (
         constants(mesh, of, mixed_spaces(condensed, of).operator, gram.on(of).p0) for of in (cells, edges)
     )
-    return found | {"beta_of_edges": of_edges["beta_upper"]}
+    return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
 
 
 def together(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:
@@ -156,7 +157,7 @@ def together(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr
     return xr.concat(tables, dim, join="outer").assign_coords({dim: list(names)})
 
 
-def _levels(rows: list[Row]) -> xr.Dataset:
+def _levels(rows: Sequence[Row]) -> xr.Dataset:
     names = dict.fromkeys(name for row in rows for name in row)
     values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
     return xr.Dataset(values, coords={"level": np.arange(len(rows))})
@@ -172,12 +173,12 @@ def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
     N, order = errors["unknowns"].values, ("case", "kind", "level")
     later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
     rates = {name: (order, _rate(N, errors[name].values, later)) for name in ("h1_error", "h1_bound")}
-    found = xr.Dataset(rates, coords=errors.coords)
+    observed = xr.Dataset(rates, coords=errors.coords)
     asymptotic = errors["unknowns"] >= errors["asymptotic_from"]
     return xr.Dataset(
         {
-            "error_rate": found["h1_error"].where(asymptotic),
-            "bound_rate": found["h1_bound"],
+            "error_rate": observed["h1_error"].where(asymptotic),
+            "bound_rate": observed["h1_bound"],
             "asymptotic": asymptotic.astype(float),
             "index": errors["h1_bound"] / errors["h1_error"],
             "share": errors["algebraic_bound"] / errors["h1_error"],

@@ -143,10 +143,10 @@ def _galerkin(spaces: MixedSpaces) -> dict[str, float]:
     mesh, A = spaces.mesh, spaces.condensed.A
     square = 8 + 4 / np.tanh(0.5)
     galerkin = spaces.response(np.zeros(mesh.n_nodes), np.ones(len(spaces.cells)))
-    found = {}
+    defects = {}
     for name, v_h in (("galerkin", galerkin), ("galerkin_elsewhere", _value(mesh.points))):
-        found[name] = abs(square - float(v_h @ (A @ v_h)) - _square_of_error(mesh, v_h)) / square
-    return found
+        defects[name] = abs(square - float(v_h @ (A @ v_h)) - _square_of_error(mesh, v_h)) / square
+    return defects
 
 
 def _value(points: Array) -> Array:

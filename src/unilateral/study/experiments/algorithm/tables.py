@@ -9,7 +9,6 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.structured import structured
 from unilateral.study import scenes, tables
-from unilateral.study.experiments.algorithm import certificates as trials
 from unilateral.study.experiments.algorithm import measure
 from unilateral.study.experiments.algorithm.formulation import formulation as statements
 
@@ -33,15 +32,15 @@ def try_algorithm(
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [structured(polygon, size) for size in sizes]
     partitions = [uniform(polygon, size * H / h) for size in sizes]
-    found = {
+    made = {
         steps: measure.algorithm(mesh, cells, cases, shares, study["steps"]),
-        certificates: trials.certificates(mesh, cells, cases, recorded),
-        singular: trials.certificates(mesh, finest, cases, recorded),
-        uniqueness: trials.uniqueness(mesh, finest),
-        unique: trials.uniqueness(mesh, cells),
-        elimination: trials.elimination(meshes, partitions, study["compared_steps"]),
-        split: trials.split(mesh, cells, cases),
+        certificates: measure.certificates(mesh, cells, cases, recorded),
+        singular: measure.certificates(mesh, finest, cases, recorded),
+        uniqueness: measure.uniqueness(mesh, finest),
+        unique: measure.uniqueness(mesh, cells),
+        elimination: measure.elimination(meshes, partitions, study["compared_steps"]),
+        split: measure.split(mesh, cells, cases),
         formulation: statements(mesh, cells, cases),
     }
-    for path, table in found.items():
+    for path, table in made.items():
         tables.save(table, path, "algorithm", {"algorithm": study})

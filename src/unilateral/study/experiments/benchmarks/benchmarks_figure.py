@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import NullLocator
 
 from unilateral.study import style, tables
 from unilateral.study.experiments.benchmarks import ratios as judge
@@ -57,11 +55,11 @@ def table(results: style.FilePath) -> pd.DataFrame:
     unit = of_linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
     for by in BY:
         for algorithm in ALGORITHMS:
-            found = _errors(runs, by, algorithm)
+            of_way = _errors(runs, by, algorithm)
             parts.append(
-                _line("work", f"{by} {algorithm}", found["cpu_seconds"] / unit["cpu_seconds"], found)
+                _line("work", f"{by} {algorithm}", of_way["cpu_seconds"] / unit["cpu_seconds"], of_way)
             )
-        parts.append(_line("space", f"{by} newton", found["peak_mb"] / unit["peak_mb"], found))
+        parts.append(_line("space", f"{by} newton", of_way["peak_mb"] / unit["peak_mb"], of_way))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -77,18 +75,18 @@ def _of_solver(runs: pd.DataFrame, way: str) -> list[pd.DataFrame]:
 
 def _errors(runs: pd.DataFrame, by: str, algorithm: str) -> pd.DataFrame:
     if by == "multigrid":
-        found = (
+        of_way = (
             judge.along(runs, judge.MULTIGRID)
             if algorithm == "newton"
             else judge.by_multigrid(runs, algorithm)
         )
     else:
-        found = judge.along(runs, f"{by} {algorithm}")
-    return found.dropna(subset="h1_error")
+        of_way = judge.along(runs, f"{by} {algorithm}")
+    return of_way.dropna(subset="h1_error")
 
 
-def _line(panel: str, label: str, x: pd.Series, found: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": found["h1_error"]})
+def _line(panel: str, label: str, x: pd.Series, of_way: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": of_way["h1_error"]})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -98,10 +96,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for (panel, (title, below)), place in zip(PANELS.items(), PLACES, strict=True):
             axes = style.axes_at(figure, *place, ACROSS, TALL)
             for label, line in data[data["panel"] == panel].groupby("label", sort=False):
-                _draw_line(axes, line, _look(panel, str(label)))
+                style.log_line(axes, line["x"], line["y"], **{**THIN, **_look(panel, str(label))})
             axes.set(title=title, xlabel=below)
             for axis in (axes.xaxis, axes.yaxis):
-                _ticked(axis, *axis.get_view_interval())
+                low, high = axis.get_view_interval()
+                axis.set_minor_locator(NullLocator())
+                if high < SHORT * low:
+                    style.few_powers(axis)
         solvers = [style.key(name, lw=1.0, ms=4.0, **look) for name, look in SOLVERS.values()]
         ways = [style.key(name, lw=1.0, color=GREY, **look) for name, look in ALGORITHMS.values()]
         ways += [style.key(name, lw=1.0, ms=4.0, **look) for name, look in BY.values()]
@@ -114,18 +115,3 @@ def _look(panel: str, label: str) -> style.Look:
         return SOLVERS[label][1]
     by, algorithm = label.split()
     return BY[by][1] | ALGORITHMS[algorithm][1]
-
-
-def _draw_line(axes: Axes, line: pd.DataFrame, look: style.Look) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    style.light_grid(axes)
-    axes.plot(line["x"], line["y"], **{**THIN, **look})
-
-
-def _ticked(axis: Axis, low: float, high: float) -> None:
-    """On a short axis ticks at 1, 2 and 5, with plain numbers; no others on any."""
-    axis.set_minor_locator(NullLocator())
-    if high < SHORT * low:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")

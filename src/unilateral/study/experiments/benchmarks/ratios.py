@@ -49,15 +49,15 @@ def growth(seconds: pd.Series) -> float:
     return math.log(seconds[last] / seconds[first]) / math.log(last / first)
 
 
-def reads(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = LINEAR) -> float:
-    """How often A could be read at the memory's bandwidth while that way solves."""
+def reads(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
+    """How often A could be read at the memory's bandwidth during a linear multigrid solve."""
     size = ROW_BYTES * (n + 1) ** 2
-    return float(along(runs, way)["solve_cpu"][n] * table["bandwidth"] / size)
+    return float(along(runs, LINEAR)["solve_cpu"][n] * table["bandwidth"] / size)
 
 
-def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int, way: str = "recursive uzawa") -> float:
+def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
     """The share of the machine's dense arithmetic that the elimination by macro-elements reaches."""
-    of = along(runs, way).loc[n]
+    of = along(runs, "recursive uzawa").loc[n]
     return float(of["operations"] / of["assembly_cpu"] / table["flop_rate"])
 
 
@@ -69,7 +69,7 @@ def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
 def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
     """What an algorithm on the boundary would take if each of its steps were one linear solve: predicted."""
     steps, linear = along(runs, f"recursive {algorithm}"), along(runs, LINEAR)
-    found = linear.loc[linear.index.intersection(steps.index)].copy()
-    found["cpu_seconds"] = found["assembly_cpu"] + steps["iterations"] * found["solve_cpu"]
-    found["h1_error"] = steps["h1_error"]
-    return found
+    predicted = linear.loc[linear.index.intersection(steps.index)].copy()
+    predicted["cpu_seconds"] = predicted["assembly_cpu"] + steps["iterations"] * predicted["solve_cpu"]
+    predicted["h1_error"] = steps["h1_error"]
+    return predicted

@@ -118,10 +118,10 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
     counts, largest = judge.iterations(runs, PROBLEMS), multigrid.index[-1]
     return {
         **{name: table[name].item() for name in ("date", "processor", "cores")},
-        "ahead": _by_n(judge.fastest(runs)),
-        "over_further": _by_n(judge.fastest(runs, judge.FURTHER)),
-        "getfem": _by_n(judge.ratios(runs, "getfem")),
-        "unknowns": {str(n): (n + 1) ** 2 for n in multigrid.index},
+        "ahead": _by_n(judge.fastest(runs), *SHOWN),
+        "over_further": _by_n(judge.fastest(runs, judge.FURTHER), *SHOWN),
+        "getfem": _by_n(judge.ratios(runs, "getfem"), 512),
+        "unknowns": {str(n): (n + 1) ** 2 for n in SHOWN},
         "growth": judge.growth(multigrid["cpu_seconds"].loc[SHOWN[1] :]),
         "grows_from": SHOWN[1],
         "largest": {"n": int(largest), "unknowns": int(largest + 1) ** 2}
@@ -135,9 +135,9 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
         "bandwidth": float(table["bandwidth"]) / 1e9,
         "flop_rate": float(table["flop_rate"]) / 1e9,
         "share_of_peak": judge.share_of_peak(runs, table, n),
-        "eliminated": _by_n(judge.ratios(runs, "recursive newton")),
-        "sparse": _by_n(judge.ratios(runs, "sparse newton")),
-        "further_load": _by_n(judge.ratios(runs, "recursive further newton", judge.FURTHER)),
+        "eliminated": _by_n(judge.ratios(runs, "recursive newton"), 256, 1024),
+        "sparse": _by_n(judge.ratios(runs, "sparse newton"), 256, 512),
+        "further_load": _by_n(judge.ratios(runs, "recursive further newton", judge.FURTHER), 256, 1024),
     }
 
 
@@ -149,5 +149,6 @@ def comparable(runs: pd.DataFrame) -> pd.Series:
     return (runs["H_over_h"] != max(judge.H_OVER_H.values())) & (runs["n"] >= SHOWN[0])
 
 
-def _by_n(values: pd.Series) -> Mapping[str, float]:
-    return {str(n): float(value) for n, value in values.items()}
+def _by_n(values: pd.Series, *sizes: int) -> Mapping[str, float]:
+    """The values at those of the sizes n at which there are some."""
+    return {str(n): float(values[n]) for n in sizes if n in values}

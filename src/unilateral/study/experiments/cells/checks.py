@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from unilateral.study.ledger.evidence import Evidence, Tables, provided, worst
+from unilateral.study.ledger.evidence import Evidence, Tables, in_rows, provided, worst
 
 SHARE = 0.01
 """The algebraic error may be at most this share of the discretisation error."""
@@ -24,31 +23,30 @@ def exponents(
     """The smallest or the largest exponent of a variable over H, of the cases."""
     data = tables[table].sel(case=list(cases))
     quantity = f"the {'smallest' if at_least else 'largest'} exponent of H"
-    return provided(worst(exponent(data, variable), quantity, required, at_least), _faults(data))
+    found = in_rows(exponent(data, variable), "{case}")
+    return provided(worst(found, quantity, required, at_least), _faults(data))
 
 
 def consistency(tables: Tables, table: str, most: float) -> Evidence:
     """How far the exponent of <Pi_H lambda, u-g> is from sigma + tau, of all cases."""
     data = tables[table]
-    expected = (data["flux_order"] + data["gap_order"]).values
-    found = _distance(data, "consistency", expected)
-    return worst(found, "the distance of its exponent from sigma + tau", most, False)
+    distance = abs(exponent(data, "consistency") - (data["flux_order"] + data["gap_order"]))
+    return worst(in_rows(distance, "{case}"), "the distance of its exponent from sigma + tau", most, False)
 
 
 def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
     """How far the exponent of D is from that of Theorem 1, the smaller of sigma + 1/2 and (sigma + tau)/2."""
     data = tables[table].sel(case=list(cases))
-    sigma, tau = data["flux_order"].values, data["gap_order"].values
-    found = _distance(data, "discrete_error", np.minimum(sigma + 0.5, (sigma + tau) / 2))
+    sigma, tau = data["flux_order"], data["gap_order"]
+    distance = abs(exponent(data, "discrete_error") - np.minimum(sigma + 0.5, (sigma + tau) / 2))
     quantity = "the distance of the exponent of D from that of Theorem 1"
-    return provided(worst(found, quantity, most, False), _faults(data))
+    return provided(worst(in_rows(distance, "{case}"), quantity, most, False), _faults(data))
 
 
 def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
     """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2; each cell has contact and a gap."""
     data = tables[table].sel(gamma=gamma)
-    distance = abs(rates(data) - (float(data["alpha"]) + gamma) / 2)
-    found = {f"from H = {H:g}": float(each) for H, each in zip(data["H"].values, distance, strict=False)}
+    found = in_rows(abs(rates(data) - (float(data["alpha"]) + gamma) / 2), "from H = {H:g}")
     quantity = "the distance of a rate of D from (sigma + tau)/2"
     return provided(worst(found, quantity, most, False), _faults(data))
 
@@ -56,29 +54,22 @@ def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: float) -> Evidence:
     """The place of the exponent of D on a scale that is 0 at (sigma + tau)/2 and 1 at sigma + 1/2."""
     data = tables[table].sel(case=list(cases))
-    proved, best = (data["flux_order"] + data["gap_order"]).values / 2, data["flux_order"].values + 0.5
-    pairs = zip(exponent(data, "discrete_error").items(), proved, best, strict=True)
-    found = {case: float((each - low) / (high - low)) for (case, each), low, high in pairs}
+    proved, best = (data["flux_order"] + data["gap_order"]) / 2, data["flux_order"] + 0.5
+    found = in_rows((exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
     quantity = "the exponent of D, on the way from (sigma + tau)/2 to sigma + 1/2"
     return provided(worst(found, quantity, least, True), _faults(data))
 
 
-def rates(data: xr.Dataset) -> NDArray[np.float64]:
-    """The rates of D between neighbouring partitions."""
-    error, H = np.log(data["discrete_error"].values), np.log(data["H"].values)
-    return np.diff(error) / np.diff(H)
+def rates(data: xr.Dataset) -> xr.DataArray:
+    """The rates of D from each partition to the next finer one."""
+    error, H = (xr.ufuncs.log(data[name]) for name in ("discrete_error", "H"))
+    return error.diff("partition", label="lower") / H.diff("partition", label="lower")
 
 
-def exponent(data: xr.Dataset, variable: str) -> dict[str, float]:
+def exponent(data: xr.Dataset, variable: str) -> xr.DataArray:
     """The exponent of a variable over H by case, the mean over the starts."""
-    values, sizes = (np.diff(np.log(data[name].values)) for name in (variable, "H"))
-    means = (values / sizes).mean(axis=(1, 2)).tolist()
-    return dict(zip(data["case"].values.tolist(), means, strict=True))
-
-
-def _distance(data: xr.Dataset, variable: str, expected: NDArray[np.float64]) -> dict[str, float]:
-    pairs = zip(exponent(data, variable).items(), expected, strict=True)
-    return {case: abs(found - float(each)) for (case, found), each in pairs}
+    values, sizes = (xr.ufuncs.log(data[name]).diff("level") for name in (variable, "H"))
+    return (values / sizes).mean(["start", "level"], skipna=False)
 
 
 def _faults(data: xr.Dataset) -> list[str]:

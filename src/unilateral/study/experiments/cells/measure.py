@@ -63,15 +63,14 @@ def measure(mesh: Mesh, cases: Sequence[Case], sizes: Sequence[float], period: i
     condensed = condense(mesh)
     ritz = ritz_projection(cases[0], condensed)
     H = np.array(sizes)[:, None] / [1.0, period]
-    found = np.array(
+    measured = np.array(
         [
             [on_partition(condensed, cases, ritz, uniform(mesh.polygon, size), stop) for size in row]
             for row in H
         ]
     )
-    table = {
-        name: (("case", "start", "level"), found[..., k].T.swapaxes(1, 2)) for k, name in enumerate(MEASURED)
-    }
+    by_name = measured.transpose(3, 2, 0, 1)
+    table = {name: (("case", "start", "level"), of) for name, of in zip(MEASURED, by_name, strict=True)}
     return xr.Dataset(
         table
         | {
@@ -94,14 +93,14 @@ def on_partition(
     condensed: Condensed, cases: Sequence[Case], ritz: RitzProjection, partition: Partition, stop: Stop
 ) -> Array:
     """(case, MEASURED) on one partition."""
-    spaces, found = mixed_spaces(condensed, partition), []
+    spaces, rows = mixed_spaces(condensed, partition), []
     for case, cells in zip(cases, cell_means_of_gaps(cases, partition), strict=True):
         exact = Exact(replace(ritz, case=case), cells)
         result = solve(with_solution(spaces, exact), stop).result
         errors = exact.errors(spaces, result.lambda_H)
         solved = (result.bound, errors.quadrature_share, float(result.converged))
-        found.append((errors.hm12_discrete, cells.consistency, *solved))
-    return np.array(found)
+        rows.append((errors.hm12_discrete, cells.consistency, *solved))
+    return np.array(rows)
 
 
 def alternating(
@@ -115,25 +114,25 @@ def alternating(
     """
     starts = [INSET + k * H for k in range(int((1 - 2 * INSET) / H))]
     atoms = tuple(harmonic(polygon, 0, start, alpha, H / 2) for start in starts)
-    found = []
+    cases = []
     for gamma in gammas:
         tents = [pos((T - a - H / 2) * (a + H - T), gamma) / (H / 2) ** gamma for a in starts]
         gap = sympy.Add(pos(INSET - T, gamma), pos(T - 1 + INSET, gamma), *tents)
         gaps = (gap, *[INSET**gamma] * (polygon.n_sides - 1))
-        found.append(Case(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
-    return found
+        cases.append(Case(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
+    return cases
 
 
 def measure_alternating(
     mesh: Mesh, sizes: Sequence[sympy.Expr], alpha: sympy.Expr, gammas: Sequence[sympy.Expr], stop: Stop
 ) -> xr.Dataset:
     """Errors over (partition, gamma), on one mesh."""
-    condensed, found = condense(mesh), []
+    condensed, rows = condense(mesh), []
     for H in sizes:
         cases = alternating(mesh.polygon, H, alpha, gammas)
         ritz = ritz_projection(cases[0], condensed)
-        found.append(on_partition(condensed, cases, ritz, uniform(mesh.polygon, float(H)), stop))
-    values = np.array(found)
+        rows.append(on_partition(condensed, cases, ritz, uniform(mesh.polygon, float(H)), stop))
+    values = np.array(rows)
     table = {name: (("partition", "gamma"), values[..., k]) for k, name in enumerate(MEASURED)}
     coords = {"gamma": [float(each) for each in gammas], "h": mesh.h, "alpha": float(alpha)}
     return xr.Dataset(table, coords=coords | {"H": ("partition", [float(H) for H in sizes])})

@@ -19,9 +19,9 @@ def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     over_H, rough = exponent(of["errors"], "discrete_error"), of["errors"].sel(case="violates_jj_jjj")
     return {
         "cells": {
-            "cantor": min(over_H["cantor_2"], over_H["cantor_1.5"]),
+            "cantor": float(over_H.sel(case=["cantor_2", "cantor_1.5"]).min()),
             "alternating": float(rates(of["alternating"].sel(gamma=0.5)).min()),
-            "violates_jj_jjj": over_H["violates_jj_jjj"],
+            "violates_jj_jjj": float(over_H.sel(case="violates_jj_jjj")),
             "proved": float(rough["flux_order"] + rough["gap_order"]) / 2,
         }
     }

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from unilateral.study.experiments.cost import trade
-from unilateral.study.ledger.evidence import Evidence, Tables, all_of, provided, worst
+from unilateral.study.ledger.evidence import Evidence, Tables, provided, worst
 
 
 def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: float) -> Evidence:
@@ -25,33 +25,6 @@ def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: flo
     return worst(rows, f"growth of the steps of {algorithm} over that of {than}", most, False)
 
 
-def few(tables: Tables, algorithm: str, most: float) -> Evidence:
-    """The most steps of any run."""
-    steps = tables["cost/algorithm"]["steps"].sel(algorithm=algorithm)
-    rows = {f"H/h = {ratio:g}": float(steps.sel(H_over_h=ratio).max()) for ratio in steps["H_over_h"].values}
-    return worst(rows, "steps to the last level", most, False)
-
-
-def safe_step(tables: Tables, most: float, finest: float) -> Evidence:
-    """The steps, less one, with rho = 1.9 sigma_1 over those with the optimal rho, where that meets a level.
-
-    Levels below `finest` are left out: there rounding may decide whether a step meets them.
-    """
-    steps = tables["cost/algorithm"]["steps"]
-    steps = steps.sel(stop=steps["stop"] >= finest)
-    rows, missed = {}, {}
-    for ratio in steps["H_over_h"].values:
-        safe, optimal = (steps.sel(H_over_h=ratio, algorithm=name) for name in ("safe", "optimal"))
-        ran = np.isfinite(optimal) & (optimal > 0)
-        rows[f"H/h = {ratio:g}"] = float(((safe - 1) / optimal).where(ran).max())
-        missed[f"H/h = {ratio:g}"] = float((ran & ~np.isfinite(safe)).sum())
-    quantity = "steps but one with rho = 1.9 sigma_1 over those with 2/(lambda_min + lambda_max)"
-    return all_of(
-        worst(rows, quantity, most, False),
-        worst(missed, "levels that only 2/(lambda_min + lambda_max) meets", 0.0, False),
-    )
-
-
 def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most: float) -> Evidence:
     """The largest relative excess, for any H/h, of the error at a level over the discrete solution's."""
     cases = tables["cost/case"]
@@ -67,21 +40,6 @@ def stop_is_enough(tables: Tables, norm: str, stop: float, coarsest: float, most
         if short.sel(case=name).any()
     ]
     return provided(worst(rows, quantity, most, False), faults)
-
-
-def stop_is_not_enough(
-    tables: Tables, case: str, H_over_h: float, stop: float, coarsest: float, least: float
-) -> Evidence:
-    """The growth, for half of H, of the error in H^{-1/2} at a level over the discrete solution's."""
-    table = tables["cost/case"].sel(case=case, H_over_h=H_over_h)
-    fine = table.sel(H=table["H"] <= coarsest)
-    share = (fine["hm12_error_lower"].sel(stop=stop) / fine["hm12_discrete_lower"]).values
-    rows = {
-        f"{case}, H = {H:g}": float(growth)
-        for H, growth in zip(fine["H"].values[1:], share[1:] / share[:-1], strict=True)
-    }
-    quantity = f"growth of the error at the level {stop:g} over the discrete solution's, for half of H"
-    return worst(rows, quantity, least, True)
 
 
 def exceptions_are(tables: Tables, norm: str, stop: float, coarsest: float, cases: Sequence[str]) -> Evidence:

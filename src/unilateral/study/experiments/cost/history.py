@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
+from unilateral.arrays import Array
 from unilateral.fem.linear_systems import Sparse
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.solvers.uzawa import Apply, energy_norm
 from unilateral.study.experiments.cost.variants import REFRESH
 from unilateral.study.operations import newton_solve
-
-Array = NDArray[np.float64]
 
 
 class Reached(NamedTuple):

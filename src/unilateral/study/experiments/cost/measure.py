@@ -21,10 +21,9 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.problems.case import Case
 from unilateral.study import scenes, tables
-from unilateral.study.experiments.cost.collected import along_runs
 from unilateral.study.experiments.cost.history import Reached
 from unilateral.study.experiments.cost.run import Measured, Shared, method_of
-from unilateral.study.experiments.cost.variants import Variant, plan
+from unilateral.study.experiments.cost.variants import Variant, along_runs, plan
 from unilateral.system.memory import forget_peak, peak_mb
 
 LONGER = 2
@@ -68,10 +67,10 @@ def measure_cost(
     limits = StepLimits(study["stops"], study["max_steps"], study["costly_steps"])
     cases, sizes = scenes.cases(scene), [real(H, "cost.H") for H in study["H"]]
     meshes = [structured(scenes.domain(scene), real(h, "cost.jobs.h")) for h in of_job["h"]]
-    found = [measure(mesh, cases, gram, planned, sizes, limits) for mesh in meshes]
+    measured = [measure(mesh, cases, gram, planned, sizes, limits) for mesh in meshes]
     given = {f"scenes.{name}": scene, f"cost.jobs.{number}": of_job}
     given |= {f"cost.{field}": value for field, value in study.items()}
-    for parts, path in zip(zip(*found, strict=True), (runs, timings), strict=True):
+    for parts, path in zip(zip(*measured, strict=True), (runs, timings), strict=True):
         tables.save(along_runs(parts, planned), path, "cost", given)
 
 

@@ -59,21 +59,21 @@ def _base(study: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
-    """Over all cases: the loss against the best H/h, that H/h, the stops that are enough, the work that Uzawa
-    adds to the set-up, and the factor of work for half the error.
+    """Over all cases: the loss against the best H/h, that H/h, the stop that `natural` needs, the work that
+    Uzawa adds to the set-up, and the factor of work for half the error.
     """
-    lost = tables.losses(cases, coarsest)
+    lost, both = tables.losses(cases, coarsest), ("h1", "hm12")
     of = tables.prices(tables.by_case(cases), H_over_h, coarsest)
     added = [price.over_setup - 1 for price in of["h1"].values()]
     return {
         "cases": cases.sizes["case"],
         "compared_at": trade.SHOWN,
         "lowest": float(cases["stop"].min()),
-        "loss": {n: {work: by[H_over_h][1] - 1 for work, by in lost[n].items()} for n in lost},
+        "loss": {norm: {work: by[H_over_h][1] - 1 for work, by in lost[norm].items()} for norm in both},
         "best_ratio": {n: {work: tables.best_ratio(by) for work, by in lost[n].items()} for n in lost},
-        "enough": {norm: {name: price.stop for name, price in of[norm].items()} for norm in of},
+        "enough": {"hm12": {"natural": of["hm12"]["natural"].stop}},
         "uzawa_adds": {"least": min(added), "most": max(added)},
-        "halving": {norm: max(price.halving for price in of[norm].values()) for norm in of},
+        "halving": {norm: max(price.halving for price in of[norm].values()) for norm in both},
     }
 
 
@@ -104,14 +104,15 @@ def elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> di
     """What the partial elimination saves in a step, what it costs, and when it has paid."""
     step, setup = algebra["step_operations"], algebra["setup_operations"].isel(H=-1)
     over_S, h = step / step.sel(algebra="S"), algebra["h"].sel(algebra="S")
-    found: dict[str, Any] = {
-        name: {"h": float(h[k])} | {by: float(over_S.sel(algebra=by)[k]) for by in ("A", "A_3")}
-        for name, k in (("coarse", 0), ("fine", -1))
+    over_A = {
+        name: float(
+            trade.by_A_over_by_S(algebra, crossed, name, H_over_h).sel(stop=tables.LEVELS[0]).isel(H=-1)
+        )
+        for name in ("uzawa", "barzilai_borwein")
     }
-    for name in ("uzawa", "barzilai_borwein"):
-        by_A = trade.by_A_over_by_S(algebra, crossed, name, H_over_h)
-        found[name] = float(by_A.sel(stop=tables.LEVELS[0]).isel(H=-1))
-    return found | {
+    return over_A | {
+        "coarse": {"h": float(h[0]), "A": float(over_S.sel(algebra="A")[0])},
+        "fine": {"h": float(h[-1])} | {by: float(over_S.sel(algebra=by)[-1]) for by in ("A", "A_3")},
         "level": tables.LEVELS[0],
         "setup": float(setup.sel(algebra="S") / setup.sel(algebra="A")),
         "pays_after": math.ceil(trade.breaks_even(algebra)[-1]),

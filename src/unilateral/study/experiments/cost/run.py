@@ -10,8 +10,8 @@ from functools import cached_property, partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import Condensed, by_sparse, matrix
 from unilateral.fem.linear_systems import Sparse, dissected
@@ -28,7 +28,6 @@ from unilateral.study import operations
 from unilateral.study.experiments.cost.history import History, Reached, by_A, by_A_3, by_S, by_S32, refined
 from unilateral.study.experiments.cost.variants import REFRESH, Variant
 
-Array = NDArray[np.float64]
 Errors = tuple[float, float, float, float]
 Made = TypeVar("Made")
 SAFE = 1.9

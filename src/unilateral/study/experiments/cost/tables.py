@@ -10,7 +10,7 @@ import xarray as xr
 
 from unilateral.study.experiments.cost import trade
 from unilateral.study.formats import TITLES, cells, shown, span
-from unilateral.study.rates import NORMS
+from unilateral.study.tables import NORMS
 
 NAMES = {
     "newton": "active set (`newton`)",
@@ -48,11 +48,11 @@ def prices(
 
     `runs` are Uzawa's, over (H_over_h, H, stop).
     """
-    found: dict[str, dict[str, trade.Price]] = {norm: {} for norm in NORMS}
+    by_norm: dict[str, dict[str, trade.Price]] = {norm: {} for norm in NORMS}
     for norm, (name, table) in itertools.product(NORMS, runs.items()):
         stop = trade.enough(table, norm, coarsest)
-        found[norm][name] = trade.price(table.sel(H_over_h=H_over_h), norm, stop, coarsest)
-    return found
+        by_norm[norm][name] = trade.price(table.sel(H_over_h=H_over_h), norm, stop, coarsest)
+    return by_norm
 
 
 def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
@@ -61,7 +61,7 @@ def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
     In "setup" the set-up alone is counted, and errors are those of the discrete solution; in "uzawa" it is
     all work of Uzawa's algorithm to the level that is enough for the case.
     """
-    found: dict[str, dict[str, Spans]] = {}
+    spans: dict[str, dict[str, Spans]] = {}
     for norm in NORMS:
         both: dict[str, list[dict[float, float]]] = {name: [] for name in COUNTED}
         for case in by_case(cases).values():
@@ -70,8 +70,8 @@ def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
             both["setup"].append(trade.losses(discrete, case["setup_operations"]))
             stop = trade.enough(case, norm, coarsest)
             both["uzawa"].append(trade.losses(error.sel(stop=stop), work.sel(stop=stop)))
-        found[norm] = {name: _spans(of_cases) for name, of_cases in both.items()}
-    return found
+        spans[norm] = {name: _spans(of_cases) for name, of_cases in both.items()}
+    return spans
 
 
 def _spans(of_cases: Sequence[dict[float, float]]) -> Spans:

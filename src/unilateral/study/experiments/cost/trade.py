@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Index
 from unilateral.study import operations
 from unilateral.study.tables import error_in
 
-Array = NDArray[np.float64]
 ENOUGH = 1.1
 """An error of this many times the discrete solution's is still good enough."""
 GAIN = 0.98
@@ -53,7 +52,7 @@ def excess(table: xr.Dataset, norm: str) -> xr.DataArray:
     return error_in(table, norm) / error_in(table, norm, of="discrete")
 
 
-def front(work: Array, error: Array) -> NDArray[np.intp]:
+def front(work: Array, error: Array) -> Index:
     """(k,) the points that no cheaper one beats, each with a gain, by rising work; NaN takes no part."""
     kept, least = [], np.inf
     for i in np.lexsort((error, work)):
@@ -95,8 +94,8 @@ def best(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     """The work, relative error and h of the cheapest algorithm at that level, over (H_over_h, H)."""
     at = crossed.sel(stop=stop)
     cheapest_one = at["operations"].fillna(np.inf).argmin("algorithm")
-    found = xr.Dataset({"work": at["operations"], "error": relative(at, norm), "h": at["h"]})
-    return found.isel(algorithm=cheapest_one).drop_vars("algorithm")
+    runs = xr.Dataset({"work": at["operations"], "error": relative(at, norm), "h": at["h"]})
+    return runs.isel(algorithm=cheapest_one).drop_vars("algorithm")
 
 
 def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:

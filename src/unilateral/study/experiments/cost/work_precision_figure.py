@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import NullLocator
 
 from unilateral.formulas.formula import real
 from unilateral.study import style, tables
@@ -123,13 +123,11 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for left, (norm, title) in zip(LEFT, style.NORMS.items(), strict=True):
             axes = style.axes_at(figure, left, 9.4, ACROSS, TALL)
             rows = parts["front"][parts["front"]["norm"] == norm]
-            _line(axes, rows["work"], rows["error"], FRONT)
+            style.log_line(axes, rows["work"], rows["error"], **FRONT)
             for ratio, rows in parts["line"][parts["line"]["norm"] == norm].groupby("H_over_h"):
-                _line(axes, rows["work"], rows["error"], looks[ratio])
+                style.log_line(axes, rows["work"], rows["error"], **looks[ratio])
             axes.set(title=f"{title}, relative", xlabel="operations")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_locator(NullLocator())
+            style.few_powers(axes.yaxis)
         lower = [style.axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
         _steps(lower[0], parts["steps"])
         _step(lower[1], parts["step"])
@@ -142,20 +140,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             style.legend(figure, handles, 1.35, top, ncols=columns, **space)
 
 
-def _line(axes: Axes, x: pd.Series, y: pd.Series, look: style.Look) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    style.light_grid(axes)
-    axes.plot(x, y, **look)
-
-
 def _steps(axes: Axes, rows: pd.DataFrame) -> None:
     """Draw the steps over H, and fitted exponents beside the finest points; one where lines coincide."""
     ends: list[float] = []
     place: style.Look = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
     for label, line in rows.groupby("label", sort=False):
         look = {**ALGORITHMS[str(label)][1], "lw": 0.9}
-        _line(axes, line["H"], line["steps"], look)
+        style.log_line(axes, line["H"], line["steps"], **look)
         end = line.loc[line["H"].idxmin()]
         if pd.notna(end["slope"]) and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
             text = f"$H^{{-{end['slope']:.1f}}}$"
@@ -171,7 +162,7 @@ def _steps(axes: Axes, rows: pd.DataFrame) -> None:
 def _step(axes: Axes, rows: pd.DataFrame) -> None:
     for label, (name, look) in MATRICES.items():
         line = rows[rows["label"] == label]
-        _line(axes, line["unknowns"], line["work"], {**look, **THIN, "label": name})
+        style.log_line(axes, line["unknowns"], line["work"], **{**look, **THIN}, label=name)
     axes.set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
     axes.set_ylim(top=200 * axes.get_ylim()[1])
     _named(axes, "upper left")
@@ -180,7 +171,7 @@ def _step(axes: Axes, rows: pd.DataFrame) -> None:
 def _stop(axes: Axes, rows: pd.DataFrame) -> None:
     for i, (norm, title) in enumerate(style.NORMS.items()):
         line = rows[(rows["norm"] == norm) & (rows["stop"] >= LAST_STOP)]
-        _line(axes, line["stop"], line["excess"], {**style.look(i), **THIN, "label": title})
+        style.log_line(axes, line["stop"], line["excess"], **style.look(i), **THIN, label=title)
     axes.invert_xaxis()
     _named(axes, "upper right")
     axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
 from unilateral.geometry.partition import Partition
@@ -17,46 +17,9 @@ from unilateral.study.ledger.evidence import (
     Array,
     Evidence,
     Tables,
-    all_of,
-    along_ratio,
-    by_case,
     forms,
-    inverse_constant,
     worst,
 )
-
-
-def no_consistency(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """The largest <Pi_H lambda, u-g> on the cells without a transition inside, in all cases."""
-    errors = {scene: tables[f"{scene}/errors"] for scene in scenes}
-    found = {
-        f"{scene}, {case}": float(np.abs(data["consistency_elsewhere"].sel(case=case).values).max())
-        for scene, data in errors.items()
-        for case in data["case"].values
-    }
-    return worst(found, "the largest <Pi_H lambda, u-g> on these cells", ZERO, False)
-
-
-def keeps_falling(tables: Tables, scenes: Sequence[str], case: str, H_over_h: float) -> Evidence:
-    """The largest quotient of errors on neighbouring levels, in H1 and in H^{-1/2} from below."""
-    found = {}
-    for scene in scenes:
-        table = tables[f"{scene}/errors"].sel(case=case)
-        for name in ("h1_error", "hm12_error_lower"):
-            errors = along_ratio(table, name, H_over_h)
-            found[f"{scene}, {name}"] = float(np.max(errors[1:] / errors[:-1]))
-    return worst(found, "the largest quotient of neighbouring levels", 1.0, False)
-
-
-def decrease(
-    tables: Tables, scenes: Sequence[str], cases: Sequence[str], H_over_h: float, most: float
-) -> Evidence:
-    """The error ||lambda - lambda_H||_{-1/2} on the finest level over that on the coarsest."""
-    found = {}
-    for name, errors in by_case(tables, "{scene}/errors", scenes, cases).items():
-        lower, upper = (along_ratio(errors, f"hm12_error_{bound}", H_over_h) for bound in ("lower", "upper"))
-        found[name] = float(upper[-1] / lower[0])
-    return worst(found, "the finest error over the coarsest", most, False)
 
 
 def projection(
@@ -122,6 +85,13 @@ def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
     return worst(found, "the left side over the right one", 1.0, False)._replace(lines=as_printed)
 
 
+def inverse_constant(cells: Partition, form: Array) -> float:
+    """The least C of (4.9), ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by a form (m, m) of the norm."""
+    root = np.sqrt(cells.H * cells.lengths)
+    scaled = form / root[:, None] / root
+    return float(eigvalsh(scaled, subset_by_index=[0, 0])[0] ** -0.5)
+
+
 def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Dataset, Partition, Gram]]:
     """Each partition: name, errors with lower bounds on ||lambda - Pi_H lambda||_{-1/2}, cells, forms."""
     for scene in scenes:
@@ -130,21 +100,6 @@ def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Datas
             data = tables[f"{scene}/errors"].isel(partition=k).sel(case=names)
             lower = np.sqrt(np.diag(gram.lower)[gram.n_cells :])
             yield f"{scene}, H = {cells.H:g}", data.assign(projection_lower=("case", lower)), cells, gram
-
-
-def multiplier_bound(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """The left side of (4.7) over the right one, with its constants.
-
-    These are 1, and 1/beta_0 before H^{-1/2} (||u-u_h||_1 + inf ||lambda-mu||_{-1/2}).
-    """
-    found = {}
-    for scene in scenes:
-        table = tables[f"{scene}/errors"]
-        weight = table["beta_0"] * np.sqrt(table["H"])
-        right = table["projection_error"] + (table["h1_error"] + table["hm12_best"]) / weight
-        nonzero = table["l2_error"] > ZERO * table["u_norm"]
-        found[scene] = float((table["l2_error"] / right).where(nonzero & (weight > 0)).max())
-    return worst(found, "the left side over the right one", 1.0, False)
 
 
 def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evidence:
@@ -210,16 +165,3 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> 
                 found[name] = C * float(errors["beta_0"].values[at, k].max())
                 constants.append(f"  {name}: C = {C:.4g}")
     return worst(found, f"the largest C beta_0 at H = {H_over_h:g}h", 1.0, False)._replace(lines=constants)
-
-
-def gap(tables: Tables, scenes: Sequence[str], most: float) -> Evidence:
-    """The largest upper/lower - 1 of the errors in the dual norm that are not 0, and the smallest."""
-    largest, smallest = {}, {}
-    for scene in scenes:
-        data = tables[f"{scene}/errors"]
-        lower, upper = (data[f"hm12_error_{bound}"] for bound in ("lower", "upper"))
-        apart = (upper / lower - 1).where(upper > ZERO * data["u_norm"])
-        largest[scene], smallest[scene] = float(apart.max()), float(apart.min())
-    return all_of(
-        worst(largest, "the largest gap", most, False), worst(smallest, "the smallest gap", 0.0, True)
-    )

@@ -1,9 +1,16 @@
-"""The consistency term of (4.16): on the cells of one side, and in total over H."""
+"""The consistency term <Pi_H lambda, u - g> of (4.16): by cell, in total over H, and as predicted.
+
+For lambda = s_+^alpha and u - g = s_-^gamma, s in side lengths L from a transition, which lies at the
+fraction theta of its cell, of length H,
+
+    <Pi_H lambda, u - g> = L (H/L)^{alpha+gamma+1} theta^{gamma+1} (1-theta)^{alpha+1} / (alpha+1)/(gamma+1).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from math import isclose
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,17 +19,52 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
+from unilateral.problems.polar_atoms import Polar
 from unilateral.study import scenes as configured
 from unilateral.study import style, tables
-from unilateral.study.experiments.estimates.consistency import first_transition, leading
 
-HEIGHT = 10.7
+HEIGHT, MARKER = 10.7, 4.4
 PROVED: style.Look = {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt"}
 MEANS = {"gap_mean": (style.COLOURS[1], "$u-g$"), "lambda_mean": (style.COLOURS[0], r"$\lambda$")}
 TERM = r"\langle\Pi_H\lambda,\,u-g\rangle"
+
+
+class Transition(NamedTuple):
+    """The point where contact begins, t side lengths from the start of a side, and both exponents."""
+
+    side: int
+    t: float
+    alpha: float
+    gamma: float
+
+    @property
+    def rate(self) -> float:
+        return self.alpha + self.gamma + 1
+
+
+def first_transition(case: Case) -> Transition:
+    """The transition at the case's harmonic atom. Raises InputError if there is none with a power as gap."""
+    for atom in case.atoms:
+        if isinstance(atom, Polar) and not atom.at_vertex:
+            for t, gamma in case.gap_kinks[atom.side]:
+                if isclose(t, atom.t, rel_tol=1e-12):
+                    return Transition(atom.side, t, float(atom.beta) - 1, float(gamma))
+    raise InputError(f"case '{case.name}' has no harmonic atom where its gap closes like a power")
+
+
+def leading(transition: Transition, partition: Partition) -> tuple[float, float]:
+    """The term of that transition alone, by the formula of this module, and theta."""
+    polygon, (side, t, alpha, gamma) = partition.polygon, transition
+    s = polygon.starts[side] + t * polygon.lengths[side]
+    cell = int(np.searchsorted(partition.points, s, side="right")) - 1
+    theta = float((s - partition.points[cell]) / partition.lengths[cell])
+    size = float(partition.lengths[cell] / polygon.lengths[side])
+    means = theta ** (gamma + 1) * (1 - theta) ** (alpha + 1) / ((alpha + 1) * (gamma + 1))
+    return float(polygon.lengths[side]) * size**transition.rate * means, theta
 
 
 def table(
@@ -41,22 +83,22 @@ def table(
     (of_cells,) = configured.cases({**drawn, "cases": [case]})
     (cells,) = configured.partitions({**drawn, "H": [H]})
     parts = [_of_side(of_cells, cells)]
-    for scene, found in zip(scenes, map(tables.load, errors), strict=True):
+    for scene, of_scene in zip(scenes, map(tables.load, errors), strict=True):
         wanted = [name for name in cases if name in scene["cases"]]
         for each in configured.cases({**scene, "cases": wanted}):
-            parts.append(_of_sizes(each, found.sel(case=each.name)))
+            parts.append(_of_sizes(each, of_scene.sel(case=each.name)))
     return pd.concat(parts)
 
 
 def _of_side(case: Case, partition: Partition) -> pd.DataFrame:
-    side, found = first_transition(case).side, cell_means(case, partition)
+    side, means = first_transition(case).side, cell_means(case, partition)
     here, start = partition.side == side, partition.polygon.starts[side]
     of_cells = {
         "s": partition.points[:-1] - start,
         "end": partition.points[1:] - start,
-        "lambda_mean": found.lambda_means,
-        "gap_mean": found.gap_means,
-        "term": found.consistency_terms,
+        "lambda_mean": means.lambda_means,
+        "gap_mean": means.gap_means,
+        "term": means.consistency_terms,
     }
     return pd.DataFrame({"kind": "cell", "case": case.name, "H": partition.H, **of_cells})[here]
 
@@ -108,7 +150,7 @@ def _terms(axes: Axes, cells: pd.DataFrame) -> None:
     powers = np.floor(np.log10(cells.loc[positive, "term"]))
     ticks = 10.0 ** np.arange(powers.min() - 1, powers.max() + 2)
     axes.set_yscale("log")
-    marker: style.Look = {"ls": "", "marker": "o", "ms": 4.4, "color": style.COLOURS[2], "clip_on": False}
+    marker: style.Look = {"ls": "", "marker": "o", "ms": MARKER, "color": style.COLOURS[2], "clip_on": False}
     axes.plot(middles[positive], cells.loc[positive, "term"], **marker)
     axes.plot(middles[~positive], np.full((~positive).sum(), ticks[0]), mfc="white", zorder=3, **marker)
     _side(axes, cells)
@@ -137,7 +179,7 @@ def _totals(axes: Axes, rows: pd.DataFrame) -> None:
             line: style.Look = {"color": style.COLOURS[i], "lw": 0.9, "ls": style.LINES[k % len(style.LINES)]}
             axes.plot(part["H"], part["over_H2"], **line)
         if kind == "total":
-            axes.plot(part["H"], part["over_H2"], ls="", zorder=3, **_look(i, k == 0))
+            axes.plot(part["H"], part["over_H2"], ls="", zorder=3, **style.marked(i, k == 0, MARKER))
     sizes = sorted(rows["H"].unique())
     axes.set_xticks(sizes, [f"${style.as_fraction(H)}$" for H in sizes])
     axes.xaxis.set_minor_locator(NullLocator())
@@ -152,16 +194,11 @@ def _by_rate(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.drop_duplicates("case").sort_values("rate")
 
 
-def _look(i: int, filled: bool) -> style.Look:
-    look = style.look(i)
-    return {**look, "ms": 4.4, "mfc": look["color"] if filled else "white", "mew": 1.0}
-
-
 def _key(figure: Figure, rows: pd.DataFrame) -> None:
     """The cases with their predicted powers of H, what is proved, and what other cells add."""
     cases = _by_rate(rows)
     handles = [
-        style.key(rf"{case}: $H^{{{rate:g}}}$", lw=0.9, **_look(i, True))
+        style.key(rf"{case}: $H^{{{rate:g}}}$", lw=0.9, **style.marked(i, True, MARKER))
         for i, (case, rate) in enumerate(zip(cases["case"], cases["rate"], strict=True))
     ]
     titled: style.Look = {"title": r"predicted, $H^{\alpha+\gamma+1}$:", "alignment": "left"}

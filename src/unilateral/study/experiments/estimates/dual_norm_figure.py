@@ -13,8 +13,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 from unilateral.study import style, tables
-from unilateral.study.scenes import partitions
-from unilateral.study.sizes import normed
+from unilateral.study.scenes import normed, partitions
 
 FUNCTIONS = {"one": r"$\mu=1$", "alternating": r"$\mu=\pm 1$, cell by cell"}
 NEGLIGIBLE = 1e-12
@@ -45,8 +44,8 @@ def table(
 
 def _of_errors(runs: xr.Dataset) -> pd.DataFrame:
     bounds = {bound: tables.error_in(runs, "hm12", bound) for bound in ("lower", "upper")}
-    found = xr.Dataset({**bounds, "l2": tables.error_in(runs, "l2"), "u_norm": runs["u_norm"]})
-    rows = found.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
+    norms = xr.Dataset({**bounds, "l2": tables.error_in(runs, "l2"), "u_norm": runs["u_norm"]})
+    rows = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
     return rows[rows["upper"] > NEGLIGIBLE * rows["u_norm"]]
 
 

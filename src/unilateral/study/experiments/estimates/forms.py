@@ -12,7 +12,6 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
 from unilateral.study import scenes, tables
-from unilateral.study.sizes import normed
 
 
 def dual_forms(partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
@@ -25,5 +24,5 @@ def dual_forms(partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
 def measure_dual_norm(scene: Mapping[str, Any], name: str, dual_norm: str) -> None:
     """Write the forms of a scene on the common refinement of the partitions on which the norm is measured."""
     partitions = scenes.partitions(scene)
-    finest = common_refinement([partitions[k] for k in normed(scene)])
+    finest = common_refinement([partitions[k] for k in scenes.normed(scene)])
     tables.save(dual_forms(finest, scenes.cases(scene)), dual_norm, name, {f"scenes.{name}": scene})

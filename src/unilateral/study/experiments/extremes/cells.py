@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import square
-from unilateral.study.experiments.extremes.outcome import NOTHING, Axis, Budget, by_law, predicted, within
+from unilateral.study.experiments.extremes.outcome import (
+    NOTHING,
+    Axis,
+    Budget,
+    Start,
+    attempts,
+    by_law,
+    condition,
+    predicted,
+    within,
+)
 from unilateral.study.experiments.extremes.problem import (
-    Array,
     ExtremeProblem,
     full,
     on_square,
@@ -18,7 +28,6 @@ from unilateral.study.experiments.extremes.problem import (
     waves,
 )
 from unilateral.study.experiments.extremes.shapes import SLACK
-from unilateral.study.experiments.extremes.trial import Start, attempts, condition
 
 
 def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
@@ -105,8 +114,8 @@ def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
     The number tells how far another multiplier with the same u_h is.
     """
 
-    def distance(of: ExtremeProblem, found: Array) -> float:
-        return of.distance(found, of.lambda_H)
+    def distance(of: ExtremeProblem, mu: Array) -> float:
+        return of.distance(mu, of.lambda_H)
 
     return Axis(attempts(values, lambda size: _contact_at_h(size, 0.0), budget, distance), NOTHING)
 
@@ -117,8 +126,8 @@ def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
     The number tells how far lambda_H is from a smooth multiplier.
     """
 
-    def distance(of: ExtremeProblem, found: Array) -> float:
-        return of.distance(found, smoothed(of.lambda_H))
+    def distance(of: ExtremeProblem, mu: Array) -> float:
+        return of.distance(mu, smoothed(of.lambda_H))
 
     rows = attempts(values, lambda gap: _contact_at_h(h, gap), budget, distance)
     known = _contact_at_h(h, float(values[0]))

@@ -1,4 +1,4 @@
-"""Checks of the extremes: outcomes, limits against predictions, the step, scaling, round-off."""
+"""Checks of the extremes: outcomes, limits against predictions, scaling, round-off."""
 
 from __future__ import annotations
 
@@ -58,12 +58,6 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
         ]
     evidence = worst(rows, "values of rho that fail below the limit or converge above it", 0.0, False)
     return provided(evidence, untried)
-
-
-def step_beyond(tables: Tables, table: str, axis: str, least: float) -> Evidence:
-    """The first step that fails, over 2/lambda_max(S)."""
-    rows = {axis: float(tables[table]["measured_limit"].sel(axis=axis))}
-    return worst(rows, "the first rho that fails, over 2/lambda_max(S)", least, True)
 
 
 def power(tables: Tables, table: str, axis: str, below: float, exponent: float, most: float) -> Evidence:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
 from unilateral.solvers.uzawa import DIVERGED, LEAST
 from unilateral.solvers.uzawa_steps import STEPS
-from unilateral.study.experiments.extremes.outcome import Axis, Budget, predicted, within
+from unilateral.study.experiments.extremes.outcome import Axis, Budget, attempts, predicted, within
 from unilateral.study.experiments.extremes.problem import (
-    Array,
     ExtremeProblem,
     condensed,
     full,
@@ -21,7 +21,6 @@ from unilateral.study.experiments.extremes.problem import (
     structured_square,
     waves,
 )
-from unilateral.study.experiments.extremes.trial import attempts
 
 TOUCH = 1 / 3
 SCALES = 1e-10
@@ -34,9 +33,9 @@ def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
     The number tells how far the active set's lambda_H is from that of the value 1, multiplied alike.
     """
 
-    def change(problem: ExtremeProblem, found: Array) -> float:
+    def change(problem: ExtremeProblem, mu: Array) -> float:
         unit = problem.lambda_H.max()
-        return float(np.abs(found / unit - problem.lambda_H / unit).max())
+        return float(np.abs(mu / unit - problem.lambda_H / unit).max())
 
     def problem(times: float) -> ExtremeProblem:
         return on_square(h, H, waves, times)
@@ -88,8 +87,8 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
         points = of.spaces.partition.points
         return ((points[:-1] < TOUCH) & (points[1:] > TOUCH)).astype(float)
 
-    def smallest_gap(of: ExtremeProblem, found: Array) -> float:
-        return float(of.spaces.operator.gap(found, of.discrete.offset).min())
+    def smallest_gap(of: ExtremeProblem, mu: Array) -> float:
+        return float(of.spaces.operator.gap(mu, of.discrete.offset).min())
 
     rows = attempts(values, lambda size: on_square(size * h / H, size, contact), budget, smallest_gap, there)
     return Axis(predicted(rows, (np.pi * values) ** 2 / 72))
@@ -138,6 +137,6 @@ def _first_residual(problem: ExtremeProblem) -> float:
     return float(np.linalg.norm(np.sqrt(of.H_i) * np.minimum(0, rho * problem.discrete.offset)))
 
 
-def _held(problem: ExtremeProblem, found: Array) -> float:
+def _held(problem: ExtremeProblem, mu: Array) -> float:
     """How many cells the active set loads."""
-    return float(np.count_nonzero(found > problem.rounding * problem.norm(problem.u)))
+    return float(np.count_nonzero(mu > problem.rounding * problem.norm(problem.u)))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array, Mask
 from unilateral.study import style, tables
 from unilateral.study.experiments.extremes.kinds import RESCUED, kinds
 
-Array = NDArray[np.float64]
 KINDS = {
     "right": ("o", style.COLOURS[2]),
     RESCUED: ("o", "white"),
@@ -37,14 +36,14 @@ BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
 
 def table(extremes: style.FilePath) -> pd.DataFrame:
     """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
-    found = tables.load(extremes)
-    of = found.sel(axis=found["axis_of"])
+    points = tables.load(extremes)
+    of = points.sel(axis=points["axis_of"])
     limits = {f"log10_{name}": of[f"predicted_{name}"] for name in ("limit", "tool_limit")}
     logarithms = {
         name: np.log10(limit.where(np.isfinite(limit)).values)
-        for name, limit in {"log10_value": found["value"], **limits}.items()
+        for name, limit in {"log10_value": points["value"], **limits}.items()
     }
-    return pd.DataFrame({"label": of["label"].values, "kind": kinds(found), **logarithms})
+    return pd.DataFrame({"label": of["label"].values, "kind": kinds(points), **logarithms})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -106,13 +105,13 @@ def _ticks(values: Array) -> Array:
     """Powers of 10 or, on a short axis, the values themselves where they are apart."""
     low, width = values.min(), np.ptp(values)
     if width <= 2:
-        found = np.unique(values)
-        return found[np.diff(found, prepend=-np.inf) > APART * width]
+        ticks = np.unique(values)
+        return ticks[np.diff(ticks, prepend=-np.inf) > APART * width]
     step = next(step for step in STEPS if step * TICKS >= width)
     return np.arange(np.ceil(low / step), np.floor(values.max() / step) + 1) * step
 
 
-def _heights(values: Array, broken: NDArray[np.bool_], near: float) -> Array:
+def _heights(values: Array, broken: Mask, near: float) -> Array:
     """The heights of points: 0, but in a run of near points right ones are up and broken ones down.
 
     Where all in a run are alike they are up and down in turn.

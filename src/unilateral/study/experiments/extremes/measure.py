@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -10,27 +11,12 @@ import xarray as xr
 
 from unilateral.formulas.formula import real
 from unilateral.study import registry, tables
-from unilateral.study.experiments.extremes import cells, contact, precision, shapes, steps
+from unilateral.study.experiments.extremes import cells, contact, iteration, shapes
 from unilateral.study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
 
-__all__ = ["Budget", "survey"]
-MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, precision, shapes, steps)}
+MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, iteration, shapes)}
 KINDS = {name: getattr(MODULES[module], name) for name, module in registry.axes().items()}
 """The function of each kind of axis."""
-COLUMNS = (
-    "value",
-    "outcome",
-    "tool",
-    "true_error",
-    "guaranteed",
-    "allowance",
-    "tolerance",
-    "u_norm",
-    "measured",
-    "predicted",
-    "message",
-)
-LIMITS = ("predicted_limit", "predicted_tool_limit", "local_limit", "measured_limit", "measured_tool_limit")
 
 
 def try_extremes(study: Mapping[str, Any], extremes: str) -> None:
@@ -46,20 +32,19 @@ def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Bu
     Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
     the first one that is not.
     """
-    points: dict[str, list[Any]] = {name: [] for name in ("axis_of", *COLUMNS)}
-    limits: dict[str, list[Any]] = {name: [] for name in LIMITS}
-    for name, axis in axes.items():
-        found = _axis(name, axis, h, H, budget)
-        for row in found.rows:
-            points["axis_of"].append(name)
-            for column in COLUMNS:
-                points[column].append(getattr(row, column))
-        measured = (_first(found.rows, what) for what in ("outcome", "tool"))
-        told = (found.limit, found.tool_limit, found.local_limit)
-        for key, value in zip(LIMITS, (*told, *measured), strict=True):
-            limits[key].append(value)
-    table = {name: ("point", values) for name, values in points.items()}
-    of_axis = {"label": [axis["label"] for axis in axes.values()], **limits}
+    surveyed = {name: _axis(name, axis, h, H, budget) for name, axis in axes.items()}
+    points = [(name, row) for name, axis in surveyed.items() for row in axis.rows]
+    table: dict[str, Any] = {"axis_of": ("point", [name for name, _ in points])}
+    for column in fields(Row):
+        table[column.name] = "point", [getattr(row, column.name) for _, row in points]
+    of_axis = {
+        "label": [axis["label"] for axis in axes.values()],
+        "predicted_limit": [axis.limit for axis in surveyed.values()],
+        "predicted_tool_limit": [axis.tool_limit for axis in surveyed.values()],
+        "local_limit": [axis.local_limit for axis in surveyed.values()],
+        "measured_limit": [_first(axis.rows, "outcome") for axis in surveyed.values()],
+        "measured_tool_limit": [_first(axis.rows, "tool") for axis in surveyed.values()],
+    }
     table |= {name: ("axis", values) for name, values in of_axis.items()}
     return xr.Dataset(table, coords={"axis": list(axes)})
 
@@ -69,8 +54,8 @@ def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget
     values = np.array([_value(value, where) for value in axis["values"]])
     h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
     allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
-    found: Axis = KINDS[axis["kind"]](values, h, H, allowed)
-    return found
+    judged: Axis = KINDS[axis["kind"]](values, h, H, allowed)
+    return judged
 
 
 def _value(value: object, where: str) -> float:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import stiffness_and_mass
@@ -24,7 +24,6 @@ from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 
-Array = NDArray[np.float64]
 WAVES = 3
 LEAST = 1e-12
 """`rounding` is at least this, a round number above the rounding of a few hundred operations."""
@@ -59,8 +58,8 @@ class ExtremeProblem:
         """What rounding does to constants: ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1, with A^{-1} as computed."""
         mesh = self.spaces.mesh
         one = np.ones(mesh.n_nodes)
-        found = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
-        return max(LEAST, self.norm(found - one) / self.norm(one))
+        computed = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
+        return max(LEAST, self.norm(computed - one) / self.norm(one))
 
     @property
     def allowance(self) -> float:

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import CONSTANTS
 from unilateral.fem.p1 import stiffness_and_mass
@@ -15,9 +16,16 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import tensor
-from unilateral.study.experiments.extremes.outcome import Axis, Budget, crossing, predicted, within
-from unilateral.study.experiments.extremes.problem import Array, Contact, ExtremeProblem, full, posed, waves
-from unilateral.study.experiments.extremes.trial import attempts, condition
+from unilateral.study.experiments.extremes.outcome import (
+    Axis,
+    Budget,
+    attempts,
+    condition,
+    crossing,
+    predicted,
+    within,
+)
+from unilateral.study.experiments.extremes.problem import Contact, ExtremeProblem, full, posed, waves
 
 SLACK = 1e-12
 """Relative changes below this number are rounding."""

@@ -1,4 +1,4 @@
-"""Checks of rates: of the cases' errors, as they were judged; of other quantities; over (alpha, gamma)."""
+"""Checks of the rates of the cases' errors, as they were judged."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.study.ledger.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
-from unilateral.study.rates_table import smallest_rate
-
-LAST = "the rate over the last factor of 4"
+from unilateral.study.rates import smallest_rate
 
 
 def rate(
@@ -119,24 +117,3 @@ def regularity(
     }
     quantity = "the smallest rate less s, with its tolerance"
     return provided(worst(excess, quantity, 0.0, True), _faults(rows))
-
-
-def rate_of(
-    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], least: float
-) -> Evidence:
-    """The smallest rate of a variable over the last two pairs (a factor of 4) of meshes or partitions."""
-    return worst(_last_rates(tables, scenes, variable, cases), LAST, least, True)
-
-
-def slow(tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str], most: float) -> Evidence:
-    """The largest rate of a variable over the last two pairs (a factor of 4) of meshes or partitions."""
-    return worst(_last_rates(tables, scenes, variable, cases), LAST, most, False)
-
-
-def _last_rates(
-    tables: Tables, scenes: Sequence[str], variable: str, cases: Sequence[str]
-) -> dict[str, float]:
-    errors = {
-        name: data[variable].values for name, data in by_case(tables, "{scene}/errors", scenes, cases).items()
-    }
-    return {name: float(np.log(each[-3] / each[-1]) / np.log(4)) for name, each in errors.items()}

@@ -10,16 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import tables
 from unilateral.study.rates import ZERO
 
-Array = NDArray[np.float64]
 FIRST_S = 1.5
 """The fit starts from this s, the rate of P0 in H^{-1/2} for a smooth lambda."""
 
@@ -29,8 +28,8 @@ def fit_floors(errors: str, name: str, ratio: object, floors: str) -> None:
     table = tables.load(errors)
     declared = {each: case.declared(each)[0]["asymptotic"]["h1"]["from"] for each in table["case"].values}
     starts = {each: real(start, f"case '{each}', asymptotic.h1.from") for each, start in declared.items()}
-    found = by_case(table, starts, real(ratio, "judged_ratio"))
-    tables.save(found, floors, name, {"rates.judged_ratio": ratio})
+    fits = by_case(table, starts, real(ratio, "judged_ratio"))
+    tables.save(fits, floors, name, {"rates.judged_ratio": ratio})
 
 
 class Floor(NamedTuple):
@@ -56,15 +55,15 @@ def fit(h: Array, H: Array, error: Array) -> Floor:
             "a fit needs four, at two of each"
         )
     start = np.array([np.log(np.min(error / h)), np.log(np.min(error / H**FIRST_S)), FIRST_S])
-    found = least_squares(
+    least = least_squares(
         _misfit, start, args=(np.log(h), np.log(H), np.log(error)), xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
     freedom = len(error) - len(start)
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * (found.fun @ found.fun) / freedom
-    C1, C2 = np.exp(found.x[:2])
+    covariance = np.linalg.inv(least.jac.T @ least.jac) * (least.fun @ least.fun) / freedom
+    C1, C2 = np.exp(least.x[:2])
     uncertainty = np.sqrt(covariance[2, 2])
-    largest = np.max(np.abs(found.fun))
-    return Floor(float(C1), float(C2), float(found.x[2]), float(uncertainty), float(largest), len(error))
+    largest = np.max(np.abs(least.fun))
+    return Floor(float(C1), float(C2), float(least.x[2]), float(uncertainty), float(largest), len(error))
 
 
 def _misfit(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> Array:
@@ -81,8 +80,8 @@ def by_case(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float
     """
     zero = errors["projection_error"].max("partition") <= ZERO * errors["u_norm"].max("mesh")
     cases = [str(case) for case in errors["case"].values if not zero.sel(case=case)]
-    found = [_of_case(errors.sel(case=case), starts[case], judged_ratio) for case in cases]
-    table = {name: ("case", [getattr(each, name) for each in found]) for name in Floor._fields}
+    fits = [_of_case(errors.sel(case=case), starts[case], judged_ratio) for case in cases]
+    table = {name: ("case", [getattr(each, name) for each in fits]) for name in Floor._fields}
     return xr.Dataset(table | {"start": ("case", [starts[case] for case in cases])}, coords={"case": cases})
 
 

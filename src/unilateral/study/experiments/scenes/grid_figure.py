@@ -25,9 +25,9 @@ BLANK: style.Look = {"fc": "white", "ec": "0.8", "hatch": "////"}
 
 def table(errors: style.FilePath, cases: Sequence[str]) -> pd.DataFrame:
     """One row per case, norm, h and H: the error, NaN where it was not computed, and whether beta = 0."""
-    found = tables.load(errors).sel(case=list(cases))
-    without_beta = (found["algorithm"] == "active_set").astype(int)
-    of = xr.Dataset({"error": tables.errors_in_all(found), "beta_zero": without_beta})
+    runs = tables.load(errors).sel(case=list(cases))
+    without_beta = (runs["algorithm"] == "active_set").astype(int)
+    of = xr.Dataset({"error": tables.errors_in_all(runs), "beta_zero": without_beta})
     rows = of.to_dataframe(["case", "norm", "mesh", "partition"]).reset_index()
     return rows[["case", "norm", "h", "H", "h_over_H", "error", "beta_zero"]]
 

@@ -24,7 +24,6 @@ from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 from unilateral.study import scenes, tables
 from unilateral.study.beta import of_runs
-from unilateral.study.sizes import limits
 from unilateral.system.memory import forget_peak, peak_mb
 
 PER_RUN = (
@@ -68,7 +67,7 @@ def solve_scene(
     coarsest = scenes.coarsest_mesh(scene)
     write_mesh(coarsest, mesh)
     for refined in scenes.refinements(coarsest, scene["mesh"]["levels"]):
-        levels.append(sweep(refined, cases, partitions, gram, limits(scene), Stop(**stop)))
+        levels.append(sweep(refined, cases, partitions, gram, scenes.limits(scene), Stop(**stop)))
         print(f"h = {refined.h:.4g} solved")
     solved, timed = (tables.along_mesh(each) for each in zip(*levels, strict=True))
     given = {f"scenes.{name}": scene, "stop": stop}

@@ -12,8 +12,7 @@ import xarray as xr
 
 from unilateral.formulas.formula import real
 from unilateral.study.formats import SPACES, TITLES, cells, shown
-from unilateral.study.rates import NORMS
-from unilateral.study.rates_table import smallest_rate
+from unilateral.study.rates import NORMS, smallest_rate
 
 READS = {
     "rates": "results/{judged}/rates.nc",

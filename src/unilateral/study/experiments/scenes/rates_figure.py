@@ -12,6 +12,7 @@ from unilateral.errors import InputError
 from unilateral.study import style, tables
 
 EXACT = {"h1": r"$u_h=u$ exactly", "hm12": r"$\lambda_H=0$ exactly", "l2": r"$\lambda_H=0$ exactly"}
+MARKER = 4.6
 ROW = 0.42
 """Centimetres between two cases in the key."""
 INDEX = ["case", "norm", "h_over_H"]
@@ -23,16 +24,16 @@ def table(errors: style.FilePath, rates: style.FilePath) -> pd.DataFrame:
 
     A ratio h/H at which nothing was solved has no rows. Raises InputError if no ratio has any.
     """
-    found, fitted = tables.load(errors), tables.load(rates)
-    all_parts = [_along(found, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
+    solved, fitted = tables.load(errors), tables.load(rates)
+    all_parts = [_along(solved, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
     parts = [part for part in all_parts if part["error"].notna().any()]
     if not parts:
         ratios = ", ".join(f"{ratio:g}" for ratio in fitted["h_over_H"].values)
         raise InputError(
-            f"scene '{found.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
+            f"scene '{solved.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
         )
     rows = pd.concat(parts).sort_values(INDEX, kind="stable")
-    return rows.assign(scene=found.attrs["scene"])[COLUMNS]
+    return rows.assign(scene=solved.attrs["scene"])[COLUMNS]
 
 
 def _along(errors: xr.Dataset, of: xr.Dataset) -> pd.DataFrame:
@@ -80,7 +81,7 @@ def _error_lines(axes: Axes, rows: pd.DataFrame, cases: dict[str, int], ratios: 
             line = of_case[(of_case["h_over_H"] == ratio) & (of_case["error"] > 0)].sort_values("h")
             axes.plot(line["h"], line["error"], **_line(i), ls=_dashes(j))
             for asymptotic, part in line.groupby("asymptotic"):
-                axes.plot(part["h"], part["error"], **_marker(i, bool(asymptotic)))
+                axes.plot(part["h"], part["error"], ls="", **style.marked(i, bool(asymptotic), MARKER))
     axes.text(0.04, 0.965, "\n".join(exact), transform=axes.transAxes, va="top", fontsize=style.SMALL)
     low, high = axes.get_ylim()
     axes.set_ylim(*style.whole_decades(low, high * (3 if exact else 1)))
@@ -92,11 +93,6 @@ def _line(i: int) -> style.Look:
 
 def _dashes(j: int) -> str | tuple[float, tuple[float, float]]:
     return style.LINES[j % len(style.LINES)]
-
-
-def _marker(i: int, filled: bool) -> style.Look:
-    look = style.look(i)
-    return {**look, "ls": "", "ms": 4.6, "mfc": look["color"] if filled else "white", "mew": 1.0}
 
 
 def _slope(axes: Axes, rows: pd.DataFrame) -> None:
@@ -133,7 +129,7 @@ def _rate_columns(
         y, of_case = top - 1.35 - ROW * place, rows[rows["case"] == case]
         start = 0.1 if left < 2 else left
         key.plot([start, start + 0.5], [y, y], **_line(i))
-        key.plot([start + 0.25], [y], **_marker(i, True))
+        key.plot([start + 0.25], [y], ls="", **style.marked(i, True, MARKER))
         observed = [of_case.loc[of_case["h_over_H"] == ratio, "rate"] for ratio in ratios]
         if of_case["rate"].isna().all():
             key.text(right, y, _without_rate(of_case), **text)

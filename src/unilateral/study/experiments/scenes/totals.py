@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -21,7 +20,6 @@ from unilateral.problems.case import Case
 from unilateral.study import scenes, tables
 from unilateral.study.tables import error_in
 
-Array = NDArray[np.float64]
 ZERO = 1e-12
 """An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
 NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u", "local_index_lambda")
@@ -42,12 +40,12 @@ def bound_totals(
     partitions = scenes.partitions(scene)
     cases = [case for case in scenes.cases(scene) if case.name in wanted]
     meshes = scenes.refinements(scenes.stored_mesh(mesh, scene), levels)
-    found = [
+    indices = [
         over_errors(each, partitions, cases, solved.isel(mesh=[level]), H_over_h)
         for level, each in enumerate(meshes)
     ]
     given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": wanted}
-    tables.save(tables.along_mesh(found), totals, name, given | {"rates.judged_ratio": ratio})
+    tables.save(tables.along_mesh(indices), totals, name, given | {"rates.judged_ratio": ratio})
 
 
 def over_errors(
@@ -62,7 +60,7 @@ def over_errors(
     condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
     partition, B = partitions[k], coupling(mesh, partitions[k])
-    found = np.full((len(NAMES), len(cases), 1), np.nan)
+    indices = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
         lambda_H = of["lambda_H"].values[: partition.n_cells]
@@ -74,8 +72,8 @@ def over_errors(
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u
-        found[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
-    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, found, strict=True)}
+        indices[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
+    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, indices, strict=True)}
     return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
         H=("mesh", [partition.H])
     )

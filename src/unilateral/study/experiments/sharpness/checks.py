@@ -17,6 +17,7 @@ from unilateral.study.ledger.evidence import (
     all_of,
     by_case,
     forms,
+    in_rows,
     worst,
 )
 from unilateral.study.tables import error_in
@@ -52,27 +53,6 @@ def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
     return np.asarray((D / bound).transpose("case", "mesh").values, dtype=float)
 
 
-def theorem_2(tables: Tables, table: str, tolerance: float) -> Evidence:
-    """The least excess, over min(3/2, 1 + alpha), of D's rates over all levels; alpha > 0, every gamma."""
-    data = tables[table].sel(norm="discrete")
-    rate = surfaces.over_all_levels(tables[table], "discrete")
-    quantity = "the rate of D over all levels of H, less min(3/2, 1 + alpha)"
-    return worst(_rows(rate - data["predicted"]), quantity, -tolerance, True)
-
-
-def beyond_consistency(tables: Tables, table: str, tolerance: float) -> Evidence:
-    """The least excess, over min(3/2, 1 + alpha, (1 + alpha + gamma)/2), of D's rates over all levels of H.
-
-    That minimum is what mu = Pi_H lambda gives. Members count for which it is smaller than
-    min(3/2, 1 + alpha) by twice the tolerance.
-    """
-    data = tables[table].sel(norm="discrete")
-    rate = surfaces.over_all_levels(tables[table], "discrete")
-    apart = data["predicted"] - data["left_by_proof"] >= 2 * tolerance - ZERO
-    quantity = "the rate of D over all levels of H, less what mu = Pi_H lambda gives"
-    return worst(_rows(rate - data["left_by_proof"], apart), quantity, tolerance, True)
-
-
 def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Evidence:
     """The least excess over the predicted rate, with the tolerance of its norm, on the two finest pairs.
 
@@ -81,8 +61,8 @@ def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Ev
     """
     rows: dict[str, float] = {}
     for norm, tolerance in tolerances.items():
-        excess = _of_largest(tables[table], norm).isel(pair=[-2, -1]).min("pair", skipna=False) + tolerance
-        rows |= {f"{norm}, {name}": value for name, value in _rows(excess).items()}
+        excess = _of_largest(tables[table], norm).isel(pair=[-2, -1]).min("pair", skipna=False)
+        rows |= _by_alpha(excess + tolerance, f"{norm}, ")
     return worst(rows, "the smallest rate less the predicted one, with its tolerance", 0.0, True)
 
 
@@ -94,8 +74,7 @@ def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance
     rows: dict[str, float] = {}
     for norm, alpha in largest.items():
         excess = _of_largest(tables[table], norm).isel(pair=-1)
-        below = excess.sel(alpha=excess["alpha"] <= alpha)
-        rows |= {f"{norm}, {name}": value for name, value in _rows(below).items()}
+        rows |= _by_alpha(excess.sel(alpha=excess["alpha"] <= alpha), f"{norm}, ")
     return worst(rows, "the rate of the finest pair less the predicted one", tolerance, False)
 
 
@@ -108,9 +87,8 @@ def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> E
     freest = data.sel(gamma=data["gamma"].min(), drop=True)
     for norm in norms:
         share = error_in(data, norm) / error_in(freest, norm)
-        largest = share.max(["level", "gamma", "position"], skipna=False)
-        rows |= {f"{norm}, {name}": value for name, value in _rows(largest).items()}
-    held = _rows(freest["held"].max(["level", "position"], skipna=False))
+        rows |= _by_alpha(share.max(["level", "gamma", "position"], skipna=False), f"{norm}, ")
+    held = _by_alpha(freest["held"].max(["level", "position"], skipna=False))
     return all_of(
         worst(rows, "an error over that for the smallest gamma", most, False),
         worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
@@ -127,9 +105,8 @@ def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
     taken = xr.DataArray(surfaces.taken_by_logarithm(data["H"].values), dims="pair") * power
     expected = data["predicted"].sel(norm="discrete")
     excess = (data["t_rate"] + taken - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
-    return worst(
-        _rows(excess), "the smallest rate of t with its logarithm, less min(3/2, 1 + alpha)", -tolerance, True
-    )
+    quantity = "the smallest rate of t with its logarithm, less min(3/2, 1 + alpha)"
+    return worst(_by_alpha(excess), quantity, -tolerance, True)
 
 
 def proposition_3(
@@ -145,12 +122,8 @@ def proposition_3(
         nu, rate = exponents[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
         taken = float(logarithm(nu)) * surfaces.taken_by_logarithm(h)[0]
         found[name] = float(rate + taken - min(2.0, 1.5 + nu))
-    return worst(
-        found,
-        "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + nu)",
-        -tolerance,
-        True,
-    )
+    quantity = "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + nu)"
+    return worst(found, quantity, -tolerance, True)
 
 
 def logarithm(nu: ArrayLike) -> Array:
@@ -161,47 +134,11 @@ def logarithm(nu: ArrayLike) -> Array:
 
 def _of_largest(data: xr.Dataset, norm: str) -> xr.DataArray:
     """(pair, alpha) rates of the largest error over gamma, less the predicted ones."""
-    error = data["error"].sel(norm=norm).max("gamma", skipna=False).transpose("level", "alpha")
-    rate = np.log(error.values[:-1] / error.values[1:]) / _steps(data)[:, None]
-    excess = rate - surfaces.predicted(norm, data["alpha"].values)
-    return xr.DataArray(excess, {"alpha": data["alpha"]}, ("pair", "alpha"))
+    largest = data["error"].sel(norm=norm).max("gamma", skipna=False)
+    error, H = (xr.ufuncs.log(each).diff("level") for each in (largest, data["H"]))
+    return (error / H - surfaces.predicted(norm, data["alpha"])).rename(level="pair")
 
 
-def _steps(data: xr.Dataset) -> Array:
-    """(pair,) logarithms of H's quotients."""
-    return np.asarray(-np.diff(np.log(data["H"].values)), dtype=float)
-
-
-def _rows(values: xr.DataArray, kept: xr.DataArray | bool = True) -> dict[str, float]:
-    """The values with alpha > 0 that are kept, by alpha and, if there is one, gamma."""
-    mask = ((values["alpha"] > 0) & kept).broadcast_like(values).transpose(*values.dims)
-    found = values.to_series()[mask.to_series()].to_frame("value").reset_index()
-    names = [", ".join(f"{dim} = {row[dim]:g}" for dim in values.dims) for _, row in found.iterrows()]
-    return dict(zip(names, found["value"].tolist(), strict=True))
-
-
-def surface(
-    tables: Tables, table: str, norm: str, least_alpha: float, gammas: Sequence[float], tolerance: float
-) -> Evidence:
-    """The least excess over the predicted rates on the two finest pairs, from an alpha on."""
-    data = tables[table].sel(norm=norm, gamma=list(gammas))
-    excess = (data["rate"] - data["predicted"]).isel(pair=[-2, -1]).min("pair")
-    rows = {
-        f"alpha = {alpha:g}, gamma = {gamma:g}": float(excess.sel(alpha=alpha, gamma=gamma))
-        for alpha in data["alpha"].values
-        for gamma in gammas
-        if alpha >= least_alpha
-    }
-    return worst(rows, "the smallest rate less the predicted one", -tolerance, True)
-
-
-def consistency_surface(tables: Tables, table: str, most: float) -> Evidence:
-    """How far the rate of <Pi_H lambda, u-g> on the finest pair is from alpha + gamma + 1."""
-    data = tables[table]
-    distance = abs(data["consistency_rate"].isel(pair=-1) - data["consistency_predicted"])
-    rows = {
-        f"alpha = {alpha:g}, gamma = {gamma:g}": float(distance.sel(alpha=alpha, gamma=gamma))
-        for alpha in data["alpha"].values
-        for gamma in data["gamma"].values
-    }
-    return worst(rows, "the largest distance from alpha + gamma + 1", most, False)
+def _by_alpha(values: xr.DataArray, before: str = "") -> dict[str, float]:
+    """The values with alpha > 0, by a name that begins with `before`."""
+    return in_rows(values.sel(alpha=values["alpha"] > 0), before + "alpha = {alpha:g}")

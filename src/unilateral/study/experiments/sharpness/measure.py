@@ -60,12 +60,12 @@ def transitions(
     """Members of the family with one u on side 0, contact from `at` to `at` + CUTOFF, in side lengths."""
     rest = (T - at - CUTOFF) / (1 - at - CUTOFF)
     atoms = (harmonic(polygon, 0, at, alpha, CUTOFF),)
-    found = []
+    members = []
     for gamma in gammas:
         gap = pos(at - T, gamma) + at**gamma * pos(rest, END)
         gaps = (gap, *[at**gamma] * (polygon.n_sides - 1))
-        found.append(Case(f"alpha {alpha}, gamma {gamma}, at {at}", {}, polygon, atoms, gaps))
-    return found
+        members.append(Case(f"alpha {alpha}, gamma {gamma}, at {at}", {}, polygon, atoms, gaps))
+    return members
 
 
 def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
@@ -114,7 +114,7 @@ def measure(condensed: Condensed, of: SeenFamily, stop: Stop) -> xr.Dataset:
     mesh, polygon = condensed.mesh, condensed.mesh.polygon
     spaces = mixed_spaces(condensed, partition)
     beta = infsup(spaces.operator, gram.p0).beta_lower
-    found = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
+    measured = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
     for a, row in enumerate(of.members):
         problems = ritz_projections([members[0] for members in row], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
@@ -138,8 +138,8 @@ def measure(condensed: Condensed, of: SeenFamily, stop: Stop) -> xr.Dataset:
                     float(solution.result.converged),
                 )
                 for name, value in zip(MEASURED, values, strict=True):
-                    found[name][a, c, k] = value
-    table = {name: (("alpha", "gamma", "position"), values) for name, values in found.items()}
+                    measured[name][a, c, k] = value
+    table = {name: (("alpha", "gamma", "position"), values) for name, values in measured.items()}
     coords = {"alpha": [float(x) for x in alphas], "gamma": [float(x) for x in gammas]}
     sizes = {"h": mesh.h, "H": partition.H, "beta_lower": beta, "lambda_min": spaces.operator.lambda_min}
     return xr.Dataset(table, coords=coords).assign({name: ((), value) for name, value in sizes.items()})
@@ -170,9 +170,9 @@ def measure_sharpness(
 
     @cache
     def level(h: sympy.Expr, H: sympy.Expr) -> xr.Dataset:
-        found = measure(on_mesh(h), on_partition(H), chosen)
+        solved = measure(on_mesh(h), on_partition(H), chosen)
         print(f"h = {h}, H = {H} solved")
-        return found
+        return solved
 
     def save(levels: Sequence[xr.Dataset], to_errors: str, to_rates: str) -> None:
         table = along_levels(levels)

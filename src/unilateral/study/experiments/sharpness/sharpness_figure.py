@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
+from unilateral.arrays import Array
 from unilateral.study import style, tables
 from unilateral.study.experiments.sharpness import surfaces
 
-Array = NDArray[np.float64]
 TITLES = {
     "discrete": r"$D=\Vert z_h-u_h\Vert_1$ over $H$, at a fixed $h$",
     **{norm: f"{style.NORMS[norm]}, at $H=2h$" for norm in ("hm12", "l2")},
@@ -44,22 +43,22 @@ def table(rates: style.FilePath, fixed: style.FilePath) -> pd.DataFrame:
     the consistency term; `left`: points of what the choice Pi_H lambda leaves of D; `proved`: ends of Theorem
     4.1's line; `attained`: where predicted lines meet it.
     """
-    found, parts = tables.load(rates), []
+    stored, parts = tables.load(rates), []
     for norm in TITLES:
-        measured = _of_D(tables.load(fixed)) if norm == "discrete" else _of_pairs(found, norm)
+        measured = _of_D(tables.load(fixed)) if norm == "discrete" else _of_pairs(stored, norm)
         rows = measured.to_dataframe(["alpha", "gamma"]).reset_index().assign(kind="measured")
-        theory = _theory(norm, found["alpha"].values, found["gamma"].values)
+        theory = _theory(norm, stored["alpha"].values, stored["gamma"].values)
         parts.append(pd.concat([rows, *theory]).assign(norm=norm))
     return pd.concat(parts)[COLUMNS]
 
 
-def _of_D(found: xr.Dataset) -> xr.Dataset:
-    return xr.Dataset({"rate": surfaces.over_all_levels(found, "discrete"), "jj": found["jj"]})
+def _of_D(rates: xr.Dataset) -> xr.Dataset:
+    return xr.Dataset({"rate": surfaces.over_all_levels(rates, "discrete"), "jj": rates["jj"]})
 
 
-def _of_pairs(found: xr.Dataset, norm: str) -> xr.Dataset:
-    rate = found["consistency_rate"] if norm == "consistency" else found["rate"].sel(norm=norm, drop=True)
-    return xr.Dataset({"rate": rate.isel(pair=-1), "before": rate.isel(pair=-2), "jj": found["jj"]})
+def _of_pairs(rates: xr.Dataset, norm: str) -> xr.Dataset:
+    rate = rates["consistency_rate"] if norm == "consistency" else rates["rate"].sel(norm=norm, drop=True)
+    return xr.Dataset({"rate": rate.isel(pair=-1), "before": rate.isel(pair=-2), "jj": rates["jj"]})
 
 
 def _theory(norm: str, alphas: Array, gammas: Array) -> Iterator[pd.DataFrame]:

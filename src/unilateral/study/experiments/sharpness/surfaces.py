@@ -11,12 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from unilateral.study.rates import NORMS
-from unilateral.study.tables import error_in
+from unilateral.arrays import Array
+from unilateral.study.tables import NORMS, error_in
 
-Array = NDArray[np.float64]
 MEASURED = (*NORMS, "discrete")
 BEST = {"h1": (1.0, 1.0), "hm12": (1.5, 1.0), "l2": (1.0, 0.5), "discrete": (1.5, 1.0)}
 """The rate by Theorems 2 and 4 is min(first, alpha + second). The first is that of P1 or P0, and

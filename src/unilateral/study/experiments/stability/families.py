@@ -80,13 +80,13 @@ def meshes_of(
     {kind: structured}, its h = H / size; or a mesh by gmsh with the boundary nodes of `spec`.
     Raises InputError for nodes that are out of order, or without the vertices.
     """
-    by_nodes, found = cache(lambda nodes: meshes.with_boundary(polygon, nodes)), []
+    by_nodes, made = cache(lambda nodes: meshes.with_boundary(polygon, nodes)), []
     for partition, spec in zip(partitions, specs, strict=True):
         if spec.get("kind") == "structured":
-            found.append(structured(polygon, partition.H / real(size, "edges_per_cell")))
+            made.append(structured(polygon, partition.H / real(size, "edges_per_cell")))
         else:
-            found.append(by_nodes(tuple(boundary_nodes(partition, spec, size).tolist())))
-    return found
+            made.append(by_nodes(tuple(boundary_nodes(partition, spec, size).tolist())))
+    return made
 
 
 def _followed(partition: Partition, cells: Counts, counts: Counts) -> Array:

@@ -99,12 +99,12 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 def _looks(kind: str, data: pd.DataFrame) -> dict[str, style.Look]:
     """How the labels of a kind look, in the order of the table."""
     markers = WORST_MARKERS if kind == "worst" else style.MARKERS
-    found = {}
+    looks = {}
     for i, label in enumerate(data.loc[data["kind"] == kind, "label"].unique()):
-        found[str(label)] = {**LOOKS[kind], "marker": markers[i % len(markers)]}
+        looks[str(label)] = {**LOOKS[kind], "marker": markers[i % len(markers)]}
         if kind == "uniform":
-            found[str(label)]["color"] = UNIFORM_COLOURS[i % len(UNIFORM_COLOURS)]
-    return found
+            looks[str(label)]["color"] = UNIFORM_COLOURS[i % len(UNIFORM_COLOURS)]
+    return looks
 
 
 def _uniform(axes: Axes, data: pd.DataFrame, looks: dict[str, style.Look]) -> None:

@@ -31,8 +31,8 @@ def survey_infsup(study: Mapping[str, Any], finds: Sequence[Spec], tables: Seque
     grams = Grams()
     for (name, family), path in zip(study.items(), tables, strict=True):
         of = {"finds": finds} if family["kind"] == "worst" else {}
-        found = survey(*pairs(name, family, **of), grams)
-        save(found, path, name, {f"surveys.{name}": family} | of)
+        table = survey(*pairs(name, family, **of), grams)
+        save(table, path, name, {f"surveys.{name}": family} | of)
         print(f"{name} measured")
 
 

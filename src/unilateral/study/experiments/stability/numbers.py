@@ -64,17 +64,15 @@ def correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
 
 
 def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> dict[str, Any]:
-    """How many pairs keep the rule; the worst pairs with flat triangles, and by edges alone from a search."""
+    """How many pairs keep the rule; the worst one with flat triangles; the angle of the worst of a search."""
     few = cell_over_edge * (1 - ROUNDED)
     flat_ones, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
     searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
-    worst = {
-        name: of.nsmallest(1, "beta_upper").iloc[0]
-        for name, of in (("flat", pairs[fine & flat_ones]), ("edges", searched))
-    }
-    return {"kept": len(pairs[fine & ~flat_ones])} | {
-        name: {"beta": float(of["beta_upper"]), "mesh": of["label"], "angle": float(of["smallest_angle"])}
-        for name, of in worst.items()
+    flat, edges = (of.nsmallest(1, "beta_upper").iloc[0] for of in (pairs[fine & flat_ones], searched))
+    return {
+        "kept": len(pairs[fine & ~flat_ones]),
+        "flat": {"beta": float(flat["beta_upper"]), "mesh": flat["label"]},
+        "edges": {"angle": float(edges["smallest_angle"])},
     }
 
 

@@ -1,4 +1,4 @@
-"""The command `unilateral solve`."""
+"""What `unilateral solve` takes from the command line; it imports next to nothing, as `commands`."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ import click
 from click.core import ParameterSource
 
 from unilateral.accuracy.goal import MAX_SECONDS, NORMS
-from unilateral.cli.command import argument, command, option
-from unilateral.cli.parameters import (
+from unilateral.cli.command import (
     CASE,
     COUNT,
     FILE,
     FOLDER,
+    NOT_CONVERGED,
     POLYGON,
     POSITIVE,
     SIDES,
     Choice,
     Name,
+    argument,
     as_json,
+    command,
+    option,
 )
 from unilateral.cli.streams import load
 from unilateral.solvers.stop import ALGORITHMS, Stop
@@ -35,12 +38,11 @@ sizes, goal, domain, method = (
 
 
 @command(
-    "solve",
     examples=(
         "unilateral solve natural --h 1/16 --H 1/8",
         "unilateral solve natural --accuracy 0.1 --json",
     ),
-    codes=(0, 2, 3, 4, 130, 143),
+    also=(NOT_CONVERGED,),
 )
 @argument("problem", type=CASE, help="a case's name, or a YAML file that declares a case or a problem")
 @as_json

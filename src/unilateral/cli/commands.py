@@ -1,0 +1,211 @@
+"""What each command but `solve` takes from the command line, and what it runs.
+
+This module imports next to nothing. What takes long to import is imported when a command runs, by
+`streams.load`, so that help and completion come at once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from unilateral.cli.command import (
+    CASE,
+    COUNT,
+    DOES_NOT_HOLD,
+    FILE,
+    FOLDER,
+    POLYGON,
+    POSITIVE,
+    SIDES,
+    Choice,
+    argument,
+    as_json,
+    command,
+    option,
+)
+from unilateral.cli.streams import load, say
+
+FORMATS = ("text", "json", "python", "ufl")
+
+
+@command(examples=("unilateral init my_problem.yaml",))
+@argument("file", type=FILE, help="a new file, such as my_problem.yaml")
+def init(file: str) -> int:
+    """Write a commented problem file to begin with."""
+    load("unilateral.cli.own").init(file)
+    say(f"{file} is written; edit it, then: unilateral check {file}")
+    return 0
+
+
+@command(
+    examples=("unilateral init my_problem.yaml", "unilateral check my_problem.yaml --out my_problem.svg")
+)
+@argument("file", type=FILE, help="a YAML file that declares a problem")
+@option("--out", type=FILE, metavar="PICTURE", help="draw it, too: a .svg, .png or .pdf file")
+def check(file: str, out: str | None) -> int:
+    """Show what is understood of a problem file, before anything is solved."""
+    say(load("unilateral.cli.own").check(file, out))
+    return 0
+
+
+@command(
+    examples=(
+        "unilateral cases",
+        "unilateral cases natural",
+        "unilateral cases thirds --polygon lshape --side 1 --format python",
+    ),
+)
+@argument(
+    "name",
+    type=CASE,
+    metavar="[CASE]",
+    required=False,
+    help="show this one, by its name or that of a YAML file: formulas, contact, regularity, rates",
+)
+@option("--json", "form", flag_value="json", help="print one JSON object, and nothing else")
+@option(
+    "--format",
+    "form",
+    type=Choice(FORMATS),
+    default=FORMATS[0],
+    help="text (default), json as --json; of one case also python, a module for numpy, or ufl",
+)
+@option(
+    "--polygon",
+    type=POLYGON,
+    metavar="NAME|FILE",
+    help="of one case: on this polygon or that of a problem file (default: all named ones that it is for)",
+)
+@option("--side", type=int, metavar="I", help="of one case: the side on which it is put (default 0)")
+@click.pass_context
+def cases(ctx: click.Context, name: str | None, form: str, polygon: str | None, side: int | None) -> int:
+    """List the manufactured cases with their certificates, or show one of them.
+
+    python and ufl are for one polygon, by default the first that the case is for.
+    """
+    if name:
+        say(load("unilateral.cli.cases").shown(name, polygon, side or 0, form))
+        return 0
+    for option_of_one, given in (("--polygon", polygon), ("--side", side)):
+        if given is not None:
+            ctx.fail(f"{option_of_one} is for one case; name it, such as natural")
+    if form in ("python", "ufl"):
+        ctx.fail(f"--format {form} is for one case; name it, such as natural")
+    if form == "json":
+        say(load("unilateral.system.as_json").text(load("unilateral.cli.cases").records()))
+    else:
+        for line in load("unilateral.cli.cases").listing():
+            say(line)
+    return 0
+
+
+@command(
+    examples=(
+        "unilateral export natural --h 1/16 --H 1/8 --levels 2 --out natural",
+        "unilateral export thirds --polygon lshape --side 4 --h 1/8 --H 1/4 --out thirds",
+    ),
+)
+@argument("case", type=CASE, help="a case's name, or a YAML file that declares a case")
+@option("--h", type=POSITIVE, metavar="EDGE", help="mesh size on the boundary, on the finest level")
+@option(
+    "--H", "H", type=POSITIVE, metavar="CELL", required=True, help="size of the cells, on the finest level"
+)
+@option("--levels", type=COUNT, metavar="N", default=1, help="each halves h and H (default 1)")
+@option("--mesh", type=FILE, metavar="FILE", help="of your own, the coarsest level, in place of --h")
+@option(
+    "--polygon",
+    type=POLYGON,
+    metavar="NAME|FILE",
+    help="a named one, or that of a problem file (default: the first it is for)",
+)
+@option("--side", type=int, metavar="I", default=0, help="on which the case is put (default 0)")
+@option("--free-sides", type=SIDES, metavar="I,J,...", help="sides without contact, as free ones")
+@option("--out", type=FOLDER, metavar="DIR", required=True, help="a folder that is not there yet")
+def export(**options: Any) -> int:
+    """Write a case as files for another solver: meshes, data and formulas."""
+    return int(load("unilateral.cli.exchange").export(**options))
+
+
+@command(
+    examples=(
+        "unilateral export natural --h 1/8 --H 1/4 --out natural",
+        "unilateral solve natural --h 1/8 --H 1/4 -o solution.vtu",
+        "unilateral score natural solution.vtu",
+    ),
+    also=(DOES_NOT_HOLD,),
+)
+@argument("folder", type=FOLDER, metavar="DIR", help="what `unilateral export` wrote")
+@argument(
+    "solutions", type=FILE, metavar="SOLUTION...", nargs=-1, required=True, help="a file for each level"
+)
+@option(
+    "--multiplier",
+    "multipliers",
+    type=FILE,
+    metavar="FILE",
+    multiple=True,
+    help="a CSV file of start, end, multiplier; once for each solution",
+)
+@option("--html", type=FILE, metavar="FILE", help="write a page with plots, too")
+@as_json
+def score(**options: Any) -> int:
+    """Judge another solver's solutions of an exported case: errors, rates, and what is wrong."""
+    return int(load("unilateral.cli.exchange").score(**options))
+
+
+@command(
+    examples=(
+        "unilateral infsup --polygon square --h 1/16 --H 1/8",
+        "unilateral export natural --h 1/16 --H 1/8 --out natural",
+        "unilateral infsup --mesh natural/level_0/mesh.msh --cells 8",
+        "unilateral infsup --mesh natural/level_0/mesh.msh --cells natural/level_0/partition.csv",
+    ),
+)
+@option("--mesh", type=FILE, metavar="FILE", help="triangles of your own, in a format of meshio")
+@option("--h", type=POSITIVE, metavar="EDGE", help="in place of --mesh: size of a mesh that is made")
+@option(
+    "--polygon",
+    type=POLYGON,
+    metavar="NAME|FILE",
+    help="a named one, or that of a problem file; with --mesh by default what the triangles cover",
+)
+@option("--cells", type=FILE, metavar="N|FILE", help="N equal cells a side, or a CSV file of start, end")
+@option("--H", "H", type=POSITIVE, metavar="CELL", help="in place of --cells: the size of equal cells")
+@as_json
+@click.pass_context
+def infsup(ctx: click.Context, **options: Any) -> int:
+    """Tell whether a mesh and a partition of its boundary are stable: the constants of Lemma 3.1.
+
+    beta is the inf-sup constant in H^(-1/2), between guaranteed bounds, beta_0 the one in L2, for -lap u + u.
+    Beside them stands the local rule: edges are short against the cells that they meet, and triangles at the
+    boundary are not flat. Cells and triangles that break it are named.
+    """
+    for one, other in (("mesh", "h"), ("cells", "H")):
+        if (options[one] is None) == (options[other] is None):
+            ctx.fail(f"infsup needs either --{one} or --{other}")
+    return int(load("unilateral.cli.infsup").run(**options))
+
+
+@command(examples=("unilateral claims", "unilateral claims 4.12"), also=(DOES_NOT_HOLD,))
+@argument("claim", metavar="[ID]", required=False, help="explain this one, such as 4.12")
+@option("--results", type=FOLDER, metavar="FOLDER", default="results", help="default results")
+@as_json
+def claims(claim: str | None, results: str, json: bool) -> int:
+    """Judge the paper's statements by the study's results, in the folder that `make` writes."""
+    judge, printed = (load(f"unilateral.study.ledger.{name}") for name in ("claims", "printed"))
+    tables = load("unilateral.study.ledger.results").finished(results)
+    found = judge.judge(tables, [judge.find(claim)] if claim else None)
+    if json:
+        say(load("unilateral.system.as_json").text({"claims": [_record(each) for each in found]}))
+    else:
+        say(printed.explanation(found[0]) if claim else printed.summary(found))
+    return DOES_NOT_HOLD if any(each.counts_against for each in found) else 0
+
+
+def _record(judgement: Any) -> dict[str, Any]:
+    """As stored, and whether it holds; the number that was required without its sign."""
+    required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
+    holds = None if judgement.evidence is None else judgement.holds
+    return judgement.record() | {"required": required, "holds": holds}

@@ -1,0 +1,253 @@
+"""`solve` on given sizes: what it prints and keeps, and with which exit code."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from conftest import discrete, load
+from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
+
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.source import enclosed
+from unilateral.discrete import condensed
+from unilateral.formulas.decimals import between, up
+from unilateral.norms.dual import dual_norm
+
+NOT_UNIQUE = (
+    "unilateral: lambda_H may not be unique, because beta is 0 to rounding; take h < H, such as H = 2h\n"
+)
+pytestmark = pytest.mark.usefixtures("shared_cases")
+
+
+def test_solve_prints_a_table(run):
+    code, out, err = run("solve", "natural", *FINER)
+    assert (code, err) == (0, "")
+    assert out.startswith("natural: h = 0.0625, H = 0.125, h/H = 0.5\n")
+    solution = condensed.solve(discrete("natural", 16, 8))
+    assert f"uzawa converged             algebraic error <= {up(solution.result.bound, '.4e')}" in out
+    assert f"after {solution.result.iterations} steps" in out
+    for name, sign, value in (("u - u_h||_1", "=", "h1"), ("lambda - lambda_H||_0", "=", "l2")):
+        assert re.search(rf"\|\|{re.escape(name)} +{sign} {getattr(solution.errors, value):.4e}\n", out), name
+    lower, upper = map(float, re.search(r"lambda_H\|\|_-1/2 +>= (\S+), <= (\S+)\n", out).groups())
+    assert solution.errors.hm12_discrete <= lower * (1 + 1e-4)
+    assert lower < upper <= 1.05 * lower
+
+
+def test_json_has_the_library_s_numbers(run):
+    """natural at h = 1/16: the total bound is at least the error, and at most 30 % more."""
+    code, found, err = solve_json(run, "natural", *FINER)
+    assert (code, err) == (0, "")
+    alone, of = discrete("natural", 16, 8), load("natural")
+    solution = condensed.solve(alone)
+    lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
+    given = alone.spaces.partition, solution.u_h, solution.lambda_H
+    mesh = alone.exact.ritz.condensed.mesh
+    bound = local_bound(enclosed(mesh, of), of.enclosed_obstacle, *given)
+    expected = {
+        "problem": "natural",
+        "h": 1 / 16,
+        "diameter": np.sqrt(2) / 16,
+        "H": 1 / 8,
+        "unknowns": 17**2,
+        "multipliers": 32,
+        "iterations": solution.result.iterations,
+        "converged": True,
+        "algebraic_bound": solution.result.bound,
+        "norm": "h1",
+        "total_bound": bound.u,
+        "h1_error": solution.errors.h1,
+        "l2_error": solution.errors.l2,
+        "hm12_error_lower": lower[0],
+        "hm12_error_upper": upper[0],
+    }
+    for key, value in expected.items():
+        assert found[key] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), key
+    assert found["h1_error"] <= found["total_bound"] <= 1.3 * found["h1_error"]
+    assert {name.split("_")[0] for name in KEYS if re.search("_error|_bound", name)} >= set(found["norms"])
+    assert found["seconds"] > 0
+    assert found["peak_mb"] > 1
+
+
+def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(run):
+    """And beta is not what is to blame."""
+    code, out, err = run("solve", "rough", *SIZES)
+    assert (code, err) == (0, "")
+    dual, l2 = (line for line in out.splitlines() if "  ||lambda - lambda_H" in line)
+    assert ">= " in dual
+    assert "<=" not in dual
+    assert l2.endswith("= none, for lambda is not in L2")
+    assert "beta" not in out
+
+
+def test_where_beta_is_0_the_multiplier_is_not_judged(run):
+    """At H = h; the active set, which ran, counts no steps."""
+    code, found, err = solve_json(run, "natural", "--h", "1/8", "--H", "1/8")
+    assert (code, err) == (0, NOT_UNIQUE)
+    of_lambda = ["hm12_error_lower", "hm12_error_upper", "l2_error"]
+    assert [key for key in KEYS if found[key] is None] == ["goal", "ended", "reach", "iterations", *of_lambda]
+    assert found["h1_error"] == pytest.approx(condensed.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
+    _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
+    assert out.count("not judged, for beta is 0 to rounding") == 2
+    assert "active_set converged" in out
+    assert "steps" not in out
+
+
+@pytest.mark.parametrize("problem", ["natural", PROBLEM])
+def test_a_multiplier_that_may_not_be_unique_is_said(run, problem):
+    """With more cells than boundary nodes beta = 0, whatever the mesh; control: it is positive at H = 2h."""
+    code, out, err = run("solve", problem, "--h", "1/4", "--H", "1/8")
+    assert (code, err) == (0, NOT_UNIQUE)
+    assert f"\n  lambda_H                    {NOT_UNIQUE.split('lambda_H ')[1]}" in out
+    code, out, err = run("solve", problem, *SIZES)
+    assert (code, err) == (0, "")
+    assert "unique" not in out
+
+
+def test_the_lshape_and_a_side(run):
+    found = [solve_json(run, "thirds", *SIZES, "--polygon", "lshape", "--side", side)[1] for side in "02"]
+    assert [each["unknowns"] for each in found] == [3 * 64 + 4 * 8 + 1] * 2
+    assert [each["multipliers"] for each in found] == [32] * 2
+    assert found[0]["h1_error"] != found[1]["h1_error"]
+
+
+def test_an_unstructured_mesh(run):
+    code, found, _ = solve_json(run, "natural", *SIZES, "--mesh", "unstructured")
+    assert code == 0
+    assert found["h"] == pytest.approx(1 / 8, rel=1e-12)
+    assert found["unknowns"] != 81
+
+
+def test_a_case_of_one_s_own(run, tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text(OWN_CASE)
+    code, found, err = solve_json(run, str(file), *SIZES)
+    assert (code, err, found["problem"]) == (0, "", "own")
+
+
+@pytest.mark.parametrize("algorithm", ["uzawa", "nesterov"])
+def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
+    options = ("natural", *SIZES, "--max-steps", "1", "--algorithm", algorithm)
+    code, found, err = solve_json(run, *options)
+    assert (code, found["converged"], found["iterations"]) == (3, False, 1)
+    bound = up(found["algebraic_bound"], ".4e")
+    assert err == f"unilateral: the iteration did not converge: the algebraic error is at most {bound}\n"
+    code, out, _ = run("solve", *options)
+    assert code == 3
+    assert f"{algorithm} NOT converged" in out
+
+
+def test_rho_and_tolerance_are_obeyed(run):
+    options = (("1e-2", "--rho", "1/4"), ("1e-8", "--rho", "1/4"), ("1e-8",))
+    loose, tight, default = (solve_json(run, "natural", *SIZES, "--tolerance", *each)[1] for each in options)
+    assert tight["algebraic_bound"] <= 1e-8 < loose["algebraic_bound"] <= 1e-2
+    assert loose["iterations"] < tight["iterations"]
+    assert default["iterations"] < tight["iterations"]
+
+
+def test_given_sizes_of_a_problem(run):
+    code, found, err = solve_json(run, PROBLEM, *SIZES)
+    assert (code, err) == (0, "")
+    assert found["h"] <= 1 / 8 < found["h"] * 2
+    assert found["algebraic_bound"] <= 0.01 * found["total_bound"]
+    _, out, _ = run("solve", PROBLEM, *SIZES)
+    assert f"guaranteed                  ||u - u_h||_1 <= {up(found['total_bound'], '.4e')}" in out
+    assert "lambda_H||_0" not in out
+
+
+KEPT = {"solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg"}
+
+
+def test_a_solution_is_kept(run, tmp_path):
+    """All files of a folder, which is made, and others by their endings; the certificate is what is told."""
+    folder, extra = tmp_path / "new/out", [tmp_path / name for name in ("a.csv", "b.png")]
+    named = [part for file in extra for part in ("-o", str(file))]
+    code, found, err = solve_json(run, "natural", *SIZES, "--out", str(folder), *named)
+    assert (code, err) == (0, "")
+    assert {file.name for file in folder.iterdir()} == KEPT
+    assert {file.name for file in tmp_path.iterdir()} == {"new", "a.csv", "b.png"}
+    assert json.loads((folder / "certificate.json").read_text()) == found
+    assert (folder / "boundary.csv").read_bytes() == extra[0].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png or .pdf"),
+        (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
+        (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
+        (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
+        (("--dry-run", "--out", "new"), "a --dry-run has no solution that could be kept"),
+    ],
+)
+def test_what_cannot_be_kept_is_told_before_the_solve(refused, tmp_path, monkeypatch, options, message):
+    """Nothing is solved, or it would fail."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("unilateral.cli.solve.api.solve", None)
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.vtu").mkdir()
+    sizes = ("--accuracy", "0.1") if "--dry-run" in options else SIZES
+    assert refused("solve", "natural", *sizes, *options).startswith(f"unilateral: {message}")
+    assert {file.name for file in tmp_path.iterdir()} == {"file", "folder.vtu"}
+
+
+def test_the_contact_is_printed(run, monkeypatch):
+    """natural: on half of side 0, up to a cell, and on all others; full_contact: everywhere."""
+    rows = dict(re.findall(r"^  (contact\S*(?: side .)?) +(.*)$", run("solve", "natural", *FINER)[1], re.M))
+    start, end = map(float, re.match(r"(\S+) to (\S+);", rows["contact, side 0"]).groups())
+    assert (start, end) == (pytest.approx(0.5, abs=1 / 8), 1)
+    assert rows["contact"] == f"length {4 - start:g}"
+    assert all(rows[f"contact, side {side}"] == "0 to 1; length 1" for side in (1, 2, 3))
+    out = run("solve", "full_contact", *SIZES)[1]
+    assert "  contact                     the whole boundary, length 4\n" in out
+    assert "contact, side" not in out
+    assert "  contact                     none\n" in run("solve", "no_contact", *SIZES)[1]
+    monkeypatch.setattr("unilateral.cli.report.SIDES", 3)
+    assert "contact, side" not in run("solve", "natural", *SIZES)[1]
+
+
+def test_the_forces_are_printed(run, monkeypatch):
+    """The integral of natural's lambda is 16, by quadrature of its polynomial; free sides have none."""
+    _, found, _ = solve_json(run, "natural", *FINER, "--sharp")
+    assert list(found["forces"]) == ["boundary", "side_0", "side_1", "side_2", "side_3"]
+    whole = found["forces"]["boundary"]
+    assert 15.9 < whole["lower"] <= 16 <= whole["upper"] < 16.1
+    _, out, _ = run("solve", "natural", *FINER, "--sharp")
+    value, *bounds = found["forces"]["side_2"].values()
+    numbers = f"{value:.4e}, between {between(*bounds, '.4e', 'and')}"
+    assert f"  force, side 2               {numbers}\n" in out
+    _, found, _ = solve_json(run, "thirds", *FINER, "--free-sides", "1,3")
+    assert list(found["forces"]) == ["boundary", "side_0", "side_2"]
+    monkeypatch.setattr("unilateral.cli.solve.SIDES", 3)
+    _, found, _ = solve_json(run, "natural", *FINER)
+    assert found["forces"] is None
+
+
+def test_free_sides_of_a_case_change_no_solution_but_the_count(run):
+    """smooth has contact on sides 0 and 1; its lambda_H is 0 on the others anyway."""
+    sizes = ("smooth", "--h", "1/16", "--H", "1/8", "--tolerance", "1e-9")
+    (_, held, _), (_, free, _) = (solve_json(run, *sizes, *of) for of in ((), ("--free-sides", "2,3")))
+    assert (held["multipliers"], free["multipliers"]) == (32, 16)
+    assert free["h1_error"] == pytest.approx(held["h1_error"], abs=3e-9)
+    assert free["l2_error"] == pytest.approx(held["l2_error"], rel=1e-5)
+    assert free["total_bound"] >= free["h1_error"]
+
+
+def test_idle_sides_are_left_out_on_request(run, problem_file_of):
+    """f >= 1 and g < 1 on sides 0 and 3: 8 of 16 multipliers."""
+    file = problem_file_of(f="1 + x*y", g="[x**2/2, 1/2 + y, x + 1/2, y/2]")
+    (_, every, _), (_, left_out, _) = (
+        solve_json(run, file, *SIZES, *of) for of in ((), ("--leave-out-idle-sides",))
+    )
+    assert (every["multipliers"], left_out["multipliers"]) == (16, 8)
+    assert left_out["total_bound"] == pytest.approx(every["total_bound"], rel=1e-2)
+
+
+def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
+    """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
+    monkeypatch.setattr("unilateral.cli.solve.available_mb", lambda: 2.0)
+    sizes = "--h", "1/32", "--H", "1/16"
+    code, out, err = run("solve", "no_contact", *sizes, "--sharp")
+    assert (code, err) == (0, "unilateral: no guaranteed bound, for it takes about 5 MB, and 2 MB are free\n")
+    assert "guaranteed  " not in out
+    assert "guaranteed  " in run("solve", "no_contact", *sizes)[1]

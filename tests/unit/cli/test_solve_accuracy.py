@@ -1,0 +1,262 @@
+"""`solve --accuracy` and `--dry-run`: what is told, what ends it, and with which exit code."""
+
+import itertools
+import json
+import os
+import re
+import signal
+from dataclasses import replace
+
+import pytest
+from conftest import DATA, ROOT
+from documents import blocks
+from typed import KEYS, PROBLEM, solve_json
+
+from unilateral.accuracy.watch import Watch
+from unilateral.discrete import base
+from unilateral.formulas.decimals import up
+from unilateral.solution import Solution
+
+pytestmark = pytest.mark.usefixtures("shared_cases")
+LSHAPE = str(DATA / "problems/lshape.yaml")
+KEYS_OF_PLAN = ["problem", "adapted", "unknowns", "seconds", "peak_mb", "missed", "ended", "reach"]
+
+
+def level_rows(out):
+    """The columns of the rows that are printed of levels."""
+    return [line.split() for line in out.splitlines() if re.fullmatch(r"[ 0-9.e-]+", line)]
+
+
+def test_an_accuracy_of_a_case(run):
+    code, found, err = solve_json(run, "natural", "--accuracy", "1e-1")
+    assert (code, err, found["certified"]) == (0, "", True)
+    assert found["h1_error"] <= found["total_bound"] <= 0.5
+    assert found["h"] == found["H"] / 2
+    _, out, _ = run("solve", "natural", "--accuracy", "1e-1")
+    assert out.startswith("natural: ||u - u_h||_1 <= 0.1 ||u||_1\n")
+    levels = level_rows(out)
+    assert [level[:2] for level in levels[:2]] == [["0.5", "0.5"], ["0.25", "0.25"]]
+    assert int(levels[-1][3]) == found["unknowns"]
+    assert sum(int(level[5]) for level in levels) == found["iterations"]
+    bound = re.escape(up(found["total_bound"], ".4e"))
+    assert re.search(rf"  certified: .* <= {bound} <= 0.0\d+ \|\|u\|\|_1, \|\|u\|\|_1 >= ", out)
+    (line,) = re.findall(r"  the guarantee rests on +(.*)", out)
+    assert re.fullmatch(r"f, g and q enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
+
+
+def test_an_absolute_accuracy(run):
+    """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
+    arguments = ("natural", "--accuracy", "1.5", "--absolute")
+    code, found, err = solve_json(run, *arguments)
+    assert (code, err, found["certified"]) == (0, "", True)
+    assert found["h1_error"] <= found["total_bound"] <= 1.5
+    assert run("solve", *arguments)[1].startswith("natural: ||u - u_h||_1 <= 1.5\n")
+
+
+def test_a_table_shows_the_shortest_edge_of_adapted_meshes(run):
+    """At a re-entrant corner, unless uniform meshes are asked for."""
+    for options, adapted in (((), True), (("--mesh", "structured"), False)):
+        code, out, _ = run("solve", LSHAPE, "--accuracy", "0.2", *options)
+        levels = level_rows(out)
+        assert code == 0
+        assert (float(levels[-1][1]) < float(levels[-1][0]) / 2) == adapted
+        assert all(float(level[1]) <= float(level[0]) for level in levels)
+
+
+def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
+    """A wave too short for the pieces: code 3, and what samples would certify is called an estimate."""
+    file = problem_file_of(f="1 + cos(3200*pi*x)", g=0)
+    code, out, _ = run("solve", file, "--accuracy", "1e-2")
+    assert code == 3
+    assert re.search(r"NOT guaranteed, for f or g varies too fast .*the rest, is an estimate", out)
+
+
+@pytest.mark.parametrize(
+    ("of_u", "of_lambda", "options", "said"),
+    [
+        ({9: 1e-3, 81: 1e-3}, {}, ("1e-4", "--max-unknowns", "300"), "  unknowns                    25 and"),
+        # the third level's bound of u would be small enough, but those of lambda contradict each other
+        ({}, {9: 1e-3, 81: 1e-3}, ("0.05",), "  unknowns                    25 and"),
+        ({}, {9: 1e-3, 25: 1e-3, 81: 1e-3}, ("0.05",), "bounds contradict each other: no bound is left"),
+    ],
+)
+def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u, of_lambda, options, said):
+    """Factors of bounds, by unknowns. The second level is the answer where the first and third disagree."""
+    own = base.local_bound
+
+    def spoilt(*arguments):
+        found, (u, of_l) = own(*arguments), (of.get(len(arguments[3]), 1.0) for of in (of_u, of_lambda))
+        return replace(found, u=u * found.u, lambda_=of_l * found.lambda_)
+
+    monkeypatch.setattr(base, "local_bound", spoilt)
+    code, out, err = run("solve", "natural", "--accuracy", *options)
+    assert code == 3
+    withdrawn = r"unilateral: \d bounds withdrawn, for they contradict each other; please report it\n"
+    assert re.fullmatch(withdrawn, err)
+    assert "  certified: " not in out
+    assert said in out
+    assert ("the guarantee rests on" in out) == ("25 and" in said)
+
+
+def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
+    code, found, _ = solve_json(run, PROBLEM, "--accuracy", "0.2", "--norm", "hm12")
+    assert (code, found["problem"], found["norm"]) == (0, "triangle", "hm12")
+    assert found["total_bound"] == found["hm12_bound"]
+    unknown = [key for key in KEYS if found[key] is None]
+    assert unknown == ["ended", "reach", *(key for key in KEYS if "_error" in key)]
+
+
+@pytest.fixture
+def looks(monkeypatch):
+    """A clock that shows how often it was looked at: a look is a second. The handler's looks are left out."""
+    count = itertools.count()
+    monkeypatch.setattr("unilateral.cli.watching.TICK", 0)
+    monkeypatch.setattr(Watch, "elapsed", property(lambda _: float(next(count))))
+
+
+@pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "60")])
+@pytest.mark.usefixtures("looks")
+def test_a_budget_that_ends_is_code_3(run, option, value):
+    """And what would be enough is said: more than the unknowns so far."""
+    arguments = ("natural", "--accuracy", "1e-3", option, value)
+    code, out, err = run("solve", *arguments)
+    assert (code, err) == (3, "")
+    assert re.search(rf"NOT certified, out of budget \(.*{option} {value}.*\): \|\|u - u_h\|\|_1 <= ", out)
+    (needed,) = re.findall(r"; about (\S+) unknowns, \S+ s and \S+ MB would be enough\n", out)
+    code, found, _ = solve_json(run, *arguments[:3], "--max-unknowns", "100")
+    assert float(needed) > 1e4 > found["unknowns"]
+    assert (code, found["certified"]) == (3, False)
+    assert (found["ended"], found["reach"]) == ("out of budget (max_unknowns=100)", None)
+    assert found["total_bound"] >= found["h1_error"]
+
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_the_documented_problem_is_the_file_and_the_documented_commands_work(run, monkeypatch):
+    """Their certificates hold: of the case, against the true error."""
+    monkeypatch.chdir(ROOT)
+    assert (ROOT / "examples/shelter.yaml").read_text() == blocks("docs/problem-files.md")[0].text
+    lines = [line.split() for line in blocks("docs/accuracy.md")[0].text.splitlines()]
+    assert len(lines) == 2
+    for program, *arguments in lines:
+        assert program == "unilateral"
+        code, found, err = solve_json(run, *arguments[1:])
+        assert (code, err, found["certified"]) == (0, "", True)
+        assert found["h1_error"] is None or found["h1_error"] <= found["total_bound"]
+
+
+def test_nothing_is_relative_to_a_multiplier_that_is_0(run):
+    """The search ends on a mesh that is not coarse, long before its limits."""
+    code, out, _ = run("solve", "no_contact", "--accuracy", "0.5", "--norm", "hm12")
+    assert code == 3
+    assert "NOT certified, lambda_H is 0, and no error is a part of that; ask for an absolute accuracy" in out
+
+
+@pytest.mark.parametrize("done", [0, 1])
+def test_an_interrupt_leaves_the_best_solution_if_there_is_one(run, monkeypatch, done):
+    """A signal in the midst of the first level, or of the second; no true errors, which may take long."""
+    own, count = Watch._next, itertools.count()
+
+    def interrupting(watch, phase):
+        own(watch, phase)
+        if phase == "solve" and next(count) == done:
+            interrupt()
+
+    monkeypatch.setattr(Watch, "_next", interrupting)
+    code, out, err = run("solve", "natural", "--accuracy", "1e-3")
+    assert (code, err) == (130, "" if done else "unilateral: interrupted\n")
+    assert ("NOT certified, interrupted: ||u - u_h||_1 <= " in out) == (done > 0)
+    assert ("  unknowns                    9 and" in out) == (done > 0)
+    assert "||u - u_h||_1                = " not in out
+
+
+@pytest.mark.usefixtures("looks")
+def test_a_dry_run_says_what_is_needed(run):
+    """In the text and in JSON the same; `test_plan` holds that it is right within 2.
+
+    Solved are the first levels only, up to 400 unknowns or a few more.
+    """
+    dry = ("solve", LSHAPE, "--accuracy", "0.01", "--dry-run", "--max-seconds", "9999")
+    code, out, err = run(*dry)
+    assert (code, err) == (0, "")
+    (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
+    assert float(needed) == json.loads(run(*dry, "--json")[1])["unknowns"] > 9999
+    assert "\n  adapted meshes, for few triangles have most of the bound\n" in out
+    assert "H = 2h" in out
+    *before, last = (int(level[3]) for level in level_rows(out))
+    assert max(before) < 400 <= last < 2000
+    limited = (*dry, "--max-unknowns", "9999")
+    said = r"; not within --max-unknowns 9999; --accuracy (0\.02|0\.05) is within reach\n"
+    (reach,) = re.findall(said, run(*limited)[1])
+    assert json.loads(run(*limited, "--json")[1])["reach"] == float(reach)
+
+
+def test_a_dry_run_as_json_and_where_nothing_is_known(run):
+    """lambda_H = 0 says nothing of a part of it."""
+    options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
+    code, out, _ = run("solve", "natural", *options, "0.01")
+    found = json.loads(out)
+    assert (code, list(found)) == (0, KEYS_OF_PLAN)
+    assert (found["adapted"], found["missed"]) == (True, ["max_unknowns=100"])
+    assert all(found[key] == float(f"{found[key]:.2g}") for key in ("unknowns", "seconds", "peak_mb"))
+    code, out, _ = run("solve", "no_contact", *options, "0.5", "--norm", "hm12")
+    assert (code, json.loads(out)["unknowns"]) == (0, None)
+    as_text = [each for each in options if each != "--json"]
+    code, out, _ = run("solve", "no_contact", *as_text, "0.5", "--norm", "hm12")
+    assert code == 0
+    assert "  plan: unknown, for nothing is known yet of the size of the solution" in out
+
+
+def test_a_dry_run_that_cannot_go_on_says_why(run, problem_file_of):
+    """An iteration that fails, and a wave that nobody can enclose on any mesh; as text and as JSON."""
+    steps = ("natural", "--algorithm", "uzawa", "--max-steps", "1")
+    of_steps = steps, "the iteration did not converge (--max-steps, "
+    of_f = (problem_file_of(f="1 + cos(3200*pi*x)", g=0),), "f or g varies too fast or has terms that cancel"
+    for options, why in (of_steps, of_f):
+        dry = ("solve", *options, "--dry-run", "--accuracy", "0.01")
+        code, out, _ = run(*dry)
+        assert code == 0
+        assert f"  plan: unknown, {why}" in out
+        found = json.loads(run(*dry, "--json")[1])
+        assert found["ended"].split("(")[0] == why.split("(")[0]
+        assert found["unknowns"] is None
+
+
+def test_an_interrupt_while_true_errors_are_computed_keeps_the_certificate(run, monkeypatch):
+    monkeypatch.setattr(Solution, "true_errors", lambda *_: interrupt())
+    code, out, err = run("solve", "natural", "--accuracy", "0.2")
+    assert (code, err) == (130, "")
+    assert "  certified: " in out
+    assert "guaranteed  " in out
+
+
+def test_a_limit_before_the_first_level_is_told(run):
+    """Nothing is solved in 1e-9 seconds, nor in the MB that are held before: code 3, one line."""
+    for option in (("--max-seconds", "1e-09"), ("--max-memory", "1")):
+        code, out, err = run("solve", "natural", "--accuracy", "0.1", *option)
+        said = f"unilateral: {' '.join(option)} does not suffice to enclose the formulas of 'natural'\n"
+        assert (code, out, err) == (3, "", said)
+
+
+def test_where_the_data_are_0_the_table_says_what_is_wanted(run, problem_file_of):
+    """The bound of `accuracy.level.NOTHING`, not 0, which no bound is below."""
+    code, out, _ = run("solve", problem_file_of(f=0, g=0), "--accuracy", "0.1")
+    (*_, total, wanted), head = (out.splitlines()[k].split() for k in (2, 1))
+    assert (code, head[-2:]) == (0, ["total", "wanted"])
+    assert float(total) <= float(wanted) == 1e-140
+
+
+def test_a_refused_mesh_leaves_the_best_solution(run, problem_file_of):
+    """The coarser ones are fine; control: the code is 2 where the first one is refused."""
+    polygon, refusal = "[[1e9, 0], [1e9 + 1, 0], [1e9 + 1, 1], [1e9, 1]]", "to the origin"
+    file = problem_file_of(polygon=polygon, f="3*(x - 1e9) - 2", g=0)
+    code, out, err = run("solve", file, "--accuracy", "1e-1")
+    assert (code, err.count("\n")) == (3, 1)
+    assert refusal in err
+    assert re.search(r"NOT certified, the next level is refused: \|\|u - u_h\|\|_1 <= [0-9.]+e", out)
+    code, found, _ = solve_json(run, file, "--accuracy", "1e-1")
+    assert (code, found["certified"]) == (3, False)
+    assert found["unknowns"] > 8
+    assert run("solve", file, "--accuracy", "1e-1", "--max-unknowns", "3")[:2] == (2, "")
