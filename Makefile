@@ -51,7 +51,7 @@ score: .venv/ready  ## the drivers of other solvers in examples/, scored (see be
 	python -m benchmarks.scores
 
 fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `make test` (above an hour)
-	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_adversarial.py tests/unit/bounds/test_random_problems.py
+	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_guarantees.py
 
 mutants: .venv/ready  ## one line of a guarantee spoilt at a time: a test has to fail; `make mutants only=tanh` tries one
 	python -m tests.mutants $(only)

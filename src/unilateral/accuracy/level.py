@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.halvings import evenness
-from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.flux_residuals import underflow
+from unilateral.bounds.flux_residuals import SUMS, underflow
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.geometry.partition import Partition

@@ -30,9 +30,10 @@ ON_INTERVALS = ("edge", "x", "weight", "p", "slope", "doubt", "upper")
 class Constraint:
     """g on the boundary edges of a mesh; edges on free sides are left out.
 
-    `unknowns` (nb, 3) are the unknowns of P2 at the start, the end and the midpoint of every edge.
-    `at_unknowns` (n,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p differs at an end
-    of the edge from p on the edge before or after. `rounding` (nb,) is that of p. The other fields belong to
+    The unknowns of P2 on the boundary are those at its nodes, then those at the midpoints of its edges;
+    `unknowns` (nb, 3) are the ones at the start, the end and the midpoint of every edge. `at_unknowns`
+    (2 nb,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p differs at an end of
+    the edge from p on the edge before or after. `rounding` (nb,) is that of p. The other fields belong to
     K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
     `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
     `upper` bound (K,) on g.
@@ -54,12 +55,12 @@ class Constraint:
     @cached_property
     def highest(self) -> Array:
         """(nb,) upper bounds on p plus its doubt on the edges, -inf where there is no p."""
-        found = np.full(len(self.unknowns), -np.inf)
-        np.maximum.at(found, self.edge, bernstein_bounds(self.p)[1] + self.doubt)
-        return found
+        highest = np.full(len(self.unknowns), -np.inf)
+        np.maximum.at(highest, self.edge, bernstein_bounds(self.p)[1] + self.doubt)
+        return highest
 
     def near(self, v: Array, also: Mask) -> Constraint:
-        """The constraint without edges where v (n,) is above g and its doubt; those `also` (nb,) are kept.
+        """The constraint without edges where v (2 nb,) is above g and its doubt; those `also` (nb,) stay.
 
         On an edge v is at least its least coefficient in Bernstein's basis, and so are its coefficients on an
         interval; `highest` bounds p from above likewise. So on the intervals left out the coefficients of
@@ -84,12 +85,10 @@ class Constraint:
         return np.asarray(of, dtype=float)
 
 
-def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask) -> Constraint:
-    """The constraint v >= g on the edges `on` (nb,), for P2 with n unknowns.
-
-    `unknowns` (nb, 3) are those on the edges, as in `Constraint`.
-    """
-    lengths = np.diff(mesh.s)
+def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask) -> Constraint:
+    """The constraint v >= g on the edges `on` (nb,)."""
+    lengths, start = np.diff(mesh.s), np.arange(len(on))
+    unknowns = np.column_stack([start, np.roll(start, -1), len(on) + start])
     inner = mesh.s[:-1, None] + lengths[:, None] * np.arange(PARTS) / PARTS
     cuts = np.union1d(np.append(inner.ravel(), mesh.s[-1]), obstacle.points)
     middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
@@ -100,7 +99,7 @@ def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask
     s, piece = middle[:, None] + half[:, None] * nodes, obstacle.on(middle)
     p, slope = obstacle.at(piece[:, None], s)
     x = np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
-    at_unknowns, rise, jumps = _at_ends(_at_unknowns(obstacle, mesh), unknowns, n, on)
+    at_unknowns, rise, jumps = _at_ends(_at_unknowns(obstacle, mesh), unknowns, on)
     p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
     slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
     rounding = np.zeros(len(lengths))
@@ -122,15 +121,15 @@ def constraint(obstacle: Obstacle, mesh: Mesh, unknowns: Index, n: int, on: Mask
     )
 
 
-def _at_ends(on_edges: Array, unknowns: Index, n: int, on: Mask) -> tuple[Array, Array, Mask]:
+def _at_ends(on_edges: Array, unknowns: Index, on: Mask) -> tuple[Array, Array, Mask]:
     """p (n,) at the unknowns, what p is raised by at the edges' ends (nb, 2), and where it jumps (nb,).
 
     p has the values `on_edges` (nb, 3). At a vertex the larger of two values counts. If the other one lacks
-    something by rounding, that is added to p linearly along its edge, or else w (`feasible_p2`) would not
+    something by rounding, that is added to p linearly along its edge, or else w (`feasible`) would not
     vanish at the vertex. If it lacks more, p jumps.
     """
     on_edges = np.where(on[:, None], on_edges, -np.inf)
-    at_unknowns = np.full(n, -np.inf)
+    at_unknowns = np.full(unknowns.max() + 1, -np.inf)
     np.maximum.at(at_unknowns, unknowns, on_edges)
     lacking = np.where(
         on[:, None], at_unknowns[unknowns[:, :2]] - np.where(on[:, None], on_edges, 0)[:, :2], np.inf

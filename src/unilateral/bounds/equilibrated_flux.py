@@ -14,7 +14,8 @@ Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
 b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, inside the domain, F_0. They solve
-a periodic tridiagonal system with a border, which is eliminated for many patches at once.
+a periodic tridiagonal system with a border, which is eliminated for many patches at once. A spoke has a
+number: 2 e + i goes from end i of edge e to the other one.
 
 q is given by its values on edges. So whatever rounding does to these values, q is in H(div), with that q.n up
 to their rounding.
@@ -22,14 +23,19 @@ to their rounding.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32
-from unilateral.bounds.patch_spokes import around, fans
+from unilateral.arrays import Array, Index, Int32, blocks
 from unilateral.geometry.mesh import Mesh
+
+CHUNK = 4096
+"""This many patches, or twice as many triangles, are treated together.
+
+Their numbers fit into a processor's cache.
+"""
 
 
 class _Numbers(NamedTuple):
@@ -81,6 +87,43 @@ def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
     flow, tilt = q[0].take(edge), q[1].take(edge)
     flow *= 2.0 * left - 1.0
     return flow + tilt, flow - tilt
+
+
+def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Array]:
+    """(2 E,), (2 E,) for each spoke the next one anticlockwise and `of_corners` (k, 3) at the corner between.
+
+    Behind spokes that run back along the boundary there is neither: both are 0.
+    """
+    ends = mesh.triangulation.ends
+    after, found = np.zeros(2 * len(ends), dtype=np.int32), np.zeros(2 * len(ends))
+    for of in blocks(len(mesh.triangles), 2 * CHUNK):
+        node, edge, values = mesh.triangles[of].T, mesh.opposite_edges[of].T, of_corners(of).T
+        spokes = [2 * e + (ends[e, 0] != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
+        for i, spoke in enumerate(spokes):
+            found[spoke] = values[i]
+            after[spoke] = spokes[i - 1] ^ 1
+    return after, found
+
+
+def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
+    """The spokes (k + 1, p) of p nodes with k triangles around each, anticlockwise, one chunk after another.
+
+    The last spoke of a node inside is its first one again. Before the spokes come the numbers (p,) of the
+    nodes along the boundary, or none (0,) for nodes inside.
+    """
+    ends, n, nb = mesh.triangulation.ends.ravel(), mesh.n_nodes, len(mesh.boundary)
+    first, number, kind = *np.empty((2, n), dtype=np.int32), 2 * np.bincount(ends, minlength=n)
+    first[ends] = np.arange(len(ends), dtype=np.int32)
+    first[mesh.boundary], number[mesh.boundary] = 2 * mesh.triangulation.boundary, np.arange(nb)
+    kind[mesh.boundary] -= 1
+    for which in np.flatnonzero(np.bincount(kind)):
+        nodes, k = np.flatnonzero(kind == which), which // 2
+        for part in (nodes[of] for of in blocks(len(nodes), CHUNK)):
+            fan = np.empty((k + 1, len(part)), dtype=np.int32)
+            fan[0] = first[part]
+            for j in range(k):
+                fan[j + 1] = after.take(fan[j])
+            yield number[part[: len(part) * (which % 2)]], fan
 
 
 def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array) -> _Numbers:

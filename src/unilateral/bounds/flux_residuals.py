@@ -21,6 +21,8 @@ from unilateral.geometry.refinement import CORNERS
 
 ROUNDING = 2.0**-45
 """The rounding of a sum, over its terms' sizes: 128 units in the last place, for some 20 operations each."""
+SUMS = 1e-9
+"""At most this fraction of a sum of squares is rounding."""
 UNDERFLOW, DIVIDED = 1e-150, 1e-156
 """What squares that underflow take from the root of a sum, at most.
 

@@ -9,11 +9,13 @@ With -w in the place of w the second one is like the first: in both <lambda_H, w
 small, and w not below a bound c. On sides that are free lambda is 0, and w is free, too: a flux that is
 given there is no part of lambda, in E neither.
 
-w is continuous, and linear on the triangles of a `small_mesh` of its own. There the best one is known:
-||w||_1 is not below |v|_S, for v its values at the boundary nodes and S the Schur complement on these, and
-it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest on that. v is
-not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest only at
-vertices, which are nodes. And ||w||_1 is computed from all values of w. On the exact mesh, see
+w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
+and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
+beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
+is known: ||w||_1 is not below |v|_S, for v its values at the boundary nodes and S the Schur complement on
+these, and it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest on
+that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest
+only at vertices, which are nodes. And ||w||_1 is computed from all values of w. On the exact mesh, see
 `geometry.exact_mesh`, it is at most `growth` times as large.
 """
 
@@ -26,17 +28,40 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.small_mesh import condensed, extended
-from unilateral.fem.condense import Condensed
+from unilateral.bounds.flux_residuals import SUMS
+from unilateral.errors import InputError
+from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.formulas.taylor import EPS
+from unilateral.geometry import exact_mesh
+from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
+from unilateral.geometry.partition import Partition, balanced, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind, structured
 from unilateral.solvers.least_norm import least
 
 LEAST, TINY = 1e-100, 1e-300
 """When w is chosen, E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
+FEW, LARGE = 250, 2000
+"""Before it is graded, the mesh is halved until it has FEW nodes; one with more than LARGE is not taken."""
+MOST = 640
+"""The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
+LIGHT = 1 / 16
+"""A load on a node counts as small if it is at most this."""
+LARGEST = 1 / 4
+"""Triangles are halved first where the load on a node is more than this fraction of the largest one."""
+THICK = 1.0
+"""Triangles at the boundary with an edge longer than this are halved.
+
+Functions of least norm fall within a length of 1 from the boundary.
+"""
+DISTORTED = 1e-6
+"""Triangles are not halved if rounding distorts one of them by more than this."""
+GROWTH = 0.4
+"""The size of triangles grows by this times their distance from the boundary."""
+SMALL = 1e-2
+"""The least diameter of a polygon on which rounding does not hide constants."""
 
 
 class Force(NamedTuple):
@@ -59,7 +84,7 @@ def forces(
 
     lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2};
     `free` sides have no constraint. If the bound is infinite, no force has an upper bound. Of the `mesh` that
-    lambda_H was computed on only the coarsest level is used, where that suffices (`small_mesh`).
+    lambda_H was computed on only the coarsest level is used, where that suffices.
     """
     held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
     sides = [np.intersect1d(held, [*part]) for part in parts]
@@ -120,14 +145,13 @@ class Best:
         `least` begins with the active sets `begin` (nb, k).
         """
         constants = self._most(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
-        found = constants[1 + c.max(axis=0).astype(int)]
+        best = constants[1 + c.max(axis=0).astype(int)]
         if self.space:
             v = least(self.space.A_3, self.load, c, begin)
             other = np.flatnonzero(v.any(axis=0))
-            if not other.size:
-                return found
-            found[other] = np.minimum(found[other], self._most(extended(self.space, v[:, other])))
-        return found
+            if other.size:
+                best[other] = np.minimum(best[other], self._most(extended(self.space, v[:, other])))
+        return best
 
     def _most(self, w: Array) -> Array:
         """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
@@ -141,3 +165,87 @@ class Best:
         off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)
+
+
+def condensed(mesh: Mesh, cells: Partition, load: Array) -> tuple[Mesh, Condensed | None]:
+    """A small mesh of the polygon of `mesh` for the load (m,) on the cells, and its condensation.
+
+    Where there is none, as on polygons that are too thin, these are the `mesh` itself and None. A polygon
+    that is too small is enlarged before it is condensed.
+    """
+    try:
+        small = enlarged = small_mesh(mesh, cells, load)
+        polygon = small.polygon
+        exact_mesh.check(polygon, small.points, small.triangles, small.distortion)
+        if polygon.diameter < SMALL:
+            vertices = SMALL / polygon.diameter * polygon.vertices
+            enlarged = meshes.similar(small, Polygon(vertices, polygon.name))
+        return small, condense(enlarged)
+    except InputError:
+        return mesh, None
+
+
+def extended(space: Condensed, v: Array) -> Array:
+    """(n, k) the functions with the values v (nb, k) on the boundary and, up to rounding, the least norm."""
+    loads = np.zeros((space.mesh.n_nodes, v.shape[1]))
+    loads[space.mesh.boundary] = space.A_3 @ v
+    w = space.solve(loads)
+    w[space.mesh.boundary] = v
+    return w
+
+
+def small_mesh(mesh: Mesh, cells: Partition, load: Array) -> Mesh:
+    """A mesh of the polygon of `mesh`, graded for the load (m,) on the cells.
+
+    Raises InputError where gmsh has to make one, and it is not sound.
+    """
+    graded = _first(mesh)
+    while graded.n_nodes < FEW and (finer := _halved(graded)):
+        graded = finer
+    while len(chosen := _chosen(graded, cells, load)) and (finer := _halved(graded, chosen)):
+        if len(finer.boundary) > MOST:
+            break
+        graded = finer
+    return graded
+
+
+def _first(mesh: Mesh) -> Mesh:
+    """The mesh that this one was refined from, or another one if that is large."""
+    coarse, polygon = mesh.coarse or mesh, mesh.polygon
+    if coarse.n_nodes <= LARGE:
+        return coarse
+    if natural_kind(polygon) == "structured":
+        return structured(polygon, 1)
+    edges = balanced(uniform(polygon, float(polygon.lengths.max())))
+    return meshes.with_boundary(polygon, edges.points[:-1], GROWTH)
+
+
+def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
+    """The mesh with all triangles halved, or with the chosen ones; None where rounding would show."""
+    if mesh.distortion.max() > DISTORTED:
+        return None
+    try:
+        return meshes.refine_some(mesh, chosen)
+    except InputError:
+        return None
+
+
+def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
+    """The triangles at the ends with the largest loads, and those at the boundary that are too thick."""
+    at, ends = np.zeros(mesh.n_nodes), _steep_ends(mesh, cells, load)
+    at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
+    heavy = np.zeros(mesh.n_nodes, dtype=bool)
+    heaviest = np.argsort(-at, kind="stable")[: max(MOST - len(mesh.boundary), 0) // 2]
+    heavy[heaviest] = at[heaviest] > max(LIGHT, LARGEST * float(at.max()))
+    outer = mesh.boundary_triangles
+    thick = outer[mesh.longest_edges[outer] > THICK]
+    return np.union1d(np.flatnonzero(heavy[mesh.triangles].any(axis=1)), thick)
+
+
+def _steep_ends(mesh: Mesh, cells: Partition, load: Array) -> Index:
+    """The places in `mesh.boundary` of the polygon's vertices, and of the nodes next to ends of contact."""
+    contact, nb = load > 0, len(mesh.boundary)
+    at = cells.points[:-1][contact != np.roll(contact, 1)]
+    before, after = (np.searchsorted(mesh.s, at, side=side) - 1 for side in ("left", "right"))
+    vertices = np.flatnonzero(mesh.side != np.roll(mesh.side, 1))
+    return np.unique(np.concatenate([vertices, before % nb, after, (after + 1) % nb]))

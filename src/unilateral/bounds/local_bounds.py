@@ -1,7 +1,7 @@
 """The guaranteed total error of a discrete solution by problems on vertex patches.
 
 u~ and lambda~ are the solution for f~ in place of f, and for tau~ in place of the flux tau that is given on
-free sides (`given_flux`). lambda, lambda~ and sigma >= 0 are on the other sides, 0 on free ones. For q in
+free sides (`boundary_flux`). lambda, lambda~ and sigma >= 0 are on the other sides, 0 on free ones. For q in
 H(div) with q.n = sigma there, and tau~ of any sign on free sides, and d in H^1 with u_h + d >= g, put X =
 ||u~ - u_h||_1, D = ||d||_1,
 
@@ -24,7 +24,7 @@ of u and u~, and of lambda and lambda~, are at most that of F and F~.
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
 there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
-makes u_h feasible (`feasible_p2`); it is 0 but on the triangles at boundary nodes. Nothing is assumed of u_h
+makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is assumed of u_h
 and lambda_H. What rounding may have done to the sums over triangles is added to them.
 
 u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`), a triangulation
@@ -40,39 +40,46 @@ from dataclasses import dataclass
 import numpy as np
 
 from unilateral.arrays import Array, blocks
-from unilateral.bounds.edge_flux import SUMS, check, edge_flux
+from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
 from unilateral.bounds.equilibrated_flux import equilibrated
-from unilateral.bounds.flux_residuals import defects, misfit, root, underflow
-from unilateral.bounds.given_flux import Given, nothing
-from unilateral.bounds.lifting import lifting
+from unilateral.bounds.feasible import lifting
+from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
 from unilateral.bounds.source import Source
+from unilateral.errors import InputError
 from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
+from unilateral.geometry import exact_mesh
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.oscillation import oscillation_bound
 from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 @dataclass(frozen=True)
-class LocalBound:
+class Bound:
     """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
 
-    `flux` is ||grad u_h - q||, `residual` is ||u_h - f~ - div q||, `lifting` bounds ||d||_1, and `data`
-    bounds what f - f~ and tau - tau~ can add. `unknown` is the part that would be 0 if f, g and tau were the
-    polynomials by which they are enclosed; the part of that which is `irreducible` hardly falls on finer
-    meshes.
+    `lifting` bounds ||d||_1, and `data` bounds what f - f~ and tau - tau~ can add. `unknown` is the part that
+    would be 0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is
+    `irreducible` hardly falls on finer meshes.
+    """
+
+    u: float
+    lambda_: float
+    lifting: float
+    data: float
+    unknown: float
+    irreducible: float
+
+
+@dataclass(frozen=True)
+class LocalBound(Bound):
+    """The cheap bound: `flux` is ||grad u_h - q||, and `residual` is ||u_h - f~ - div q||.
 
     `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
     2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
     """
 
-    u: float
-    lambda_: float
     flux: float
     residual: float
-    lifting: float
-    data: float
-    unknown: float
-    irreducible: float
     shares: Array
 
 
@@ -108,7 +115,6 @@ def local_bound(
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
     moved = _of_feasible(of, u_h, q, inside, residual, *d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
-    oscillation = (1 + SUMS) * oscillation_bound(mesh, flux.rest[:, None], flux.constant).item()
     of_data = _of_data(source, u_h)
     data = (1 + SUMS) * (root(of_data) + tau.distance) + underflow(mesh)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data
@@ -116,15 +122,33 @@ def local_bound(
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
     return LocalBound(
         u=mesh.growth * (of_u + data),
-        lambda_=mesh.growth * (min(distance + of_u, eta) + oscillation + data) if np.any(held) else 0.0,
-        flux=root(of_gradient),
-        residual=math.sqrt(mesh.areas @ residual**2),
+        lambda_=mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data) if held.any() else 0.0,
         lifting=distance,
         data=data,
         unknown=source.unknown + doubt,
-        irreducible=doubt + (0.0 if source.resolved else source.unknown),
+        irreducible=doubt + source.irreducible,
+        flux=root(of_gradient),
+        residual=math.sqrt(mesh.areas @ residual**2),
         shares=shares,
     )
+
+
+def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int]) -> None:
+    """Raises InputError unless u_h is in V_h, lambda_H in Lambda_H, lambda_H >= 0, and 0 on the `free` sides.
+
+    It is raised, too, where the mesh is too far from the exact one.
+    """
+    if not np.array_equal(mesh.polygon.vertices, cells.polygon.vertices):
+        raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
+    exact_mesh.check(mesh.polygon, mesh.points, mesh.triangles, mesh.distortion)
+    for name, values, n in (("u_h", u_h, mesh.n_nodes), ("lambda_H", lambda_H, cells.n_cells)):
+        if np.shape(values) != (n,) or not np.all(np.isfinite(values)):
+            raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")
+    if np.min(lambda_H) < 0:
+        raise InputError(f"lambda_H has the value {np.min(lambda_H):.4g}; it must not be negative")
+    loaded = np.flatnonzero(np.isin(cells.side, [*free]) & (lambda_H > 0))
+    if loaded.size:
+        raise InputError(f"lambda_H is not 0 on side {cells.side[loaded[0]]}, which is free; it must be")
 
 
 def _of_feasible(
@@ -133,9 +157,9 @@ def _of_feasible(
     """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`."""
     here = of.triangles
     gradient = misfit(of.mesh, u_h, q, here) + slopes_at_nodes(of.slopes, hats, bubbles)
-    found = inside.copy()
-    found[here] = linear_squares(of.areas, gradient) + squares(of.areas, hats + residual[here, None], bubbles)
-    return found
+    moved = inside.copy()
+    moved[here] = linear_squares(of.areas, gradient) + squares(of.areas, hats + residual[here, None], bubbles)
+    return moved
 
 
 def _of_data(source: Source, u_h: Array) -> Array:

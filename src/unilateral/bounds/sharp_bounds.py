@@ -1,9 +1,9 @@
 """The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
 
 The bounds are for f_h, the linear part of f on each triangle, in place of f, and for tau~ in place of the
-flux tau that is given on free sides; see `source` and `given_flux` for the rest. They begin with w of V_h,
-which is u_h or near it, the flux q of `equilibrated` for w (`balanced_function`), and the lifting d of u_h as
-in `local_bounds`, where the proofs are.
+flux tau that is given on free sides; see `source` and `boundary_flux` for the rest. They begin with w of V_h,
+which is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting d of u_h as in
+`local_bounds`, where the proofs are.
 
 The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
@@ -12,8 +12,8 @@ x_k, and the hats psi_k there, q gets theta r,
     theta = ||div r||_T^2 / (||div r||_T^2 + ||r||_T^2),
 
 since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
-0 there, but for what `balanced_function` leaves; on triangles larger than 1 all of r would cost more than it
-gains. With curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes
+0 there, but for what `balanced` leaves; on triangles larger than 1 all of r would cost more than it gains.
+With curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes
 of RT1 with that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w
 towards the solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made feasible.
 Both reduce
@@ -39,16 +39,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.balanced_function import balanced
-from unilateral.bounds.edge_flux import SUMS, check, edge_flux
-from unilateral.bounds.feasible_p2 import Missing
-from unilateral.bounds.flux_residuals import ROUNDING, misfit, root, underflow
-from unilateral.bounds.given_flux import Given, nothing
-from unilateral.bounds.lifting import Lifting, lifting
+from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
+from unilateral.bounds.equilibrated_flux import equilibrated
+from unilateral.bounds.feasible import Lifting, Missing, lifting
+from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
+from unilateral.bounds.local_bounds import Bound, check
 from unilateral.bounds.source import Source
+from unilateral.fem.linear_systems import solved
+from unilateral.fem.p1 import edge_load, lumped_mass, stiffness_and_mass
 from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
 from unilateral.geometry.partition import Partition
-from unilateral.norms.oscillation import oscillation_bound
 from unilateral.problems.obstacle_and_flux import Obstacle
 
 ENOUGH = 0.01
@@ -58,27 +58,19 @@ The next ones would take less still.
 """
 MOST_STEPS = 50
 """At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
+UNBALANCED = 0.01
+"""||w - f - div q||^2 may be this fraction of the sum over the triangles of min(h, 1)^2 ||grad w - q||^2.
+
+That sum is like ||u - w||_0^2.
+"""
 
 
 @dataclass(frozen=True)
-class SharpBound:
-    """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
+class SharpBound(Bound):
+    """The sharp bound, f_h being its f~; `eta` and `steps` are those of v and q."""
 
-    `eta` and `steps` are those of v and q; `lifting` bounds ||d||_1, `data` bounds what f - f_h and
-    tau - tau~ can add; `oscillation` bounds ||lambda_H - sigma||_{-1/2}. `unknown` is the part that would be
-    0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is `irreducible`
-    hardly falls on finer meshes.
-    """
-
-    u: float
-    lambda_: float
     eta: float
     steps: int
-    lifting: float
-    data: float
-    oscillation: float
-    unknown: float
-    irreducible: float
 
 
 def sharp_bound(
@@ -90,12 +82,9 @@ def sharp_bound(
     free: Collection[int] = (),
     given: Given | None = None,
 ) -> SharpBound:
-    """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
+    """Bounds for what `local_bound` takes, which raises InputError likewise.
 
-    On these the flux is 0 unless it is `given`.
-
-    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
-    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, free)
@@ -113,19 +102,17 @@ def sharp_bound(
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
     most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    oscillation = (1 + SUMS) * oscillation_bound(mesh, flux.rest[:, None], flux.constant).item()
     data = (1 + SUMS) * (source.distance + tau.distance) + underflow(mesh)
-    of_lambda = min(distance + most, eta) + oscillation + data
+    of_lambda = min(distance + most, eta) + flux.distance(mesh) + data
     return SharpBound(
         u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
-        lambda_=mesh.growth * of_lambda if np.any(held) else 0.0,
-        eta=eta,
-        steps=steps,
+        lambda_=mesh.growth * of_lambda if held.any() else 0.0,
         lifting=distance,
         data=data,
-        oscillation=oscillation,
         unknown=source.unknown + doubt,
-        irreducible=doubt + (0.0 if source.resolved else source.unknown),
+        irreducible=doubt + source.irreducible,
+        eta=eta,
+        steps=steps,
     )
 
 
@@ -182,8 +169,41 @@ def _turned(field: Array) -> Array:
     return np.stack([-field[..., 1], field[..., 0]], axis=2)
 
 
+def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Array, float]:
+    """w (n,), its flux as `equilibrated` gives it, w - f_h - div q (m,), and what rounding adds to the norms.
+
+    The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
+    For u_h itself div q is w - f_h up to what the solver left of the discrete equations and what the flux on
+    the edges leaves of lambda_H. This may be nothing beside the error of u_h, and much beside the error of
+    lambda_H, which is smaller.
+    """
+    w = u_h
+    for last in (False, True):
+        q = equilibrated(source.mesh, w, source.moments_on, sigma)
+        of_gradient, residual, rounding = defects(source, w, q)
+        sizes = np.minimum(source.mesh.longest_edges, 1.0)
+        least = max(UNBALANCED * float(sizes**2 @ of_gradient), rounding**2)
+        if last or source.mesh.areas @ residual**2 <= least:
+            break
+        w = _solved(source, w, sigma, least)
+    return w, q, residual, rounding
+
+
+def _solved(source: Source, w: Array, sigma: Array, least: float) -> Array:
+    """w with (w, psi_a)_1 = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
+
+    Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
+    most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
+    is brought down to `least`.
+    """
+    mesh = source.mesh
+    stiffness, mass = stiffness_and_mass(mesh)
+    rhs = source.load + edge_load(mesh, sigma)
+    return solved(stiffness + mass, rhs, w, lumped_mass(mesh), least)[0]
+
+
 def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
-    """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced_function`."""
+    """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
     mesh = spaces.mesh
     w, q, residual, rounding = balanced(source, u_h, sigma)
     p, x = w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
@@ -206,9 +226,9 @@ def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
     of = away.spaces.of_boundary
     nodal, bubbles = np.split(d[of], 2)
     *more, short = lift.lifted(away.w[away.spaces.mesh.boundary] + nodal, bubbles)
-    found = d.copy()
-    found[of] += np.concatenate(more)
-    return found, short
+    lifted = d.copy()
+    lifted[of] += np.concatenate(more)
+    return lifted, short
 
 
 def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[Array, Array, int]:

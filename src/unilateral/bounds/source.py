@@ -2,10 +2,10 @@
 
 On a piece f is near a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces
 are the triangles of the first mesh; where rad is not small they are replaced by those that came from them
-(`source_polynomials`).
-Triangles of the mesh itself are cut at a jump, where the bound holds but for a part whose area is bounded
-(`source_jumps`). Pieces are quartered until sum |piece| rad^2 is small, so that no peak of f can hide between
-points. With f_h the L2 projection of p to linear functions on each triangle T, and E_T >= ||f - p||_T,
+(`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but for a part
+whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| rad^2 is small, so that no
+peak of f can hide between points. With f_h the L2 projection of p to linear functions on each triangle T, and
+E_T >= ||f - p||_T,
 
     (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
 
@@ -17,23 +17,21 @@ Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. D
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.polynomial_means import averages, hat_means
+from unilateral.bounds.source_ancestors import FEW, AncestorSearch, Seen, Sums, even_h, sums_of, values
 from unilateral.bounds.source_pieces import (
     TrianglePieces,
-    areas,
+    averages,
+    hat_means,
     known_at_points,
     polynomials,
     rounded_size,
     with_gaps,
 )
-from unilateral.bounds.source_polynomials import FEW, values
-from unilateral.bounds.source_search import AncestorSearch, Seen, Sums, even_h, sums_of
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
@@ -76,10 +74,10 @@ class Source:
     @property
     def load(self) -> Array:
         """(n,) values of (f_h, phi_i)."""
-        found, nodes = np.zeros(self.mesh.n_nodes), self.mesh.triangles
+        load, nodes = np.zeros(self.mesh.n_nodes), self.mesh.triangles
         for of in blocks(len(nodes)):
-            np.add.at(found, nodes[of].ravel(), self.moments_on(of).ravel())
-        return found
+            np.add.at(load, nodes[of].ravel(), self.moments_on(of).ravel())
+        return load
 
     def moments_on(self, of: slice) -> Array:
         """(k, 3) the `moments` on some triangles."""
@@ -106,22 +104,19 @@ class Source:
         """What of that is f - p, whose means are not known."""
         return float(np.linalg.norm(self.rest))
 
+    @property
+    def irreducible(self) -> float:
+        """What of that hardly falls on finer meshes."""
+        return 0.0 if self.resolved else self.unknown
 
-def poincare(longest: Array) -> Array:
-    """(k,) the constants C of ||w - mean w||_T <= C |w|_{1,T}, for triangles of these longest edges (k,)."""
-    return longest / J
+    def put(self, at: Index | slice, of: Source) -> None:
+        """Put in what is known on the triangles `at` as those of another mesh."""
+        self.f_h[at], self.oscillation[at], self.rest[at] = of.f_h, of.oscillation, of.rest
 
-
-class Values(NamedTuple):
-    """What is known of f on every triangle of a mesh; see `Source`."""
-
-    f_h: Array
-    oscillation: Array
-    rest: Array
-
-    def put(self, mesh: Mesh, at: Index, seen: Seen) -> None:
+    def put_polynomials(self, at: Index, seen: Seen) -> None:
         """Put in what the polynomials say on the triangles `at` (k,)."""
-        size, places = rounded_size(mesh), np.ascontiguousarray(mesh.points.T)
+        mesh, size = self.mesh, rounded_size(self.mesh)
+        places = np.ascontiguousarray(mesh.points.T)
         for some in (at[of] for of in blocks(len(at), FEW)):
             area, of = mesh.areas[some], seen.of[some]
             f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
@@ -129,14 +124,17 @@ class Values(NamedTuple):
             self.f_h[some], self.oscillation[some] = f_h.T, np.sqrt(area * squares)
             self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
 
-    def sums(self, mesh: Mesh, of: Mask) -> Sums:
+    def sums(self, of: Mask) -> Sums:
         """The sums over some of the triangles."""
-        if not of.any():
-            return Sums()
-        area, means = mesh.areas[of], self.f_h[of].mean(axis=1)
+        area, means = self.mesh.areas[of], self.f_h[of].mean(axis=1)
         squares = linear_squares(area, self.f_h[of]) + self.oscillation[of] ** 2
         unknown = float(np.sum(self.rest[of] ** 2))
         return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
+
+
+def poincare(longest: Array) -> Array:
+    """(k,) the constants C of ||w - mean w||_T <= C |w|_{1,T}, for triangles of these longest edges (k,)."""
+    return longest / J
 
 
 def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
@@ -145,43 +143,33 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
     What is known on a mesh `before`, from which this one was refined, is kept where that is enough.
     """
     n = len(mesh.triangles)
-    values = Values(np.empty((n, 3)), *np.empty((2, n)))
+    source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((2, n))), None, Sums()
     if before:
-        for array, old in zip(values, _values(before), strict=True):
-            array[: len(old)] = old
-    search = AncestorSearch(mesh, data, before.mesh if before else mesh.coarse or mesh, *_known(before))
-    wide = search.wide()
-    values.put(mesh, np.flatnonzero(search.new & ~wide), search.seen)
-    left = np.flatnonzero(search.new & wide)
+        source.put(slice(len(before.f_h)), before)
+    if before and before.seen:
+        seen, sums = before.seen, before.sums(np.ones(len(before.f_h), dtype=bool))
+    search = AncestorSearch(mesh, data, before.mesh if before else mesh.coarse or mesh, seen, sums)
+    wide = search.new & search.wide()
+    source.put_polynomials(np.flatnonzero(search.new & ~wide), search.seen)
     sums = search.sums
-    if left.size:
-        known = values.sums(mesh, ~(search.new & wide))
-        of_part, sums = _in_pieces(mesh.part(left), data, known, max(MOST_PIECES, 4 * n))
-        for array, there in zip(values, of_part, strict=True):
-            array[left] = there
-    resolved = float(values.rest @ values.rest) <= RESOLVED * sums.wanted(even_h(mesh))
-    return Source(mesh, *values, resolved=resolved, seen=search.seen)
+    if wide.any():
+        left = np.flatnonzero(wide)
+        pieces, sums = _in_pieces(mesh.part(left), data, source.sums(~wide), max(MOST_PIECES, 4 * n))
+        source.put(left, pieces)
+    resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(even_h(mesh))
+    return replace(source, resolved=resolved, seen=search.seen)
 
 
-def _known(before: Source | None) -> tuple[Seen | None, Sums]:
-    if not (before and before.seen):
-        return None, Sums()
-    everywhere = np.ones(len(before.f_h), dtype=bool)
-    return before.seen, _values(before).sums(before.mesh, everywhere)
-
-
-def _values(of: Source) -> Values:
-    return Values(of.f_h, of.oscillation, of.rest)
-
-
-def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, Sums]:
+def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Source, Sums]:
     """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
     n = len(mesh.triangles)
     corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
     while parent.size:
         pieces, owner = polynomials(mesh, corners, parent, data)
         left -= len(owner)
-        rest, area, of_p = _rest(mesh, pieces), areas(mesh, pieces), averages(pieces.c)
+        # E^2, where what may lack in the integral is spread over the piece's triangle
+        rest = pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent]
+        area, of_p = pieces.area, averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
         total = sums + sums_of(of_p, area, rest)
         enough = total.wanted(even_h(mesh))
@@ -196,23 +184,16 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Values, S
     return _projected(mesh, done), sums
 
 
-def _rest(mesh: Mesh, pieces: TrianglePieces) -> Array:
-    """(k,) the pieces' E^2; what may lack in the integral is spread over the piece's triangle."""
-    return np.asarray(pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent])
-
-
-def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Values:
+def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Source:
+    """f_h and what is left of f, from pieces that cover the mesh."""
     n = len(mesh.triangles)
     moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
     for pieces in done:
-        own = areas(mesh, pieces)[:, None] * (hat_means() @ pieces.c).T
+        own = pieces.area[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
-        for sums, each in (
-            (rest, pieces.squares),
-            (jumping, pieces.jumping**2),
-            (integral, pieces.integral),
-        ):
-            sums += np.bincount(pieces.parent, each, n)
+        rest += np.bincount(pieces.parent, pieces.squares, n)
+        jumping += np.bincount(pieces.parent, pieces.jumping**2, n)
+        integral += np.bincount(pieces.parent, pieces.integral, n)
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
     for pieces in done:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
@@ -220,4 +201,4 @@ def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Values:
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
         squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
     oscillation = np.sqrt(squares) + np.sqrt(jumping)
-    return Values(f_h, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))
+    return Source(mesh, f_h, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))

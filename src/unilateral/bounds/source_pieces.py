@@ -1,45 +1,63 @@
-"""Triangles and pieces of them on which f is a polynomial, up to a bounded remainder and what jumps leave."""
+"""Triangles and pieces of them on which f is a polynomial p, up to a bounded remainder and what jumps leave.
+
+p has the degree ORDER. Its two variables sigma are (1, -1) and (-1, 1) at the ends of the longest edge, which
+is opposite to a piece's first corner, and (-1, -1) at that corner.
+
+Pieces are cut along the lines and circles at which steps pos(a, 0) jump, a circle along chords. Between a
+chord and its arc a step does not have the value that it has in the rest of the piece; the area in between is
+known.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.polynomial_means import ORDER
-from unilateral.bounds.source_jumps import cut, rounding, shares, sides
+from unilateral.fem.quadrature import collapsed
+from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.formulas.taylor_functions import Steps
+from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import cross
 from unilateral.problems.data import Data
 
+ORDER = 4
 ROUNDING = 4 * EPS
 """The rounding of the vertices of pieces, as a fraction of the size of coordinates."""
 GAPS = 8.0
 """Gaps between pieces are at most as wide as this times EPS times the size of coordinates."""
+TINY = 1e-300
+"""A part of a triangle is left out if its share of the area is at most this: times an area it underflows."""
+SMALL = 1 / 8
+"""A piece is cut along a chord of a circle if its diameter is at most this times the radius."""
+Jumps = Mapping[Atom, Kink]
 
 
 class TrianglePieces(NamedTuple):
     """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
 
-    The longest edge lies opposite to the first corner. The two variables of p are (1, -1) and (-1, 1) at the
-    ends of that edge and (-1, -1) at that corner. f - p is the sum of a function with ||.||^2 <= `squares`
-    (k,) and another one with ||.|| <= `jumping` (k,), whose integral is at most `integral` (k,). `outer` (k,)
-    is a piece's area plus what may lie between it and its neighbours, whose corners are rounded differently.
+    f - p is the sum of a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping`
+    (k,), whose integral is at most `integral` (k,). `outer` (k,) is a piece's area plus what may lie between
+    it and its neighbours, whose corners are rounded differently.
     """
 
+    c: Array
     corners: Array
     parent: Index
+    area: Array
     outer: Array
-    c: Array
     squares: Array
     jumping: Array
     integral: Array
 
     def of(self, kept: Mask) -> TrianglePieces:
-        rest = (self.squares[kept], self.jumping[kept], self.integral[kept])
-        return TrianglePieces(self.corners[kept], self.parent[kept], self.outer[kept], self.c[:, kept], *rest)
+        others = {name: getattr(self, name)[kept] for name in self._fields if name != "c"}
+        return self._replace(c=self.c[:, kept], **others)
 
 
 def rounded_size(mesh: Mesh) -> float:
@@ -49,10 +67,6 @@ def rounded_size(mesh: Mesh) -> float:
 
 def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return shares(corners) * mesh.areas[parent]
-
-
-def areas(mesh: Mesh, pieces: TrianglePieces) -> Array:
-    return areas_of(mesh, pieces.corners, pieces.parent)
 
 
 def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
@@ -70,14 +84,14 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Ar
 
 def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[TrianglePieces, Index]:
     """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
-    found, owners = [], []
+    pieces, owners = [], []
     for block in blocks(len(parent)):
         parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
-        found.append(on_block(mesh, parts, parent[block][owner], data))
+        pieces.append(on_block(mesh, parts, parent[block][owner], data))
         owners.append(owner + block.start)
-    along = (0, 0, 0, 1, 0, 0, 0)
-    fields = zip(zip(*found, strict=True), along, strict=True)
-    return TrianglePieces(*(np.concatenate(each, axis=axis) for each, axis in fields)), np.concatenate(owners)
+    c, *others = zip(*pieces, strict=True)
+    joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, others))
+    return joined, np.concatenate(owners)
 
 
 def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
@@ -85,18 +99,17 @@ def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
     return area + GAPS * EPS * size * perimeter
 
 
-def on_triangles(vertices: Array, size: float, data: Data) -> tuple[Array, Array, Index]:
-    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the corner (k,) that comes first.
+def on_triangles(vertices: Array, size: float, data: Data) -> tuple[Array, Array, Array]:
+    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in the order for sigma.
 
     A step has both its values on a triangle that its curve may cross.
     """
     order, _ = _ordered(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     steps, wrong = sides(vertices, data.jumps, size)
-    f = _model(
-        vertices, size, data, {step: np.where(np.isnan(wrong[step]), steps[step], np.nan) for step in steps}
-    )
-    return f.c, _known(f), order[:, 0]
+    both = {step: np.where(np.isnan(wrong[step]), value, np.nan) for step, value in steps.items()}
+    f = _model(vertices, size, data, both)
+    return f.c, _known(f), vertices
 
 
 def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> TrianglePieces:
@@ -107,33 +120,35 @@ def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> TriangleP
     steps, wrong = sides(vertices, data.jumps, size)
     f, area = _model(vertices, size, data, steps), areas_of(mesh, corners, parent)
     outer = with_gaps(area, perimeter, size)
-    found = TrianglePieces(corners, parent, outer, f.c, outer * _known(f) ** 2, *np.zeros((2, len(parent))))
+    squares, nothing = outer * _known(f) ** 2, np.zeros((2, len(parent)))
+    pieces = TrianglePieces(f.c, corners, parent, area, outer, squares, *nothing)
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
         here = {each: value[at] for each, value in steps.items()}
         by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
-        _jump(found, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size), area[at])
+        _jump(pieces, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size))
     several = np.sum([*near.values()], axis=0) > 1
     if several.any():
-        _jumps(found, several, vertices[several], size, data, steps, wrong)
-    return found
+        _jumps(pieces, several, vertices[several], size, data, steps, wrong)
+    return pieces
 
 
-def _jump(found: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Array, area: Array) -> None:
+def _jump(pieces: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Array) -> None:
     """Account for parts of the pieces `at` where f is larger `by` so much; their areas are `wrong` (k,).
 
     The areas are known up to `doubt` (k,). p is changed by a constant so that its integral is that of f.
     """
     lower, upper = by.range
     middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
+    area = pieces.area[at]
     shift = middle * wrong / area
-    found.c[0, at] += shift
-    found.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
-    found.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
+    pieces.c[0, at] += shift
+    pieces.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
+    pieces.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
 
 
 def _jumps(
-    found: TrianglePieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
+    pieces: TrianglePieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
 ) -> None:
     """Account for places where several steps are wrong at once.
 
@@ -145,8 +160,8 @@ def _jumps(
     areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
     second = np.sort(areas, axis=0)[-2]
     most = (1 + len(areas)) * (upper - lower)
-    found.jumping[at] += most * np.sqrt(len(areas) * second)
-    found.integral[at] += most * len(areas) * second
+    pieces.jumping[at] += most * np.sqrt(len(areas) * second)
+    pieces.integral[at] += most * len(areas) * second
 
 
 def _ordered(vertices: Array) -> tuple[Index, Array]:
@@ -156,8 +171,13 @@ def _ordered(vertices: Array) -> tuple[Index, Array]:
 
 
 def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
-    """f on pieces of a mesh whose coordinates are at most `size`."""
-    x, y = (_coordinate(vertices[..., i], ROUNDING * size) for i in range(2))
+    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `size`."""
+    places, off = [], ROUNDING * size
+    for values in np.moveaxis(vertices, 2, 0):
+        a, b, c = values.T
+        ends = values.min(axis=1) - off, values.max(axis=1) + off
+        places.append(affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, off))
+    x, y = places
     return data.source_model(x, y, steps)
 
 
@@ -166,8 +186,112 @@ def _known(f: Model) -> Array:
     return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
 
 
-def _coordinate(of_vertices: Array, rounding: float) -> Model:
-    """x or y on pieces, from its values (k, 3) at the vertices, which are rounded by that much."""
-    a, b, c = of_vertices.T
-    ends = of_vertices.min(axis=1) - rounding, of_vertices.max(axis=1) + rounding
-    return affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, rounding)
+def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
+    """The pieces (k, 3, 3), cut along the curves, and the number (k,) of the piece that each is a part of.
+
+    A piece that a curve crosses is cut in three by a chord. Pieces that are large against a circle are left
+    whole. A part without an area, or nearly so, is left out: it is thinner than the rounding of coordinates,
+    by which the boxes of its neighbours are wider.
+    """
+    owner = np.arange(len(parent))
+    for kink in jumps.values():
+        vertices = corners @ mesh.points[mesh.triangles[parent[owner]]]
+        level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
+        above = level >= 0
+        crossed = above.any(axis=1) & ~above.all(axis=1) & _is_small(vertices, kink)
+        corners, owner = _along(corners, owner, level, crossed)
+    return corners, owner
+
+
+def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
+    """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
+    above, s = level[crossed] >= 0, level[crossed]
+    alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
+    order = (alone[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
+    s = np.take_along_axis(s, order, axis=1)
+    p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
+    pieces = [np.stack(piece, axis=1) for piece in ((a, p, q), (p, b, c), (p, c, q))]
+    parts = np.concatenate(pieces)
+    proper = shares(parts) > TINY
+    of_parts = np.tile(owner[crossed], 3)[proper]
+    return np.concatenate([corners[~crossed], parts[proper]]), np.concatenate([owner[~crossed], of_parts])
+
+
+def shares(corners: Array) -> Array:
+    """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
+    b, c = ((corners[:, i] - corners[:, 0])[:, 1:] for i in (1, 2))
+    return np.abs(cross(b, c))
+
+
+def sides(vertices: Array, jumps: Jumps, size: float) -> tuple[dict[Atom, Array], dict[Atom, Array]]:
+    """The value (k,) of every step on pieces, and the area (k,) on which it has the other value.
+
+    The pieces have those vertices (k, 3, 2), computed from coordinates of that `size`. A value is NaN where
+    the step may have both. The area is that of the part on the other side of the curve than the centroid, up
+    to `rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
+    """
+    steps, wrong, centre = {}, {}, vertices.mean(axis=1)
+    for step, kink in jumps.items():
+        level, reach = kink.level(centre), _diameter(vertices) + 64 * EPS * _size(size, kink)
+        near, small = np.abs(level) <= reach, _is_small(vertices, kink)
+        steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
+        area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
+        wrong[step] = np.where(near & small, area, np.nan)
+    return steps, wrong
+
+
+def _is_small(vertices: Array, kink: Kink) -> Mask:
+    return _diameter(vertices) <= (SMALL * kink.radius or np.inf)
+
+
+def _diameter(vertices: Array) -> Array:
+    return np.asarray(np.linalg.norm(vertices - np.roll(vertices, 1, axis=1), axis=2).max(axis=1))
+
+
+def rounding(vertices: Array, kink: Kink, size: float) -> Array:
+    """(k,) how far rounding may falsify the areas of `sides`, for coordinates of that size."""
+    diameter = _diameter(vertices)
+    return 64 * EPS * (_size(size, kink) * diameter + (kink.radius + diameter) ** 2)
+
+
+def _size(size: float, kink: Kink) -> float:
+    """The size of the numbers from which a kink's levels are computed."""
+    return size + float(np.abs(kink.centre).max()) + kink.radius
+
+
+def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
+    """(k,) the area on which a step does not have the value that its piece is given.
+
+    That is the value `inside` a circle or outside it. The area is 0 for a line, along which pieces are cut.
+    """
+    if not kink.radius:
+        return np.zeros(len(vertices))
+    disc = area_in_disc(vertices - np.array(kink.centre), kink.radius)
+    area = 0.5 * np.abs(cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
+    return np.clip(np.where(inside, area - disc, disc), 0.0, area)
+
+
+def averages(c: Array) -> Array:
+    """(2, k) the means of p and of p^2, from the coefficients c (m, k) of p."""
+    return np.stack([hat_means().sum(axis=0) @ c, np.sum((_triangular() @ c) ** 2, axis=0)])
+
+
+@cache
+def hat_means() -> Array:
+    """(3, m) means of monomials times each hat."""
+    (points, weights), values = collapsed(ORDER + 1), _monomials()
+    return (points.T * weights) @ values.T
+
+
+def _monomials() -> Array:
+    """(m, q) the values of the monomials at the points of the rule."""
+    points, _ = collapsed(ORDER + 1)
+    return np.prod((2 * points.T[1:] - 1) ** basis(2, ORDER).exponents[..., None], axis=1)
+
+
+@cache
+def _triangular() -> Array:
+    """(m, m) R with |R c|^2 = mean p^2; degrees increase, so the rows from 3 on give p - f_h."""
+    _, weights = collapsed(ORDER + 1)
+    return np.asarray(np.linalg.qr((_monomials() * np.sqrt(weights)).T, mode="r"))

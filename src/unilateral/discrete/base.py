@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.edge_flux import SUMS
-from unilateral.bounds.given_flux import Given, given
+from unilateral.bounds.boundary_flux import Given, given
+from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.local_bounds import LocalBound, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.bounds.given_flux import given
+from unilateral.bounds.boundary_flux import given
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense

@@ -53,3 +53,23 @@ class Kink:
                 t = np.array([first / (first - last)]) if first * last < 0 else np.array([])
             found += [Singular(side, float(x), 1) for x in t if 0 < x < 1]
         return found
+
+
+def area_in_disc(vertices: Array, radius: float) -> Array:
+    """(k,) the areas of triangles (k, 3, 2) in the disc about 0, from sectors and a triangle at each edge."""
+    start, end = vertices, np.roll(vertices, -1, axis=1)
+    d = end - start
+    a, b, c = _dot(d, d), _dot(start, d), _dot(start, start) - radius**2
+    root, a = np.sqrt(np.maximum(b**2 - a * c, 0.0)), np.where(a > 0, a, 1.0)
+    t = (np.clip((-b + sign * root) / a, 0.0, 1.0)[..., None] for sign in (-1, 1))
+    enter, leave = (start + fraction * d for fraction in t)
+    sectors = _angle(start, enter) + _angle(leave, end)
+    return np.abs(0.5 * (radius**2 * sectors + cross(enter, leave)).sum(axis=1))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.sum(a * b, axis=-1))
+
+
+def _angle(a: Array, b: Array) -> Array:
+    return np.asarray(np.arctan2(cross(a, b), _dot(a, b)))

@@ -11,7 +11,7 @@ from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.level import unknowable
 from unilateral.accuracy.levels import levels
 from unilateral.accuracy.search import search
-from unilateral.bounds import source, source_search
+from unilateral.bounds import source, source_ancestors
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
@@ -71,7 +71,7 @@ def test_waves_of_f_are_integrated(problem_of, monkeypatch, n, h):
     solved = solve(discretise(of, mesh, cells))
     error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
     assert error <= min(solved.bound().u, solved.bound().unknown + 1e-12)
-    wanted = math.sqrt(source.RESOLVED) * source_search.ENOUGH * mesh.h * math.sqrt(1 / 2)
+    wanted = math.sqrt(source.RESOLVED) * source_ancestors.ENOUGH * mesh.h * math.sqrt(1 / 2)
     assert solved.bound().unknown <= (1.01 * wanted if solved.discrete.source.resolved else 1 + 1e-9)
     assert solved.discrete.source.resolved or n > 20
 

@@ -12,19 +12,25 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import case_file
+from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
-from test_adversarial import Feature, flux_moments, true_errors
 
-from unilateral.formulas import formula
+from unilateral.accuracy.levels import two_edges_per_cell
+from unilateral.discrete.choice import condensed
+from unilateral.discrete.multilevel import after
+from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.symbolic import compile_numpy, plain, pos
+from unilateral.formulas.symbolic import plain, pos
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import adapted, marked, refined
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
-from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.geometry.structured import natural_kind
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import X, Y
-from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
+from unilateral.solvers.stop import Stop
 
 POWERS = [2, sympy.Rational(5, 2), 3, 4]
 """Of kinks in u, the first of which makes f jump."""
@@ -32,46 +38,56 @@ FAR = 1e6
 """Sides away from a side, farther than any other part of a polygon."""
 
 
-class Known(NamedTuple):
-    """A problem, its u, and what is narrow in it."""
-
-    problem: Problem
-    u: sympy.Expr
-    features: tuple[Feature, ...]
-
-    def errors(self, mesh, functions):
-        """||u - v_h||_1 of each."""
-        return true_errors(self, mesh, functions)
-
-    def flux_moments(self, mesh):
-        """(nb,) the moments of lambda with the boundary hats."""
-        return flux_moments(self.u, mesh, self.problem.free_sides)
-
-    def boundary(self, side, s):
-        """(k,) u, lambda and u - g at places s of the sides; on free ones du/dn less what is given, and 1."""
-        polygon, problem = self.problem.polygon, self.problem
-        x, y = polygon.at(side, s).T
-        u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
-        gap = np.choose(side, formula.compile_numpy([plain(self.u) - g for g in problem.g], "xy")(x, y))
-        flux = np.sum(np.column_stack([u_x, u_y]) * polygon.normals[side], axis=1)
-        if problem.q:
-            flux = flux - np.choose(side, formula.compile_numpy(problem.q, "xy")(x, y))
-        return u, flux, np.where(np.isin(side, problem.free_sides), 1.0, gap)
+ADAPTED = 3
+"""Adapted meshes after a uniform one."""
+KINDS = ("formula", "flux", "corner")
 
 
-class Catalogued(NamedTuple):
-    """A case made of the catalogue's atoms, whose quadrature knows its singular points."""
+def tried(kind, number, folder):
+    """A problem of a kind, with discrete solutions."""
+    if kind == "corner":
+        of = at_a_corner(number, folder)
+    else:
+        of = {"formula": known, "flux": with_fluxes}[kind](number)
+    rng = np.random.default_rng([17, number])
+    return Tried(of, [(solved, [*pairs(solved, rng)]) for solved in solutions(of.problem, rng)])
 
-    problem: Case
 
-    def errors(self, mesh, functions):
-        return np.array([h1_distance(self.problem, mesh, v_h) for v_h in functions])
+def solutions(problem, rng):
+    """On a uniform mesh, there with cells that are not made of edges, and on adapted ones."""
+    polygon, stop = problem.polygon, Stop()
+    H = polygon.lengths.max() / rng.integers(1, 5)
+    mesh, cells = uniform(polygon, H, rng.random())
+    found = condensed(problem, mesh, cells).solved(stop)
+    yield found
+    yield condensed(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
+    of = adapted(mesh)
+    for _ in range(ADAPTED):
+        of = refined(of, marked(of.mesh, found.shares))
+        found = after(found, problem, of).solved(stop)
+        yield found
 
-    def flux_moments(self, mesh):
-        return flux_load(self.problem, mesh)
 
-    def boundary(self, side, s):
-        return self.problem.boundary(side, s)
+def uniform(polygon, H, choice):
+    """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
+    if choice < 0.4:
+        return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
+    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
+    return of.mesh, of.partition
+
+
+def pairs(solved, rng):
+    """(u_h, lambda_H), and others that do not solve the discrete problem."""
+    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.discrete.mesh
+    noise = rng.standard_normal(len(u))
+    noise *= 10.0 ** rng.uniform(-4, 1) * h1_norm(mesh, u) / h1_norm(mesh, noise)
+    inside = u.copy()
+    inside[mesh.boundary] = 0.0
+    yield u, lambda_H
+    yield u + noise, lambda_H
+    yield u, lambda_H * rng.uniform(0, 2, len(lambda_H))
+    yield u * rng.uniform(-1, 2), np.zeros_like(lambda_H)
+    yield inside, lambda_H
 
 
 class Part(NamedTuple):
@@ -104,11 +120,7 @@ def with_fluxes(number):
     vertices, free = of.problem.polygon.vertices, of.problem.free_sides
     held = np.setdiff1d(np.arange(len(vertices)), free)
     some = rng.choice(held, rng.integers(1, len(held)) if len(held) > 1 else 0, replace=False).tolist()
-    edges = [[exact(c) for c in edge] for edge in np.roll(vertices, -1, axis=0) - vertices]
-    q = tuple(
-        plain((y * of.u.diff(X) - x * of.u.diff(Y)) / sympy.sqrt(x**2 + y**2)) if side in some else ZERO
-        for side, (x, y) in enumerate(edges)
-    )
+    q = tuple(plain(of_u) if i in some else ZERO for i, of_u in enumerate(fluxes(of.u, vertices)))
     return of._replace(problem=replace(of.problem, free_sides=tuple(sorted([*free, *some])), q=q))
 
 

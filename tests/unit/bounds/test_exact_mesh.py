@@ -4,20 +4,20 @@ The true errors are computed with 50 digits on the exact mesh, whose boundary no
 """
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import scipy.sparse.linalg as sla
 import sympy
+from known_solutions import fluxes
 from mpmath import mp, mpf
 
-from unilateral.bounds import edge_flux, sharp_bounds
+from unilateral.bounds import local_bounds, sharp_bounds
+from unilateral.bounds.boundary_flux import given
 from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.flux_residuals import defects, misfit
 from unilateral.bounds.forces import forces
-from unilateral.bounds.given_flux import given
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
@@ -94,11 +94,10 @@ class Linear(NamedTuple):
 
 
 def linear(polygon, k=1, c=1):
-    corners = [[exact(x) for x in vertex] for vertex in polygon.vertices]
-    edges = [[b - a for a, b in zip(*pair, strict=True)] for pair in pairwise([*corners, corners[0]])]
-    (x, y), (a, b) = corners[0], edges[0]
+    (x, y), (a, b) = ([exact(z) for z in vertex] for vertex in polygon.vertices[:2])
+    a, b = a - x, b - y
     u = a * (X - x) + b * (Y - y)
-    q = tuple(k * (q * a - p * b) / sympy.sqrt(p**2 + q**2) for p, q in edges)
+    q = tuple(k * of_u for of_u in fluxes(u, polygon.vertices))
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
     units = Units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))
@@ -304,9 +303,9 @@ def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
     cells = partitions.uniform(polygon, 1)
     given = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), ()
     if not refused:
-        edge_flux.check(*given)
+        local_bounds.check(*given)
         return
     with pytest.raises(InputError, match=r"no bound is guaranteed .* may change the shape of triangle \d at"):
-        edge_flux.check(*given)
+        local_bounds.check(*given)
     with pytest.raises(InputError, match="as short as rounding allows"):
         meshes.refine(coarse)

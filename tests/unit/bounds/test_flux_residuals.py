@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_made import Manufactured, enclosed
 
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
-from unilateral.bounds.flux_residuals import defects, misfit
+from unilateral.bounds.flux_residuals import SUMS, defects, misfit
 from unilateral.fem.p2 import linear_squares
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named, square
@@ -46,11 +47,15 @@ def functions(mesh):
     return [np.random.default_rng(0).standard_normal(mesh.n_nodes), 1e6 + x, x]
 
 
+def of_x(mesh):
+    """q.n for q = (1, 0)."""
+    return np.repeat(mesh.polygon.normals[mesh.side, :1], 2, axis=1)
+
+
 def fluxes(mesh, u, moments):
     """One that has nothing to do with u, and one that cancels with it."""
     yield np.random.default_rng(1).standard_normal((2, len(mesh.triangulation.ends)))
-    sigma = np.repeat(mesh.polygon.normals[mesh.side, :1], 2, axis=1)
-    yield equilibrated(mesh, u, moments.__getitem__, sigma)
+    yield equilibrated(mesh, u, moments.__getitem__, of_x(mesh))
 
 
 def shares(mesh):
@@ -77,3 +82,18 @@ def shares(mesh):
 def test_rounding_is_far_below_its_allowance_and_not_nothing(name):
     worst = max(shares(as_if_exact(MESHES[name]())))
     assert 1e-4 < worst < 1 / RESERVE
+
+
+def test_rounding_is_added():
+    """u = 1e6 + x, f = u: the error of its interpolant is 0, and the bound what derivatives of it lose."""
+    problem = Manufactured(square(), "1000000 + x", "1")
+    mesh = structured(square(), 1 / 16)
+    u_h, source = 1e6 + mesh.points[:, 0], enclosed(mesh, problem)
+    q = equilibrated(mesh, u_h, source.moments_on, of_x(mesh))
+    squares, residual, rounding = defects(source, u_h, q)
+    assert 0 < np.sqrt(squares.sum() + mesh.areas @ residual**2) <= rounding < 1e-4
+
+
+def test_the_rounding_of_a_root_of_a_sum():
+    """Of 16 million squares, each added with half a unit of rounding: the root has half of that."""
+    assert SUMS >= 16e6 * 2.0**-53 / 2

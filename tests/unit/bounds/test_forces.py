@@ -1,17 +1,15 @@
-"""The force over each side, between two numbers: with the least error that is known it still lies there."""
+"""The interval of a force: w, the best one, extreme sizes; and the small mesh that w is made on."""
 
 import math
 
 import numpy as np
 import pytest
 import scipy.optimize
-from test_sharp_bounds import CASES, pair
+from hand_made import exact_forces
 
 import unilateral as ul
 from unilateral.bounds import forces as of_forces
-from unilateral.bounds import small_mesh
-from unilateral.bounds.forces import forces
-from unilateral.bounds.small_mesh import extended
+from unilateral.bounds.forces import LIGHT, MOST, extended, forces, small_mesh
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
@@ -19,43 +17,10 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
-from unilateral.norms.exact_errors import cell_means
 from unilateral.solvers import least_norm
 
-SMOOTH = [(name, polygon) for name, polygon in CASES if name not in ("rough", "singular", "violates_jj")]
-"""Whose lambda is integrated by quadrature up to rounding."""
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-
-
-def exact_forces(case, cells):
-    """By the boundary's quadrature, over the whole boundary and over each side."""
-    per_cell = cells.lengths * cell_means(case, cells).lambda_means
-    per_side = np.bincount(cells.side, per_cell, cells.polygon.n_sides)
-    return [per_side.sum(), *per_side]
-
-
-def found(of, bound):
-    sides = range(of.mesh.polygon.n_sides)
-    return forces(of.mesh, of.cells, of.lambda_H, bound, [[*sides], *([i] for i in sides)])
-
-
-@pytest.mark.parametrize(("name", "polygon"), SMOOTH)
-@pytest.mark.parametrize("crude", [None, "zero", "noise"])
-def test_the_exact_force_lies_between(name, polygon, crude):
-    """With the true error in place of its bound, which is the hardest."""
-    for n in (4, 8):
-        of = pair(name, n, polygon, crude)
-        for exact, force in zip(exact_forces(of.case, of.cells), found(of, of.upper + 1e-12), strict=True):
-            assert force.lower <= exact + 1e-12
-            assert exact <= force.upper + 1e-12
-            assert force.lower <= force.value <= force.upper
-
-
-def test_a_bound_that_is_too_small_is_seen():
-    """The control: without what the error adds, the exact force over the boundary lies outside."""
-    of = pair("natural", 8)
-    exact, force = exact_forces(of.case, of.cells)[0], found(of, 1e-3 * of.lower)[0]
-    assert not force.lower <= exact <= force.upper
+KITE = np.array([[0, 0], [1, 0], [1, 0.7], [0, 1.3]])
 
 
 @pytest.fixture
@@ -182,7 +147,7 @@ def test_errors_of_all_sizes(bound):
 
 def test_without_a_small_mesh_w_is_a_constant(monkeypatch):
     """1 or 0, with the root of the area, 1, as its norm."""
-    monkeypatch.setattr(small_mesh, "condense", refused)
+    monkeypatch.setattr(of_forces, "condense", refused)
     mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
     whole, side = forces(mesh, cells, np.ones(cells.n_cells), 0.1, [range(4), [0]])
     assert whole == pytest.approx((4, 3.9, 4.1), rel=1e-8)
@@ -213,3 +178,84 @@ def test_of_a_solution_from_python():
     assert local.whole.value == pytest.approx(sum(side.value for side in local.sides))
     sampled = ul.Problem(square(), f=lambda x, y: -np.ones_like(x), g="-1")
     assert ul.solve(sampled, h=1 / 8, H=1 / 4).forces().whole.upper == math.inf
+
+
+@pytest.mark.parametrize("kind", ["structured", "unstructured"])
+def test_it_does_not_grow_with_the_mesh_of_the_solution(kind, monkeypatch):
+    """If that is refined, or too large to begin with."""
+    polygon = named("lshape") if kind == "structured" else Polygon(KITE, "kite")
+    cells, sizes = partitions.uniform(polygon, 1 / 4), []
+    load = np.where(cells.side < 2, 1e3, 0.0)
+    for h in (1 / 16, 1 / 64, 1 / 128):
+        mesh = structured(polygon, h) if kind == "structured" else meshes.unstructured(polygon, h)
+        sizes.append(small_mesh(mesh, cells, load).n_nodes)
+    assert max(sizes) < 2000
+    assert sizes[1] == sizes[2]
+
+
+def test_a_mesh_with_a_coarse_level_needs_no_gmsh(monkeypatch):
+    mesh = meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 4))
+    cells = partitions.uniform(mesh.polygon, 1 / 4)
+    monkeypatch.setattr(meshes, "with_boundary", None)
+    found = small_mesh(mesh, cells, np.ones(cells.n_cells))
+    n = mesh.coarse.n_nodes
+    assert np.array_equal(found.points[:n], mesh.coarse.points)
+
+
+def test_it_is_halved_at_ends_until_loads_are_light():
+    """A load of 100 on the lower side up to 3/4: there, at the vertex where it begins, and nowhere else."""
+    cells = partitions.uniform(square(), 1 / 4)
+    load = np.where((cells.side == 0) & (cells.points[:-1] < 0.75), 100.0, 0.0)
+    found = small_mesh(structured(square(), 1 / 8), cells, load)
+    nodes, edges = coupling(found, cells).T @ load, np.diff(found.s)
+    at = [np.flatnonzero(found.s[:-1] == s)[0] for s in (0.0, 0.75)]
+    assert np.all(nodes[at] <= LIGHT)
+    assert min(edges[at]) <= 2 * LIGHT / 100
+    uniform = edges[found.side == 2]
+    assert np.all(uniform == uniform[0])
+    assert uniform[0] > 1 / 32
+
+
+def test_a_light_load_or_none_leaves_it_uniform():
+    cells = partitions.uniform(square(), 1 / 4)
+    for load in (0.0, 0.1):
+        found = small_mesh(structured(square(), 1 / 8), cells, np.full(cells.n_cells, load))
+        assert found.n_nodes == 17**2
+
+
+def test_edges_at_the_boundary_of_a_large_polygon_are_halved():
+    """Not so those inside."""
+    polygon = Polygon(30 * KITE, "large")
+    found = small_mesh(meshes.unstructured(polygon, 10), partitions.uniform(polygon, 10), np.zeros(14))
+    assert found.h <= 1
+    assert found.diameter > 2
+
+
+@pytest.mark.parametrize("n", [4, 100])
+def test_many_ends_of_contact_leave_it_small_mesh(n):
+    """Load on every second one of 4 n cells, and far too much of it."""
+    cells = partitions.uniform(square(), 1 / n)
+    load = np.where(np.arange(cells.n_cells) % 2, 1e9, 0.0)
+    found = small_mesh(structured(square(), 1 / 8), cells, load)
+    assert len(found.boundary) <= MOST
+
+
+def test_many_sides_leave_it_small_mesh():
+    angle = 2 * np.pi * np.arange(400) / 400
+    polygon = Polygon(np.column_stack([np.cos(angle), np.sin(angle)]), "many")
+    cells = partitions.uniform(polygon, 1.0)
+    mesh = meshes.with_boundary(polygon, partitions.refine(cells, 2).points[:-1], 0.2)
+    assert mesh.n_nodes > of_forces.LARGE
+    found = small_mesh(mesh, cells, np.full(400, 1e9))
+    assert len(found.boundary) <= MOST
+    assert found.n_nodes < mesh.n_nodes
+
+
+@pytest.mark.parametrize("place", [1e6, 1e9, 2.0**30])
+def test_it_is_not_halved_where_rounding_shows(place):
+    """Far from the origin, on slanted sides, and on such between dyadic places, whose nodes are exact."""
+    polygon = Polygon((KITE if place != 2.0**30 else np.round(KITE)) + place, "far")
+    cells = partitions.uniform(polygon, 1 / 2)
+    of, space = of_forces.condensed(meshes.unstructured(polygon, 1 / 4), cells, np.full(cells.n_cells, 1e6))
+    assert space is not None
+    assert of.growth < 1 + 1e-4

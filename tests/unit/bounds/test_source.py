@@ -9,32 +9,14 @@ import skfem
 import sympy
 from scipy.special import jn_zeros
 from skfem.helpers import dot, grad
+from sources import FORMULAS, Source
 
-from unilateral.bounds import source, source_jumps
-from unilateral.bounds import source_pieces as pieces_of
+from unilateral.bounds import source
 from unilateral.bounds.source import J, enclosed, poincare
-from unilateral.formulas.expression import Atom, atoms_in
-from unilateral.formulas.formula import compile_numpy, parse
-from unilateral.formulas.taylor_functions import evaluate
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.curves import Kink
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
-from unilateral.problems.problem import curve
-
-
-class Source:
-    """f from a formula."""
-
-    def __init__(self, text):
-        self.f = parse(text, ("x", "y"), "here")
-        steps = [power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0]
-        self.jumps = {step: curve(step.args[0])[0] for step in steps}
-        self.value = compile_numpy([self.f], "xy")
-
-    def source_model(self, x, y, steps):
-        return evaluate(self.f, {"x": x, "y": y}, steps)
 
 
 def left(of, found, times=40):
@@ -46,18 +28,6 @@ def left(of, found, times=40):
     points = np.einsum("qb,tbd->tqd", weights, mesh.points[mesh.triangles])
     rest = of.value(*np.moveaxis(points, 2, 0))[0] - np.einsum("qb,tb->tq", weights, found.f_h)
     return np.sqrt(mesh.areas * np.mean(rest**2, axis=1)), mesh.areas * rest.mean(axis=1)
-
-
-FORMULAS = [
-    "sin(3*x)*(1 + y)",
-    "exp(-40*((x - 0.3)**2 + (y - 0.6)**2))",
-    "pos(x - 1/3, 1)*y",
-    "pos(1/9 - (x - 1/2)**2 - (y - 1/2)**2, 1)*8",
-    "pos(x - y/7 - 1/3, 1/2)",
-    "pos(x - y/3 - 0.123, 0)*exp(x)",
-    "pos(1/9 - (x - 0.52)**2 - (y - 0.47)**2, 0)*exp(x)",
-    "pos(x - 0.31, 0)*pos(y - 0.47, 0) - pos(0.2 - x, 0)",
-]
 
 
 @pytest.mark.parametrize("text", FORMULAS)
@@ -180,38 +150,6 @@ def dual(of, found):
     return np.sqrt(r @ scipy.sparse.linalg.spsolve(A.tocsc(), r))
 
 
-def test_areas_in_a_disc():
-    """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
-    rng = np.random.default_rng(1)
-    vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))
-    found = source_jumps.area_in_disc(vertices, 0.8)
-    u = rng.random((250_000, 2))
-    u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
-    for triangle, area in zip(vertices, found, strict=True):
-        edges = triangle[1:] - triangle[0]
-        points = triangle[0] + u @ edges
-        whole = 0.5 * abs(np.linalg.det(edges))
-        assert area == pytest.approx(whole * np.mean(np.hypot(*points.T) < 0.8), abs=4e-3 * whole + 1e-12)
-    shape = np.array([[[-1, -1], [1, -1], [0, 1.0]]])
-    assert source_jumps.area_in_disc(10 * shape, 0.8) == pytest.approx(np.pi * 0.64, rel=1e-13)
-    assert source_jumps.area_in_disc(0.1 * shape, 0.8) == pytest.approx(0.02, rel=1e-13)
-
-
-@pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
-def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
-    """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
-    mesh = structured(square(), 1 / 64)
-    corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
-    pieces, owner = source_jumps.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
-    shares = np.abs(np.linalg.det(pieces))
-    np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
-    assert len(pieces) > len(corners)
-    vertices = pieces @ mesh.points[mesh.triangles[owner]]
-    level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
-    near = 2 / 64**2 / (4 * kink.radius) if kink.radius else 1e-14
-    assert np.all((level.min(axis=1) > -near) | (level.max(axis=1) < near))
-
-
 def test_a_step_has_the_value_of_its_side_whatever_cancels():
     """The argument is x - 1/3, written so that rounding hides it: int f = 2/3, exactly."""
     a = "(x + 3000000)**3 - (x + 2999999)**3 - 3*(x + 2999999)**2 - 3*(x + 2999999) - 1 + x - 1/3"
@@ -262,25 +200,3 @@ def test_a_flat_part_is_not_left_out(k):
     of = Source(f"{k**2}*exp(-{k}*(x + y)) + x + pos({100 / k!r} - x - y, 0)")
     found = enclosed(structured(square(), 1 / 2), of)
     assert found.moments.sum() == pytest.approx(1.5, abs=1e-5)
-
-
-def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
-    """The integral by a strip quadrature to 12 digits; the same with the step written the other way."""
-    corners = np.array([[1023 / 1024, -1 / 16], [1 + 2 / 1024, 0], [1023 / 1024, 1 / 16]])
-    assert np.hypot(*corners.mean(axis=0)) == 1
-    mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
-    for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
-        found = enclosed(mesh, Source(text))
-        assert found.moments.sum() == pytest.approx(0.000125569401688, abs=1e-13)
-
-
-def test_pieces_count_for_the_gaps_between_them():
-    """Corners at 1e6 are rounded by 1e-10, a tenth of what a piece of 1e-9 is wide."""
-    corners = 1e6 + 1e-9 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    mesh = meshes.from_arrays(
-        Polygon(1e6 * square().vertices, "large"), 1e6 * square().vertices, [[0, 1, 2], [0, 2, 3]]
-    )
-    inside = (corners - 1e6) / 1e6
-    bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
-    pieces = pieces_of.on_block(mesh, bary[None], np.array([0]), Source("x"))
-    assert pieces.outer[0] > 1.2 * pieces_of.areas(mesh, pieces)[0]

@@ -1,30 +1,25 @@
-"""Pieces of triangles with coordinates that cancel: f is known at the places, not at the rounded ones."""
+"""Pieces of triangles, cut at jumps: f is known at the places, not at the rounded ones, and on slivers."""
 
 from fractions import Fraction
-from math import comb, factorial
+from itertools import pairwise
 
 import numpy as np
-from test_source import Source
+import pytest
+from scipy.integrate import quad
+from sources import HATS, Source, mean
+from sympy import Rational
 
-from unilateral.bounds import source_jumps, source_pieces
-from unilateral.bounds.polynomial_means import ORDER, hat_means
+from unilateral.bounds import source_pieces
+from unilateral.bounds.source import enclosed
+from unilateral.bounds.source_pieces import ORDER, hat_means
 from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import Model, basis
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.curves import Kink
-from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.curves import Kink, area_in_disc
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
 
 K = 40
-
-
-def mean_of(i, j):
-    """That of sigma_1^i sigma_2^j on a triangle, exactly: 2 a! b! / (a + b + 2)! for hats to the a and b."""
-    terms = (
-        (a, b, Fraction(2 * factorial(a) * factorial(b), factorial(a + b + 2)))
-        for a in range(i + 1)
-        for b in range(j + 1)
-    )
-    return sum(comb(i, a) * comb(j, b) * 2 ** (a + b) * (-1) ** (i + j - a - b) * of for a, b, of in terms)
 
 
 def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
@@ -54,25 +49,20 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     assert worst > 1e-12
 
 
-def means_with_hats(i, j):
-    """Of sigma_1^i sigma_2^j: the hats are (1 + sigma_1)/2, (1 + sigma_2)/2 and what is left of 1."""
-    one, first, second = mean_of(i, j), mean_of(i + 1, j), mean_of(i, j + 1)
-    return -(first + second) / 2, (one + first) / 2, (one + second) / 2
-
-
 def test_the_rounding_of_sums_over_p_is_known():
     """Of its means with hats, against rational numbers."""
     of, rng = basis(2, ORDER), np.random.default_rng(1)
     c = rng.standard_normal((len(of.degree), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
     zero = np.zeros(c.shape[1])
     known = source_pieces._known(Model(of, c, zero, (zero, zero)))
-    exact = zip(*(means_with_hats(*powers) for powers in of.exponents.tolist()), strict=True)
-    off = [
-        abs(Fraction(float(found)) - sum(w * Fraction(float(x)) for w, x in zip(row, column, strict=True)))
-        / Fraction(float(at_most))
-        for row, values in zip(exact, hat_means() @ c, strict=True)
-        for found, column, at_most in zip(values, c.T, known, strict=True)
-    ]
+    _, x, y = HATS
+    monomials = [(2 * x - 1) ** i * (2 * y - 1) ** j for i, j in of.exponents.tolist()]
+    off = []
+    for hat, values in zip(HATS, hat_means() @ c, strict=True):
+        weights = [mean(hat * each) for each in monomials]
+        for found, column, at_most in zip(values, c.T.tolist(), known, strict=True):
+            exact = sum(w * Rational(each) for w, each in zip(weights, column, strict=True))
+            off.append(abs(Rational(float(found)) - exact) / Rational(float(at_most)))
     assert 1e-3 < max(off) <= 1
 
 
@@ -80,7 +70,7 @@ def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     """Points on a circle far from the origin but for rounding, each a piece; it puts them on either side."""
     kink, angle = Kink((1e6 / 3, 1e6 / 7), 0.3), np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
     points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
-    _, wrong = source_jumps.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
+    _, wrong = source_pieces.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
     assert not np.isnan(wrong[Atom("step")]).any()
     level = kink.level(points)
     assert (level > 0).any()
@@ -102,6 +92,88 @@ def test_two_jumps_that_are_wrong_at_once():
     hats = np.column_stack([1 - u.sum(axis=1), u])
     values = (of.value(*(hats @ corners @ triangle).T)[0] for corners in found.corners)  # a piece at a time
     squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
-    norms, areas = np.sqrt(squares * source_pieces.areas(mesh, found)), source_pieces.areas(mesh, found)
+    norms, areas = np.sqrt(squares * found.area), found.area
     assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))
+
+
+def test_areas_in_a_disc():
+    """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
+    rng = np.random.default_rng(1)
+    vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))
+    found = area_in_disc(vertices, 0.8)
+    u = rng.random((250_000, 2))
+    u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
+    for triangle, area in zip(vertices, found, strict=True):
+        edges = triangle[1:] - triangle[0]
+        points = triangle[0] + u @ edges
+        whole = 0.5 * abs(np.linalg.det(edges))
+        assert area == pytest.approx(whole * np.mean(np.hypot(*points.T) < 0.8), abs=4e-3 * whole + 1e-12)
+    shape = np.array([[[-1, -1], [1, -1], [0, 1.0]]])
+    assert area_in_disc(10 * shape, 0.8) == pytest.approx(np.pi * 0.64, rel=1e-13)
+    assert area_in_disc(0.1 * shape, 0.8) == pytest.approx(0.02, rel=1e-13)
+
+
+@pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
+def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
+    """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
+    mesh = structured(square(), 1 / 64)
+    corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
+    pieces, owner = source_pieces.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
+    shares = np.abs(np.linalg.det(pieces))
+    np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
+    assert len(pieces) > len(corners)
+    vertices = pieces @ mesh.points[mesh.triangles[owner]]
+    level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
+    near = 2 / 64**2 / (4 * kink.radius) if kink.radius else 1e-14
+    assert np.all((level.min(axis=1) > -near) | (level.max(axis=1) < near))
+
+
+def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
+    """The integral by a strip quadrature to 12 digits; the same with the step written the other way."""
+    corners = np.array([[1023 / 1024, -1 / 16], [1 + 2 / 1024, 0], [1023 / 1024, 1 / 16]])
+    assert np.hypot(*corners.mean(axis=0)) == 1
+    mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
+    for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
+        found = enclosed(mesh, Source(text))
+        assert found.moments.sum() == pytest.approx(0.000125569401688, abs=1e-13)
+
+
+def test_pieces_count_for_the_gaps_between_them():
+    """Corners at 1e6 are rounded by 1e-10, a tenth of what a piece of 1e-9 is wide."""
+    corners = 1e6 + 1e-9 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    mesh = meshes.from_arrays(
+        Polygon(1e6 * square().vertices, "large"), 1e6 * square().vertices, [[0, 1, 2], [0, 2, 3]]
+    )
+    inside = (corners - 1e6) / 1e6
+    bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
+    pieces = source_pieces.on_block(mesh, bary[None], np.array([0]), Source("x"))
+    assert pieces.outer[0] > 1.2 * pieces.area[0]
+
+
+SLOPE = 50
+CORNERS = np.array([[0.98, -0.03], [1.02, -0.02], [0.99, 0.05]])
+
+
+def in_the_disc(y):
+    """The integral of 1 + SLOPE x along y in the triangle with CORNERS and the unit disc."""
+    ends = []
+    for a, b in zip(CORNERS, np.roll(CORNERS, -1, axis=0), strict=True):
+        t = (y - a[1]) / (b[1] - a[1])
+        if 0 <= t <= 1:
+            ends.append(a[0] + t * (b[0] - a[0]))
+    low, high = min(ends), min(max(ends), np.sqrt(1 - y**2))
+    return (high - low) + SLOPE / 2 * (high**2 - low**2) if high > low else 0.0
+
+
+def test_slivers_between_chords_and_a_circle_count_in_the_integral():
+    """Of f = 1 + 50 x in a disc, 0 outside, on a triangle that the circle cuts, by strips.
+
+    The jump is not constant along the circle, so that the slivers' share is known up to its variation only.
+    """
+    mesh = meshes.from_arrays(Polygon(CORNERS, "triangle"), CORNERS, [[0, 1, 2]])
+    found = enclosed(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
+    cuts = np.linspace(-0.03, 0.05, 401)
+    exact = sum(quad(in_the_disc, a, b, epsabs=1e-16)[0] for a, b in pairwise(cuts))
+    away = abs(exact - found.moments.sum())
+    assert 1e-12 < away <= found.rest[0] * np.sqrt(mesh.areas[0])

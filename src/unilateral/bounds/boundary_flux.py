@@ -1,10 +1,13 @@
-"""The flux tau that is given on free sides (q in problem files), on the boundary edges of a mesh.
+"""Fluxes through the boundary edges of a mesh, linear on each: sigma of lambda_H, tau~ of a given flux tau.
 
-On an edge e tau is a piecewise polynomial p up to a function rho, and bounds on ||rho||_e and on its integral
-are known (`Flux`). tau~ is the L2 projection of p onto linear functions: int tau~ psi is int p psi
-for all hats psi. tau - tau~ is the sum of p - tau~, which is orthogonal to linear functions, of rho less its
-mean, and of the mean of rho. For the first two see `oscillation`: with ||p - tau~||_e + ||rho||_e on
-triangles, and the sum of both with their constants on squares. For the third, with T the triangle at e,
+sigma has the mean of lambda_H on every edge and as much of its slope as leaves sigma >= 0.
+
+On free sides the flux tau (q in problem files) is given. On an edge e it is a piecewise polynomial p up to a
+function rho, and bounds on ||rho||_e and on its integral are known (`Flux`). tau~ is the L2
+projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. tau - tau~ is the sum of
+p - tau~, which is orthogonal to linear functions, of rho less its mean, and of the mean of rho. For the first
+two see `oscillation`: with ||p - tau~||_e + ||rho||_e on triangles, and the sum of both with their constants
+on squares. For the third, with T the triangle at e,
 
     |int rho| |mean_e v| <= |int rho| |e|^{-1/2} ||v||_e <= |int rho| (C/|e|)^{1/2} ||v||_{1,T},
 
@@ -22,13 +25,16 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.bounds.flux_residuals import SUMS
 from unilateral.fem.p1 import linear_parts
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import (
     MEAN_FREE_ON_SQUARE,
     ON_SQUARE,
     has_square,
+    oscillation_bound,
     trace_constants,
     value_constants,
 )
@@ -40,6 +46,46 @@ ROUNDING = 64 * EPS
 
 It is added once more for every interval of the edge.
 """
+
+
+class EdgeFlux(NamedTuple):
+    """sigma, by its values `ends` (nb, 2) >= 0 at the ends of the edges.
+
+    `rest` (nb,) is the squared L2 norm of lambda_H - sigma, and `constant` (nb,) is what `oscillation` needs
+    to bound that in ||.||_{-1/2}. `push` (nb,) is the largest H_i lambda_i of a cell there.
+    """
+
+    ends: Array
+    rest: Array
+    constant: Array
+    push: Array
+
+    def distance(self, mesh: Mesh) -> float:
+        """A bound on ||lambda_H - sigma||_{-1/2}."""
+        bound = oscillation_bound(mesh, self.rest[:, None], self.constant)
+        return (1 + SUMS) * bound.item()
+
+
+def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array) -> EdgeFlux:
+    """The flux of lambda_H (m,), which is constant on the cells."""
+    lengths, nb = np.diff(mesh.s), len(mesh.boundary)
+    points, cell, edge = overlay(cells.points, mesh.s)
+    middle = 0.5 * (points[1:] + points[:-1])
+    share, arm = np.diff(points) / lengths[edge], 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
+    value = lambda_H[cell]
+    mean = np.bincount(edge, share * value, nb)
+    slope = 3 * np.bincount(edge, share * arm * value, nb)
+    limited = np.clip(slope, -mean, mean)
+    squares = np.bincount(edge, share * (value - mean[edge]) ** 2, nb)
+    rest = np.maximum(squares + (limited - 2 * slope) * limited / 3, 0.0)
+    push = np.zeros(nb)
+    np.maximum.at(push, edge, (cells.lengths * lambda_H)[cell])
+    return EdgeFlux(
+        np.column_stack([mean - limited, mean + limited]),
+        rest=lengths * rest,
+        constant=np.where(limited == slope, ON_SQUARE, MEAN_FREE_ON_SQUARE),
+        push=push,
+    )
 
 
 class Given(NamedTuple):
@@ -64,6 +110,10 @@ class Given(NamedTuple):
         return _norm(self.doubts)
 
 
+def _norm(squares: Array) -> float:
+    return float(np.sqrt(squares.sum(axis=1)).sum())
+
+
 def nothing(mesh: Mesh) -> Given:
     """The `Given` of a mesh on which no flux is given: 0."""
     nb = len(mesh.boundary)
@@ -74,20 +124,20 @@ def given(flux: Flux, mesh: Mesh) -> Given:
     """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
-    cuts = np.union1d(mesh.s, flux.points)
+    cuts, lengths = np.union1d(mesh.s, flux.points), np.diff(mesh.s)
     middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
     piece = flux.on(middle)
     here = flux.given[piece]
     middle, half, piece = middle[here], half[here], piece[here]
     edge, (nodes, weights) = _edges(mesh, middle), np.polynomial.legendre.leggauss(ORDER + 1)
     s, weight = middle[:, None] + half[:, None] * nodes, half[:, None] * weights
-    p, x = flux.at(piece[:, None], s)[0], (s - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
+    p, x = flux.at(piece[:, None], s)[0], (s - mesh.s[edge][:, None]) / lengths[edge][:, None]
     ends = linear_parts(mesh, edge, x, weight, p)
     away = p - ends[edge, :1] * (1 - x) - ends[edge, 1:] * x
     left = np.sqrt(np.bincount(edge, np.sum(weight * away**2, axis=1), len(ends)))
     norm, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
     rounding = _rounding(flux, mesh, edge, np.abs(p).max(axis=1))
-    norm, integral = norm + np.sqrt(np.diff(mesh.s)) * rounding, integral + np.diff(mesh.s) * rounding
+    norm, integral = norm + np.sqrt(lengths) * rounding, integral + lengths * rounding
     return Given(ends, *(_squares(mesh, rest, norm, integral) for rest in (left, np.zeros_like(left))))
 
 
@@ -130,7 +180,3 @@ def _squares(mesh: Mesh, left: Array, norm: Array, integral: Array) -> Array:
 def _edges(mesh: Mesh, s: Array) -> Index:
     """(k,) the boundary edges on which arc lengths (k,) lie."""
     return np.clip(np.searchsorted(mesh.s, s) - 1, 0, len(mesh.boundary) - 1)
-
-
-def _norm(squares: Array) -> float:
-    return float(np.sqrt(squares.sum(axis=1)).sum())

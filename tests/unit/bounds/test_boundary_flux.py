@@ -1,4 +1,4 @@
-"""The given flux on edges: exact moments, and a bound of all that is left against suprema on finer meshes."""
+"""Fluxes on edges: exact moments, and bounds of all that is left, against suprema on finer meshes."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -9,14 +9,15 @@ from scipy.integrate import quad
 from scipy.sparse.linalg import spsolve
 
 import unilateral as ul
-from unilateral.bounds import given_flux as module
-from unilateral.bounds.given_flux import given, nothing
+from unilateral.bounds import boundary_flux as module
+from unilateral.bounds.boundary_flux import edge_flux, given, nothing
 from unilateral.fem.condense import matrix
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import named
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.norms.oscillation import has_square
+from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, has_square
 from unilateral.problems import piecewise
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -36,7 +37,7 @@ def flux_of(q):
 @pytest.mark.parametrize("q", FUNCTIONS)
 def test_moments_with_hats_are_exact(q):
     """Against adaptive quadrature, cut at the jump and the peak; where q is linear it is its own part."""
-    mesh, value = structured(named("square"), 1 / 4), FUNCTIONS[q]
+    mesh, value = structured(square(), 1 / 4), FUNCTIONS[q]
     found = given(flux_of(q), mesh)
     load = edge_load(mesh, found.ends)[mesh.boundary[:5]]
     for i, x in enumerate(np.linspace(0, 1, 5)):
@@ -74,7 +75,7 @@ def test_what_is_left_is_bounded(q, kind):
     Where edges see most of the flux it is sharp within a factor of 6: triangles have constants that are up to
     3.3 times those of squares, and both are added.
     """
-    polygon = named("square")
+    polygon = square()
     mesh = {
         "structured": lambda: structured(polygon, 1 / 8),
         "gmsh": lambda: meshes.unstructured(polygon, 1 / 5),
@@ -93,7 +94,7 @@ def test_what_is_left_is_bounded(q, kind):
 
 def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
     """400 waves with 8 pieces: p is nothing like it. Control: what p leaves is nothing."""
-    right, mesh = flux_of("1 + sin(40*pi*x)"), structured(named("square"), 1 / 2)
+    right, mesh = flux_of("1 + sin(40*pi*x)"), structured(square(), 1 / 2)
     monkeypatch.setattr(piecewise, "MOST_PIECES", 8)
     found, fine = given(flux_of("1 + sin(40*pi*x)"), mesh), meshes.refine(mesh, 5)
     least = supremum(mesh, found, fine, given(right, fine))
@@ -110,7 +111,7 @@ def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n):
     small. That of the squares is sharp for the wave: its squared norm is 1/q, q^2 = 1 + (pi n)^2, up to
     tanh q and 1/tanh pi, which are 1 within 0.4 %.
     """
-    mesh, bottom = structured(named("square"), 1 / n), np.arange(4 * n) < n
+    mesh, bottom = structured(square(), 1 / n), np.arange(4 * n) < n
     of_means = rho == "mean"
     norm = np.where(bottom & (not of_means), n**-0.5, 0.0)
     squares = module._squares(mesh, np.zeros(4 * n), norm, np.where(bottom & of_means, 1 / n, 0.0))
@@ -127,7 +128,7 @@ def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n):
 
 def test_a_jump_at_a_node_may_be_on_either_edge():
     """Of height 3, within a few units in the last place of 1/2: both edges have it; others have round-off."""
-    mesh, flux = structured(named("square"), 1 / 4), flux_of("3*pos(x - 1/2, 0)")
+    mesh, flux = structured(square(), 1 / 4), flux_of("3*pos(x - 1/2, 0)")
     norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
     assert np.all(norm[1:3] >= 3 * np.sqrt(flux.reach))
     assert np.all(integral[1:3] >= 3 * flux.reach)
@@ -136,7 +137,7 @@ def test_a_jump_at_a_node_may_be_on_either_edge():
 
 def test_one_jump_at_a_node_is_on_both_edges():
     """A single place, 1/2, where rho is up to 3 within the reach: on either edge that is a whole reach."""
-    mesh, flux = structured(named("square"), 1 / 4), flux_of("0")
+    mesh, flux = structured(square(), 1 / 4), flux_of("0")
     flux = replace(flux, points=np.array([0.0, 0.5, 4.0]), jumps=np.array([0.0, 3.0, 0.0]), reach=1e-3)
     norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
     assert np.all(norm[1:3] >= 3 * np.sqrt(1e-3))
@@ -146,7 +147,7 @@ def test_one_jump_at_a_node_is_on_both_edges():
 
 def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
     """Its place is known up to the reach: on twice that the flux may differ by 3."""
-    mesh, flux = structured(named("square"), 1 / 4), flux_of("3*pos(x - 1/3, 0)")
+    mesh, flux = structured(square(), 1 / 4), flux_of("3*pos(x - 1/3, 0)")
     at = np.argmin(np.abs(flux.points - 1 / 3))
     flux = replace(flux, jumps=np.where(np.arange(len(flux.jumps)) == at, 3.0, 0.0))
     norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
@@ -156,7 +157,7 @@ def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
 
 def test_places_on_an_edge_are_known_up_to_the_reach():
     """Moved by that, a flux changes its mean by as much over the edge; and 8 products are summed for it."""
-    mesh, flux = structured(named("square"), 1 / 4), flux_of("1000/3")
+    mesh, flux = structured(square(), 1 / 4), flux_of("1000/3")
     edge, size = np.array([0, 1]), np.array([2.0, 3.0])
     found = module._rounding(flux, mesh, edge, size)
     assert np.all(found[:2] >= size * (8 * 2**-52 + flux.reach / 0.25))
@@ -167,13 +168,13 @@ def test_rounding_is_unknown_too():
     """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
     flux = flux_of("1000/3")
     exact = replace(flux, doubt=0 * flux.doubt, jumps=0 * flux.jumps)
-    found = given(exact, structured(named("square"), 1 / 4))
+    found = given(exact, structured(square(), 1 / 4))
     assert 2**-53 * 333 < found.unknown < 1e-10
 
 
 def test_a_jump_leaves_next_to_nothing_unknown():
     """A piece of 2^-44 with half of the jump: in L2 2^-23; its mean is 2^-45."""
-    found = given(flux_of("2*pos(x - 1/3, 0)"), structured(named("square"), 1 / 8))
+    found = given(flux_of("2*pos(x - 1/3, 0)"), structured(square(), 1 / 8))
     assert found.unknown <= 2**-20
     assert found.distance > 0.01
 
@@ -182,12 +183,48 @@ def test_a_flux_without_bounds_is_not_taken_for_one():
     """1/x on a side that ends at 0, which a file refuses: nothing is known."""
     problem = ul.Problem(SQUARE, f=0, g=0, free_sides=[0], q="x")
     worse = replace(problem, q=(problem.q[0] ** -1, *problem.q[1:]))
-    assert given(worse.enclosed_flux, structured(named("square"), 1 / 2)).distance == np.inf
+    assert given(worse.enclosed_flux, structured(square(), 1 / 2)).distance == np.inf
 
 
 def test_none_is_given():
-    mesh = structured(named("square"), 1 / 2)
+    mesh = structured(square(), 1 / 2)
     found = given(ul.case("natural").enclosed_flux, mesh)
     assert found.distance == found.unknown == 0
     assert not found.ends.any()
     assert nothing(mesh).squares.shape == (2, 8)
+
+
+def test_what_the_flux_leaves_of_lambda_is_its_norm():
+    """||lambda_H - q.n||_e^2 by sums over 20000 points of every edge; slopes are limited on some of them.
+
+    q.n >= 0 is linear; where it is not lambda_H's linear part, only the mean is kept, with the larger
+    constant.
+    """
+    mesh, cells = structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
+    lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
+    found = edge_flux(mesh, cells, lambda_H)
+    x, limited = (np.arange(20_000) + 0.5) / 20_000, []
+    for e, length in enumerate(np.diff(mesh.s)):
+        value = lambda_H[np.searchsorted(cells.points, mesh.s[e] + length * x) - 1]
+        q_n = found.ends[e, 0] * (1 - x) + found.ends[e, 1] * x
+        assert found.rest[e] == pytest.approx(length * np.mean((value - q_n) ** 2), rel=2e-3)
+        assert np.mean(q_n) == pytest.approx(np.mean(value), rel=1e-3)
+        slope = 6 * np.mean((2 * x - 1) * value)
+        limited.append(abs(np.diff(found.ends[e])[0] - slope) > 1e-2 * abs(slope))
+    assert np.all(found.ends >= 0)
+    np.testing.assert_array_equal(found.constant == MEAN_FREE_ON_SQUARE, limited)
+    assert 0 < sum(limited) < len(limited)
+
+
+def test_the_constants_on_squares_cannot_be_smaller():
+    """On a half-plane: exp(-k pi y / h) cos(k pi x / h) has the energy k pi/h of its trace's square.
+
+    k = 1 is orthogonal to constants on every edge of length h, k = 2 to linear functions: 1 / (k pi) at
+    least.
+    """
+    for k, constant in ((1, MEAN_FREE_ON_SQUARE), (2, ON_SQUARE)):
+        assert 1 / (k * np.pi) <= constant <= 1.01 / (k * np.pi)
+    x = np.linspace(0, 1, 1001)
+    assert (
+        abs(np.trapezoid(np.cos(2 * np.pi * x) * x, x)) < 1e-12 < abs(np.trapezoid(np.cos(np.pi * x) * x, x))
+    )

@@ -2,20 +2,17 @@
 
 import tracemalloc
 from dataclasses import replace
-from fractions import Fraction
 from functools import cache
-from math import factorial
 
 import numpy as np
 import pytest
 from nested import alone, at_random, graded
-from test_source import FORMULAS, Source
+from sources import FORMULAS, HATS, Counted, Source, mean
+from sympy import Rational
 
-from unilateral.bounds import source_polynomials as wholes
-from unilateral.bounds import source_search
+from unilateral.bounds import source_ancestors as wholes
 from unilateral.bounds.source import enclosed
-from unilateral.bounds.source_pieces import rounded_size
-from unilateral.bounds.source_polynomials import (
+from unilateral.bounds.source_ancestors import (
     COMPUTED,
     FINEST,
     LONG,
@@ -24,6 +21,7 @@ from unilateral.bounds.source_polynomials import (
     inside,
     whole,
 )
+from unilateral.bounds.source_pieces import rounded_size
 from unilateral.fem.quadrature import symmetric
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS, basis
@@ -45,16 +43,6 @@ MESHES = {
 }
 NEAR = [name for name in MESHES if "far" not in name]
 SMOOTH = "x*y*sin(3*x) - 1"
-
-
-class Counted(Source):
-    """f from a formula, which counts the pieces on which it is looked at."""
-
-    pieces = 0
-
-    def source_model(self, x, y, steps):
-        self.pieces += len(x.rad)
-        return super().source_model(x, y, steps)
 
 
 @cache
@@ -196,45 +184,18 @@ def values(found, number, at):
     )
 
 
-def times(p, q):
-    """The product of polynomials in two variables, {exponents: coefficient}."""
-    found = {}
-    for (i, j), x in p.items():
-        for (k, n), y in q.items():
-            found[i + k, j + n] = found.get((i + k, j + n), 0) + x * y
-    return found
+def projected(c, corners):
+    """Of p with those 15 coefficients, on the part with these corners: f_h there, the mean of (p - f_h)^2.
 
-
-def mean(p):
-    """On a triangle, in two of its hats: 2 a! b! / (a + b + 2)!."""
-    return sum(x * Fraction(2 * factorial(a) * factorial(b), factorial(a + b + 2)) for (a, b), x in p.items())
-
-
-def on_part(c, corners):
-    """p with those 15 coefficients, on the part with these corners, in the hats of the last two, exactly."""
-    a, b, d = [[Fraction(x) for x in corner] for corner in corners.tolist()]
-    sigma = [{(0, 0): a[k], (1, 0): b[k] - a[k], (0, 1): d[k] - a[k]} for k in (0, 1)]
-    powers = [[{(0, 0): Fraction(1)}] for _ in sigma]
-    for of, power in zip(sigma, powers, strict=True):
-        for _ in range(4):
-            power.append(times(power[-1], of))
-    found = {}
-    for (i, j), x in zip(basis(2, 4).exponents.tolist(), c.tolist(), strict=True):
-        for at, y in times(powers[0][i], powers[1][j]).items():
-            found[at] = found.get(at, 0) + Fraction(x) * y
-    return found
-
-
-def projected(p):
-    """The values of its projection f_h at the corners, and the mean of (p - f_h)^2, exactly."""
-    hats = [{(0, 0): 1, (1, 0): -1, (0, 1): -1}, {(1, 0): 1}, {(0, 1): 1}]
-    moments = [mean(times(p, hat)) for hat in hats]
+    Both are exact.
+    """
+    x, y = (sum(hat * Rational(z) for hat, z in zip(HATS, of, strict=True)) for of in corners.T.tolist())
+    terms = zip(basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
+    p = sum(x**i * y**j * Rational(each) for (i, j), each in terms)
+    moments = [mean(p * hat) for hat in HATS]
     f_h = [12 * of - 3 * sum(moments) for of in moments]
-    rest = dict(p)
-    for value, hat in zip(f_h, hats, strict=True):
-        for at, x in hat.items():
-            rest[at] = rest.get(at, 0) - value * x
-    return f_h, mean(times(rest, rest))
+    rest = p - sum(hat * value for hat, value in zip(HATS, f_h, strict=True))
+    return f_h, mean(rest**2)
 
 
 def some_parts():
@@ -264,8 +225,8 @@ def worst_rounding(count):
         known = Polynomials(c.T.copy(), np.zeros(4), frame)
         f_h, squares = wholes.values(np.repeat(part.T[..., None], count, axis=2), known, number)
         for k in range(4):
-            exact, square = projected(on_part(c[k], part))
-            off = max(abs(float(Fraction(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
+            exact, square = projected(c[k], part)
+            off = max(abs(float(Rational(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
             off += abs(float(squares[k]) ** 0.5 - float(square) ** 0.5)
             worst = max(worst, off / (EPS * np.abs(c[k]).sum()))
     return worst
@@ -349,7 +310,7 @@ def test_the_same_with_and_without_coarser_levels(name):
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
-            wanted = source_search.ABOVE * source_search.ENOUGH * source_search.even_h(mesh) * np.ptp(value)
+            wanted = wholes.ABOVE * wholes.ENOUGH * wholes.even_h(mesh) * np.ptp(value)
             assert found.unknown**2 <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.unknown**2
 
 
@@ -401,9 +362,7 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
         return abs(found.moments.sum() - np.pi * width**2) - found.rest @ np.sqrt(mesh.areas)
 
     assert missed() <= 0
-    monkeypatch.setattr(
-        source_search, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad)
-    )
+    monkeypatch.setattr(wholes, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad))
     assert missed() > 0.5 * np.pi * width**2
 
 
@@ -541,7 +500,7 @@ def test_without_that_the_allowance_is_exceeded(monkeypatch):
         return (moved - np.sqrt(mesh.areas) * (found.rest + alike.rest)).max()
 
     assert apart() <= 0
-    monkeypatch.setattr(source_search, "MOST_HALVINGS", 100)
+    monkeypatch.setattr(wholes, "MOST_HALVINGS", 100)
     assert apart() > 0
 
 

@@ -10,7 +10,7 @@ other edges of T. With k the height of T over e and q the foot of that vertex on
 
 for w(q + t (s - q), k (1 - t)) = t r(s) has the gradient (r', ((s - q) r' - r) / k) and dx dy is t k ds dt.
 Where g is smooth r' = O(h^2), and ||w||_1 = O(h^{5/2}). At last a function of V_h is added that is at least
-the doubt on every edge where v + w >= g needs it.
+the doubt on every edge where v + w >= g needs it. (u_h, lambda_H) says where there is contact.
 
 Nothing is left to quadrature. Integrals of polynomials are exact, and where the sign of p - v is not that of
 all its coefficients in Bernstein's basis, that of (p - v)_+^2 is taken to be that of (p - v)^2.
@@ -23,10 +23,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds
+from unilateral.arrays import Array, Mask
+from unilateral.bounds.boundary_flux import EdgeFlux
+from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds, constraint
+from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
+from unilateral.problems.obstacle_and_flux import Obstacle
 
+PUSH = 0.5
+"""u_h counts as in contact where it is less than this times H_i lambda_i above g.
+
+Only the sharpness of the bounds depends on it.
+"""
 DEAR = 16.0
 """||w||_1^2 counts this many times as much as the squared norm of a raised midpoint when one is chosen.
 
@@ -40,7 +48,7 @@ class Missing(NamedTuple):
     """Bounds on ||w||_1^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the doubt.
 
     The sum of `squares` (nb,) is at least ||w||_1^2, and the sum of `slack` (nb,) is a bound on the product;
-    `added` (n_nodes,) are nodal values.
+    `added` (nb,) are values at the boundary nodes.
     """
 
     squares: Array
@@ -58,23 +66,13 @@ class Missing(NamedTuple):
         return max(float(self.slack.sum()), 0.0)
 
 
-class _Short(NamedTuple):
-    """Bounds on ||w||_1^2 and <q.n, v + w - g> on every edge (nb,), and the doubt where v + w needs it."""
-
-    squares: Array
-    slack: Array
-    doubt: Array
-
-
-def raised(
-    g: Constraint, v: Array, contact: Mask, triangle: Index, flux: Array, stiffness: Array
-) -> tuple[Array, Mask]:
+def raised(g: Constraint, v: Array, contact: Mask, flux: Array, stiffness: Array) -> tuple[Array, Mask]:
     """v (n,), raised to at least p at the unknowns, and (nb,) the edges on which r has any sign.
 
     v = p at the unknowns in `contact` (n,). On every edge the cheapest of these is taken: r has any sign,
     which is for edges with all three unknowns in contact and without a jump of p; r is (p - v)_+; or the
-    midpoint is raised above p. `stiffness` (nb,) are the squared norms of the midpoints' basis functions; see
-    `missing` for the other arguments.
+    midpoint is raised above p. `stiffness` (nb,) are the squared norms of the midpoints' basis functions, and
+    `flux` is that of `missing`.
     """
     v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
     touching = contact[g.unknowns].all(axis=1) & ~g.jumps
@@ -83,11 +81,11 @@ def raised(
     above[g.unknowns[:, 2]] += by
     none = np.zeros_like(touching)
     extended, kept, lifted = (
-        DEAR * short.squares + 2 * short.slack
-        for short in (
-            _short(g, v, touching, triangle, flux),
-            _short(g, v, none, triangle, flux),
-            _short(g, above, none, triangle, flux),
+        DEAR * squares + 2 * slack
+        for squares, slack, _ in (
+            _short(g, v, touching, flux),
+            _short(g, v, none, flux),
+            _short(g, above, none, flux),
         )
     )
     lifted += stiffness * by**2
@@ -96,18 +94,17 @@ def raised(
     return v, touching & ~lift & (extended <= kept)
 
 
-def missing(g: Constraint, v: Array, touching: Mask, triangle: Index, flux: Array) -> Missing:
+def missing(g: Constraint, v: Array, touching: Mask, flux: Array) -> Missing:
     """What a raised v (n,) is short of; r has any sign on the edges `touching` (nb,).
 
-    `triangle` (nb,) is the one at each edge; q.n is linear there, with the values `flux` (nb, 2) at its
-    ends.
+    q.n is linear on every edge, with the values `flux` (nb, 2) at its ends.
     """
-    short = _short(g.near(v, touching | flux.any(axis=1)), v, touching, triangle, flux)
-    shared = np.bincount(triangle, minlength=len(g.mesh.triangles))[triangle]
-    added, at_ends = np.zeros(g.mesh.n_nodes), np.maximum(short.doubt, np.roll(short.doubt, 1))
-    added[g.mesh.boundary] = at_ends
-    most, push = np.maximum(at_ends, np.roll(at_ends, -1)), 0.5 * np.diff(g.mesh.s) * flux.sum(axis=1)
-    return Missing(shared * short.squares, short.slack + most * push, added)
+    mesh, triangle = g.mesh, g.mesh.boundary_triangles
+    squares, slack, doubt = _short(g.near(v, touching | flux.any(axis=1)), v, touching, flux)
+    shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
+    added = np.maximum(doubt, np.roll(doubt, 1))
+    most, push = np.maximum(added, np.roll(added, -1)), 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
+    return Missing(shared * squares, slack + most * push, added)
 
 
 def _bubbles(g: Constraint, v: Array) -> Array:
@@ -118,14 +115,15 @@ def _bubbles(g: Constraint, v: Array) -> Array:
     return SPARE * by
 
 
-def _short(g: Constraint, v: Array, touching: Mask, triangle: Index, flux: Array) -> _Short:
+def _short(g: Constraint, v: Array, touching: Mask, flux: Array) -> tuple[Array, Array, Array]:
+    """(nb,) bounds on ||w||_1^2 and on <q.n, v + w - g>, edge by edge, and the doubt where v + w needs it."""
     value, slope = g.trace(v)
     any_sign = touching[g.edge]
     of_v = ROUNDING * np.abs(v[g.unknowns]).max(axis=1)
     doubts = g.doubt + 2 * of_v[g.edge]
     r = g.p - value - np.where(any_sign, 0.0, (g.rounding + of_v)[g.edge])[:, None]
     low, high = bernstein_bounds(r)
-    foot, height = _vertex_off_edge(g.mesh, triangle)
+    foot, height = _vertex_off_edge(g.mesh)
     arm = g.x * np.diff(g.mesh.s)[g.edge][:, None] - foot[g.edge][:, None]
     r_prime, counts = g.slope - slope, (any_sign | (high > 0))[:, None]
     of_r, of_slope, of_arm = (g.integrals(y**2 * counts) for y in (r, r_prime, arm * r_prime))
@@ -137,12 +135,64 @@ def _short(g: Constraint, v: Array, touching: Mask, triangle: Index, flux: Array
     needed = any_sign | ((high + doubts > 0) & ~(bernstein_bounds(value)[0] >= g.upper))
     doubt = np.zeros(len(g.unknowns))
     np.maximum.at(doubt, g.edge, np.where(needed, doubts, 0.0))
-    return _Short(squares, slack, doubt)
+    return squares, slack, doubt
 
 
-def _vertex_off_edge(mesh: Mesh, triangle: Index) -> tuple[Array, Array]:
-    """(nb,), (nb,) the triangles' vertices off the edges: their place along the edge, their distance."""
+def _vertex_off_edge(mesh: Mesh) -> tuple[Array, Array]:
+    """(nb,), (nb,) the vertices off the boundary edges: their place along the edge, their distance."""
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
-    off = mesh.points[mesh.triangles[triangle].sum(axis=1) - start - end] - mesh.points[start]
+    off = mesh.points[mesh.triangles[mesh.boundary_triangles].sum(axis=1) - start - end] - mesh.points[start]
     along = np.sum(off * mesh.polygon.tangents[mesh.side], axis=1)
     return along, -np.sum(off * mesh.polygon.normals[mesh.side], axis=1)
+
+
+def in_contact(g: Constraint, u_h: Array, push: Array) -> Mask:
+    """(n,) P2's unknowns in contact: u_h - g is below PUSH H_i lambda_i of a cell there."""
+    largest = np.zeros(len(u_h))
+    np.maximum.at(largest, g.unknowns, push[:, None])
+    return u_h - g.at_unknowns < PUSH * largest
+
+
+class Lifting(NamedTuple):
+    """What makes a function of P2 feasible on the boundary.
+
+    `contact` (2 nb,) marks the unknowns of P2 in contact, and `flux` (nb, 2) is q.n at the edges' ends.
+    """
+
+    of: Layer
+    g: Constraint
+    contact: Mask
+    flux: Array
+
+    def met(self, nodal: Array) -> tuple[Array, Array]:
+        """(nb,), (nb,) the hats and bubbles to add to values at boundary nodes, to be g in contact."""
+        before = _trace(nodal, np.zeros_like(nodal))
+        return _coefficients(np.where(self.contact, self.g.at_unknowns - before, 0.0))
+
+    def lifted(self, nodal: Array, bubbles: Array) -> tuple[Array, Array, Missing]:
+        """(nb,), (nb,) what to add to these coefficients to make them feasible, and what is missing then."""
+        before = _trace(nodal, bubbles)
+        v, touching = raised(self.g, before, self.contact, self.flux, self.of.bubble_squares())
+        return *_coefficients(v - before), missing(self.g, v, touching, self.flux)
+
+    def added(self, short: Missing) -> Array:
+        """(k,) the squared norms of what is added for the doubt on the layer's triangles."""
+        return self.of.norms(*self.of.function(short.added, np.zeros_like(short.added)))
+
+
+def lifting(mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, held: Mask) -> Lifting:
+    """The lifting for u_h (n,), with g on the edges `held` (nb,)."""
+    g = constraint(obstacle, mesh, held)
+    contact = in_contact(g, _trace(u_h[mesh.boundary], np.zeros(len(held))), flux.push)
+    return Lifting(layer(mesh), g, contact, flux.ends)
+
+
+def _trace(nodal: Array, bubbles: Array) -> Array:
+    """(2 nb,) values at the boundary nodes, then at the midpoints of the edges."""
+    return np.concatenate([nodal, 0.5 * (nodal + np.roll(nodal, -1)) + bubbles])
+
+
+def _coefficients(trace: Array) -> tuple[Array, Array]:
+    """(nb,), (nb,) the coefficients of hats and of bubbles with that trace (2 nb,)."""
+    nodal, middle = np.split(trace, 2)
+    return nodal, middle - 0.5 * (nodal + np.roll(nodal, -1))

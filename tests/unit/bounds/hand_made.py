@@ -1,0 +1,194 @@
+"""Problems with solutions made by hand: cases of the catalogue, and u from formulas."""
+
+from functools import cache, cached_property
+from typing import NamedTuple
+
+import numpy as np
+import sympy
+from conftest import discrete
+from known_solutions import Pressed, Trial, h1_errors
+
+from unilateral.bounds import source
+from unilateral.discrete.condensed import solve
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling, h1_norm, load
+from unilateral.formulas.symbolic import evaluate
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.exact_errors import cell_means
+from unilateral.problems import data
+from unilateral.problems.atoms import X, Y
+from unilateral.problems.case import Case
+from unilateral.problems.obstacle_and_flux import enclose_obstacle
+
+CASES = [
+    *[(name, "square") for name in ("natural", "smooth", "thirds", "full_contact", "no_contact", "vertex")],
+    *[(name, "square") for name in ("borderline_0.05", "violates_jj", "singular", "rough")],
+    *[(name, "lshape") for name in ("smooth", "full_contact", "no_contact", "reentrant", "violates_j")],
+]
+CRUDE = (None, "zero", "noise")
+"""What lambda_H may be: solved for, 0, or spoilt by noise."""
+NOISE = (1e-3, 0.1, 3.0)
+"""Sizes in ||.||_1 of what u_h is spoilt by."""
+ROUNDING = 1e-13
+"""Where lambda = lambda_H = 0 the true dual norm is rounding, and so may the bound be."""
+LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
+"""-Delta u + u is linear, so f_h = f; lambda > 0 on the unit square."""
+
+
+class Manufactured:
+    """u from a formula and g = u - gap, gap >= 0 a formula in x, y too; no singular points.
+
+    It is the solution where lambda = du/dn >= 0, and 0 where gap > 0; `boundary` is that of Case.
+    """
+
+    flux_in_L2 = True
+
+    def __init__(self, polygon, u, gap="0"):
+        self.polygon = polygon
+        u, gap = (sympy.sympify(formula, {"x": X, "y": Y}) for formula in (u, gap))
+        f = u - sympy.diff(u, X, 2) - sympy.diff(u, Y, 2)
+        self.jumps, self.formula, self.formulas = {}, u, (f, u - gap)
+        found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
+        self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
+        self.g = sympy.lambdify((X, Y), u - gap)
+
+    def kinks(self):
+        return []
+
+    singular = flux_singular = kinks
+
+    def transitions(self):
+        return np.zeros(0)
+
+    def boundary(self, side, s, near=None):
+        points, (out_x, out_y) = self.polygon.at(side, s).T, self.polygon.normals[side].T
+        u = self.u(*points) + np.zeros(len(s))
+        return u, self.u_x(*points) * out_x + self.u_y(*points) * out_y, u - self.g(*points)
+
+    def source_model(self, x, y, steps):
+        return evaluate(self.formulas[0], {X: x, Y: y})
+
+    def enclosed(self, free=()):
+        return enclose_obstacle(self.polygon, self.obstacle_model, free)
+
+    def obstacle_model(self, side, t):
+        x, y = data.places(self.polygon, side, t)
+        return evaluate(self.formulas[1], {X: x, Y: y})
+
+    def error(self, mesh, u_h, features=()):
+        """||u - u_h||_1."""
+        return h1_errors(self.formula, mesh, [u_h], features)[0]
+
+
+@cache
+def enclosed(mesh, problem):
+    return source.enclosed(mesh, problem)
+
+
+def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
+    """What both bounds take."""
+    g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
+    return enclosed(mesh, problem), g, cells, u_h, lambda_H, free
+
+
+def u_of(problem, mesh, cells, lambda_H):
+    """u_h by (5.1); (f, v) = (f_h, v) for v in V_h."""
+    of_f = load(mesh, enclosed(mesh, problem).moments)
+    of_f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
+    return condense(mesh).solve(of_f)
+
+
+@cache
+def norm_for(name, m, polygon):
+    case = discrete(name, 2 * m, m, polygon).exact.ritz.case
+    return dual_norm(partitions.uniform(case.polygon, 1 / m), [case])
+
+
+class Pair(NamedTuple):
+    """u_h and lambda_H, and their true errors: ||u - u_h||_1, and bounds of ||lambda - lambda_H||_{-1/2}."""
+
+    case: Case
+    mesh: meshes.Mesh
+    cells: partitions.Partition
+    u_h: np.ndarray
+    lambda_H: np.ndarray
+    h1_error: float
+    lower: float
+    upper: float
+
+    @property
+    def given(self):
+        """What both bounds take."""
+        return given_to(*self[:5])
+
+    def exceeded_by(self, bound):
+        """Neither error is larger."""
+        return self.h1_error <= bound.u and self.lower <= bound.lambda_ + ROUNDING
+
+    def with_noise(self, size, rng):
+        """u_h off by a random function of that norm."""
+        noise = rng.standard_normal(self.mesh.n_nodes)
+        return self._replace(u_h=self.u_h + noise * (size / h1_norm(self.mesh, noise)))
+
+
+@cache
+def pair(name, n, polygon="square", crude=None):
+    """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
+    d = discrete(name, n, n // 2, polygon)
+    mesh, solution = d.mesh, solve(d)
+    lambda_H, rng = solution.lambda_H, np.random.default_rng(n)
+    if crude == "zero":
+        lambda_H = np.zeros_like(lambda_H)
+    elif crude == "noise":
+        lambda_H = np.maximum(lambda_H + rng.normal(0, 0.3 * lambda_H.max() + 0.01, len(lambda_H)), 0)
+    of_lambda = d.spaces.B.T @ lambda_H
+    load = d.exact.ritz.load.copy()
+    load[mesh.boundary] += of_lambda
+    u_h = d.spaces.condensed.solve(load)
+    dual = norm_for(name, n // 2, polygon).of_error(d.exact.ritz.case, lambda_H[None])
+    h1_error = d.exact.ritz.h1_error(d.exact.ritz.flux_load - of_lambda)[0]
+    errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
+    return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
+
+
+def exact_forces(case, cells):
+    """By the boundary's quadrature, over the whole boundary and over each side."""
+    per_cell = cells.lengths * cell_means(case, cells).lambda_means
+    per_side = np.bincount(cells.side, per_cell, cells.polygon.n_sides)
+    return [per_side.sum(), *per_side]
+
+
+class OfCatalogue:
+    """A case on coarse meshes; on finer ones bounds are sharp, see `test_bounds`."""
+
+    def __init__(self, name, polygon, crude):
+        """Take what lambda_H is spoilt by, see CRUDE."""
+        self.pairs = [pair(name, n, polygon, crude) for n in (4, 8)]
+        self.noisy = crude is None
+        self.smooth = name not in ("rough", "singular", "violates_jj")
+
+    @cached_property
+    def trials(self):
+        """With noise of a size in u_h its error is no less than that size less the error without."""
+        trials = [Trial(of.given, of.h1_error, of.lower - ROUNDING) for of in self.pairs]
+        of = self.pairs[-1]
+        for size in NOISE if self.noisy else ():
+            given = of.with_noise(size, np.random.default_rng(3)).given
+            trials.append(Trial(given, max(size - of.h1_error, 0), of.lower - ROUNDING))
+        return trials
+
+    @cached_property
+    def pressed(self):
+        """With the true error in place of its bound, which is the hardest; lambda is integrated up to 1e-12.
+
+        Where lambda is not smooth it is not integrated up to rounding.
+        """
+        pressed = []
+        for of in self.pairs if self.smooth else ():
+            sides = range(of.mesh.polygon.n_sides)
+            exact = [(force - 1e-12, force + 1e-12) for force in exact_forces(of.case, of.cells)]
+            parts = [[*sides], *([side] for side in sides)]
+            pressed.append(Pressed(of.mesh, of.cells, of.lambda_H, of.upper + 1e-12, parts, exact))
+        return pressed

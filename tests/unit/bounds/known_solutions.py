@@ -1,0 +1,207 @@
+"""Problems with a known solution, and true errors by a quadrature of its own.
+
+It is refined to features that are declared here and that the certificate does not know.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import sympy
+from skfem.quadrature import get_quadrature_tri
+
+from unilateral.bounds.boundary_flux import given as given_flux
+from unilateral.bounds.source import enclosed
+from unilateral.fem.condense import condense
+from unilateral.fem.p1 import coupling
+from unilateral.fem.splitting import quarter
+from unilateral.formulas import formula
+from unilateral.formulas.symbolic import compile_numpy, plain
+from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.problems.atoms import X, Y
+from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
+
+SIZE = 1 / 2
+"""Of a feature's width: how large pieces may be that are near it."""
+QUADRATURE = 1e-4
+"""Of ||u - u_h||_1: what its quadrature may be off by; that of features is tested."""
+OF_MOMENTS = 1e-6
+"""Of the norm of lambda - lambda_H on a mesh: what the quadrature of lambda may be off by."""
+
+
+class Feature(NamedTuple):
+    """What is narrow or not smooth: within `width` of a point, or of a line or circle {level = 0}."""
+
+    level: sympy.Expr
+    width: float
+
+
+def h1_errors(u, mesh, functions, features=(), size=SIZE, k=1, c=1):
+    """(k |u - v_h|_1^2 + c ||u - v_h||_0^2)^(1/2) of each, by a rule of degree 8.
+
+    Its pieces are small against the features.
+    """
+    value = compile_numpy([u, u.diff(X), u.diff(Y)], (X, Y))
+    distances = [(compile_numpy([feature.level], (X, Y)), feature.width) for feature in features]
+    corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
+    total = np.zeros(len(functions))
+    for _ in range(14):
+        vertices = corners @ mesh.points[mesh.triangles[parent]]
+        centre = vertices.mean(axis=1)
+        radius = np.linalg.norm(vertices - centre[:, None], axis=2).max(axis=1)
+        coarse = np.zeros(len(parent), dtype=bool)
+        for level, width in distances:
+            away = np.abs(level(*centre.T)[0])
+            coarse |= (radius > size * np.maximum(width, 0.5 * (away - radius))) & (away < radius + 8 * width)
+        total += _squares(mesh, functions, corners[~coarse], parent[~coarse], value, k, c)
+        corners, parent = quarter(corners[coarse]), np.repeat(parent[coarse], 4)
+    return np.sqrt(total + _squares(mesh, functions, corners, parent, value, k, c))
+
+
+def _squares(mesh, functions, corners, parent, value, k, c):
+    points, weights = get_quadrature_tri(8)
+    nodes = mesh.points[mesh.triangles[parent]]
+    places = np.column_stack([1 - points.sum(axis=0), *points]) @ corners
+    x, y = np.moveaxis(places @ nodes, 2, 0)
+    u, u_x, u_y = value(x, y)
+    edges = nodes[:, 1:] - nodes[:, :1]
+    areas = 0.5 * np.abs(np.linalg.det(edges)) * np.abs(np.linalg.det(corners))
+    found = []
+    for v_h in functions:
+        nodal = v_h[mesh.triangles[parent]]
+        slope = np.linalg.solve(edges, (nodal[:, 1:] - nodal[:, :1])[..., None])[..., 0]
+        rest = c * (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
+        rest += k * ((u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2)
+        found.append(areas @ (rest @ (2 * weights)))
+    return np.array(found)
+
+
+def fluxes(u, vertices):
+    """du/dn on the sides of a polygon, exact."""
+    corners = [[sympy.Rational(float(c)) for c in vertex] for vertex in vertices]
+    found = []
+    for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+        x, y = (b - a for a, b in zip(start, end, strict=True))
+        found.append((y * u.diff(X) - x * u.diff(Y)) / sympy.sqrt(x**2 + y**2))
+    return found
+
+
+class Known(NamedTuple):
+    """A problem, its u, and what is narrow in it; the `doubt` is what lambda may lack of solving it."""
+
+    problem: Problem
+    u: sympy.Expr
+    features: tuple[Feature, ...] = ()
+    doubt: float = 0.0
+
+    def errors(self, mesh, functions, size=SIZE):
+        """||u - v_h||_1 of each."""
+        return h1_errors(self.u, mesh, functions, self.features, size)
+
+    def flux_moments(self, mesh):
+        """(nb,) the moments of lambda with the boundary hats, by 2000 points on every edge."""
+        slopes, x = compile_numpy([self.u.diff(X), self.u.diff(Y)], (X, Y)), (np.arange(2000) + 0.5) / 2000
+        start, end = mesh.points[mesh.boundary], mesh.points[np.roll(mesh.boundary, -1)]
+        at = start[:, None] + x[:, None] * (end - start)[:, None]
+        normals = mesh.polygon.normals[mesh.side]
+        flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
+        flux = np.where(np.isin(mesh.side, self.problem.free_sides)[:, None], 0.0, flux)
+        first, second = (np.diff(mesh.s) * (flux * shape).mean(axis=1) for shape in (1 - x, x))
+        return first + np.roll(second, 1)
+
+    def boundary(self, side, s):
+        """(k,) u, lambda and u - g at places s of the sides; on free ones du/dn less what is given, and 1."""
+        polygon, problem = self.problem.polygon, self.problem
+        x, y = polygon.at(side, s).T
+        u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
+        gap = np.choose(side, formula.compile_numpy([plain(self.u) - g for g in problem.g], "xy")(x, y))
+        flux = np.sum(np.column_stack([u_x, u_y]) * polygon.normals[side], axis=1)
+        if problem.q:
+            flux = flux - np.choose(side, formula.compile_numpy(problem.q, "xy")(x, y))
+        return u, flux, np.where(np.isin(side, problem.free_sides), 1.0, gap)
+
+
+class Catalogued(NamedTuple):
+    """A case made of the catalogue's atoms, whose quadrature knows its singular points."""
+
+    problem: Case
+    doubt: float = 0.0
+
+    def errors(self, mesh, functions):
+        return np.array([h1_distance(self.problem, mesh, v_h) for v_h in functions])
+
+    def flux_moments(self, mesh):
+        return flux_load(self.problem, mesh)
+
+    def boundary(self, side, s):
+        return self.problem.boundary(side, s)
+
+
+class Trial(NamedTuple):
+    """What both bounds take, and lower bounds of the true errors of u_h and of lambda_H."""
+
+    given: tuple
+    error: float
+    of_lambda: float
+
+
+class Pressed(NamedTuple):
+    """What `forces` takes, and for each of the parts two numbers between which the exact force lies."""
+
+    mesh: Any
+    cells: Any
+    lambda_H: np.ndarray
+    bound: float
+    parts: list
+    exact: list
+    free: tuple = ()
+
+
+class Tried:
+    """A problem with a known solution, and solutions of discrete problems, each with pairs to be tried."""
+
+    def __init__(self, of, solutions):
+        """Take `solutions` with their pairs (u_h, lambda_H)."""
+        self.of, self.solutions = of, solutions
+
+    @cached_property
+    def trials(self):
+        return [trial for solved, pairs in self.solutions for trial in trials(self.of, solved, pairs)]
+
+    @cached_property
+    def pressed(self):
+        return [pressed(self.of, solved) for solved, _ in self.solutions]
+
+
+def trials(of, solved, pairs):
+    """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
+    discrete, problem = solved.discrete, of.problem
+    mesh, cells = discrete.mesh, discrete.partition
+    source, tau = discrete.source or enclosed(mesh, problem), given_flux(problem.enclosed_flux, mesh)
+    moments, on_mesh, to_mesh = of.flux_moments(mesh), condense(mesh), coupling(mesh, cells).T
+    errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
+    for pair, error in zip(pairs, errors, strict=True):
+        rest = moments - to_mesh @ pair[1]
+        dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
+        of_lambda = max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS) - of.doubt
+        given = source, problem.enclosed_obstacle, cells, *pair, problem.free_sides, tau
+        yield Trial(given, error, of_lambda)
+
+
+def pressed(of, solved):
+    """The whole boundary, and each side.
+
+    The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
+    them.
+    """
+    mesh, moments = solved.discrete.mesh, of.flux_moments(solved.discrete.mesh)
+    parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
+    off = OF_MOMENTS * np.abs(moments).sum() + 1e-12 * solved.u_norm  # of the quadrature, and of rounding
+    exact = []
+    for part in parts:
+        on = np.isin(mesh.side, part)
+        inner, touching = on & np.roll(on, 1), on | np.roll(on, 1)
+        exact.append((moments[inner].sum() - off, moments[touching].sum() + off))
+    bound, free = solved.bound().lambda_, of.problem.free_sides
+    return Pressed(mesh, solved.discrete.partition, solved.lambda_H, bound, parts, exact, free)

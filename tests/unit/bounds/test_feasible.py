@@ -1,0 +1,235 @@
+"""g on the edges of a mesh, what is done for v >= g there, and what is missing then."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import skfem
+import sympy
+from conftest import discrete
+from hand_made import Manufactured, pair
+from skfem.helpers import dot, grad
+
+import unilateral as ul
+from unilateral.bounds import constraint as constraints
+from unilateral.bounds import feasible
+from unilateral.bounds.constraint import Constraint, constraint
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.fem.p2 import layer
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
+from unilateral.problems import piecewise
+
+WAVES = {
+    "sin(40*pi*x) + y": lambda x, y: np.sin(40 * np.pi * x) + y,
+    "100000*cos(3*x - y)": lambda x, y: 1e5 * np.cos(3 * x - y),
+}
+
+
+def on_edges(text, n=4):
+    """The constraint on all edges of a mesh of the unit square."""
+    problem, mesh = ul.Problem(square(), f=0, g=text), structured(square(), 1 / n)
+    return constraint(problem.enclosed_obstacle, mesh, np.ones(len(mesh.boundary), dtype=bool))
+
+
+@pytest.mark.parametrize("text", WAVES)
+@pytest.mark.parametrize("most", [8, 60_000])
+def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
+    """In the points of the rule, against numpy. With 8 pieces the doubt is of the size of what p misses."""
+    monkeypatch.setattr(piecewise, "MOST_PIECES", most)
+    found = on_edges(text)
+    s = found.mesh.s[found.edge][:, None] + found.x * np.diff(found.mesh.s)[found.edge][:, None]
+    side = np.broadcast_to(found.mesh.side[found.edge][:, None], s.shape).ravel()
+    points = found.mesh.polygon.at(side, s.ravel() - found.mesh.polygon.starts[side])
+    g = WAVES[text](*points.T).reshape(s.shape)
+    away = np.abs(g - found.p).max(axis=1)
+    assert np.all(away <= found.doubt + 1e-15 * np.abs(g).max())
+    assert np.all(g.max(axis=1) <= found.upper + 1e-15 * np.abs(g).max())
+    if most == 8 and "40" in text:
+        assert np.any(away > 0.5)
+    if most > 8:
+        assert found.doubt.max() <= 1e-9 * np.abs(g).max()
+
+
+def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
+    """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
+    found = on_edges("0")
+    g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
+    nb = len(g.mesh.boundary)
+    every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
+    missing = feasible.missing(g, v, every, np.ones((nb, 2)))
+    assert missing.added == pytest.approx(1e-3)
+    assert missing.product == pytest.approx(8e-3)
+
+
+def short_of(g, rng):
+    """Of v from just below g to far above, at midpoints, too, and sigma > 0 on every third edge."""
+    nb = len(g.unknowns)
+    v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
+    contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
+    v, touching = feasible.raised(g, v, contact, flux, rng.random(nb))
+    v[nb:] -= rng.uniform(0, 4, nb)
+    return [v, touching, *feasible.missing(g, v, touching, flux), g.near(v, touching)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
+    """Against all of them; some are left out. Control: so they do where v is told by its ends only."""
+    g = on_edges("sin(9*pi*x) + y", 16)
+    *found, near = short_of(g, np.random.default_rng(seed))
+    kept = Constraint.near
+    monkeypatch.setattr(Constraint, "near", lambda self, v, also: self)
+    *wanted, every = short_of(g, np.random.default_rng(seed))
+    assert 0 < len(near.edge) < len(every.edge)
+    for one, other in zip(found, wanted, strict=True):
+        assert np.array_equal(one, other)
+
+    def by_ends(self, v, also):
+        level = v.copy()
+        level[self.unknowns[:, 2]] = 0.5 * v[self.unknowns[:, :2]].sum(axis=1)
+        return kept(self, level, also)
+
+    monkeypatch.setattr(Constraint, "near", by_ends)
+    *wrong, _ = short_of(g, np.random.default_rng(seed))
+    assert wrong[2].sum() < 0.99 * wanted[2].sum()
+
+
+def extension_norm(triangle, r):
+    """||w||_1 of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
+    (a, b, c), s, x, y = triangle, sympy.Symbol("s"), *sympy.symbols("x y")
+    length = float(np.hypot(*(b - a)))
+    e, n = (b - a) / length, np.array([a[1] - b[1], b[0] - a[0]]) / length
+    p, k = float((c - a) @ e), float((c - a) @ n)
+    t = 1 - y / k
+    w = t * r.subs(s, p + (x - p) / t)
+    parts = sympy.lambdify((x, y), [w, sympy.diff(w, x), sympy.diff(w, y)])
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
+    along, down = np.meshgrid(length * nodes, nodes)
+    values = parts(p + down * (along - p), k * (1 - down))
+    density = sum(np.asarray(value) ** 2 for value in values)
+    return np.sqrt(length * k * weights @ (density * down) @ weights)
+
+
+def test_the_extension_s_norm_is_that_of_its_definition():
+    """r = g - v for a cubic g on the edges of one triangle; what three edges share is tripled."""
+    points = np.array([[0.0, 0.0], [1.3, 0.1], [0.4, 0.9]])
+    polygon = Polygon(points, "triangle")
+    problem = Manufactured(polygon, "x**3 - 2*x*y**2")
+    mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
+    every = np.ones(3, dtype=bool)
+    g = constraint(problem.enclosed(), mesh, every)
+    missing = feasible.missing(g, g.at_unknowns, every, np.ones((3, 2)))
+    s, squares = sympy.Symbol("s"), 0.0
+    for i in range(3):
+        a, b, c = np.roll(points, -i, axis=0)
+        on_edge = a + (b - a) * np.array([0.0, 0.5, 1.0])[:, None]
+        length = float(np.hypot(*(b - a)))
+        along = sympy.interpolate(list(zip([0, length / 2, length], problem.u(*on_edge.T), strict=True)), s)
+        x, y = (float(a[j]) + s * float((b - a)[j]) / length for j in range(2))
+        squares += extension_norm((a, b, c), sympy.expand(x**3 - 2 * x * y**2 - along)) ** 2
+    assert missing.norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
+    assert 0 <= missing.product <= 1e-8
+    assert np.max(missing.added) <= 1e-8
+
+
+def shortfall(case, g, v, flux):
+    """||w||_1 and <q.n, v + w - g> for w from r = (g - v)_+, by sums over 20000 points of every edge."""
+    mesh, x, squares, slack = g.mesh, (np.arange(20_000) + 0.5) / 20_000, 0.0, 0.0
+    foot, height = feasible._vertex_off_edge(mesh)
+    shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
+    for e, length in enumerate(np.diff(mesh.s)):
+        start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
+        u, _, gap = case.boundary(np.full(len(x), mesh.side[e]), start + length * x)
+        a, b, c = v[g.unknowns[e]]
+        below = u - gap - (a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x))
+        r, slope = np.maximum(below, 0), np.gradient(np.maximum(below, 0), length * x)
+        parts = [length * np.mean(y**2) for y in (r, slope, (length * x - foot[e]) * slope)]
+        of_slope = 0.5 * (height[e] * parts[1] + (parts[2] + 2 * parts[0]) / height[e])
+        squares += shared[e] * (of_slope + 0.25 * height[e] * parts[0])
+        slack += length * np.mean((flux[e, 0] * (1 - x) + flux[e, 1] * x) * (r - below))
+    return np.sqrt(squares), slack
+
+
+@pytest.mark.parametrize("name", ["thirds", "natural", "smooth"])
+def test_what_is_missing_is_not_less_than_it_is(name):
+    """v is g at the nodes and near it at midpoints, so that g - v changes its sign within edges.
+
+    Against sums; they miss r' near kinks by less than 1e-3. Control: they are not much less either.
+    """
+    d = discrete(name, 8, 4)
+    mesh, case = d.mesh, d.exact.ritz.case
+    on = np.ones(len(mesh.boundary), dtype=bool)
+    g = constraint(case.enclosed_obstacle, mesh, on)
+    v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
+    v[len(on) :] += rng.normal(0, 0.01, len(on))
+    flux = rng.random((len(on), 2))
+    found = feasible.missing(g, v, ~on, flux)
+    norm, slack = shortfall(case, g, v, flux)
+    assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
+    assert (1 - 1e-3) * slack <= found.product <= 1.3 * slack
+    assert np.all(found.added <= 1e-6)
+
+
+def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
+    """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
+    on = np.array([True, True])
+    unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
+    at, rise, jumps = constraints._at_ends(on_edges, unknowns, on)
+    assert not jumps.any()
+    np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
+    np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
+    on_edges[1, 0] += 1e-11
+    assert constraints._at_ends(on_edges, unknowns, on)[2].tolist() == [True, False]
+
+
+def test_the_rounding_of_v_is_allowed_for():
+    """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
+    mesh = structured(square(), 1 / 2)
+    problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
+    g = constraint(problem.enclosed(), mesh, every)
+    steep = np.zeros(16)
+    steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
+    v = np.maximum(steep, g.at_unknowns)
+    flux = np.ones((8, 2))
+    doubt = [feasible.missing(g, each, every, flux).added.max() for each in (v, np.maximum(0, g.at_unknowns))]
+    assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]
+
+
+def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
+    """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
+    of, own, seen = pair("natural", 16), feasible.missing, []
+    monkeypatch.setattr(feasible, "missing", lambda *given: seen.append(given[:3]) or own(*given))
+    local_bound(*of.given)
+    g, v, touching = seen[0]
+    unknowns = np.unique(g.unknowns[touching])
+    assert np.all(v[unknowns] == g.at_unknowns[unknowns])
+    nodes = unknowns[unknowns < len(touching)]
+    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.at_unknowns[nodes]) > 1e-4
+
+
+@pytest.mark.parametrize("name", ["square", "lshape"])
+def test_functions_of_the_layer_are_those_of_P2(name):
+    """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
+    mesh, rng = meshes.unstructured(named(name), 0.3), np.random.default_rng(0)
+    of, nb = layer(mesh), len(mesh.boundary)
+    nodal, bubble = rng.standard_normal((2, nb))
+    p2 = skfem.Basis(
+        skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=4
+    )
+    v = np.zeros(p2.N)
+    v[p2.nodal_dofs[0][mesh.boundary]] = nodal
+    v[p2.facet_dofs[0]] = v[p2.nodal_dofs[0]][p2.mesh.facets].mean(axis=0)
+    ends = np.sort(np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]), axis=1)
+    facets = [np.flatnonzero((two == p2.mesh.facets.T).all(axis=1))[0] for two in ends]
+    v[p2.facet_dofs[0, facets]] += bubble
+
+    @skfem.Functional
+    def square(w):
+        return dot(grad(w.of), grad(w.of)) + w.of**2
+
+    found = of.norms(*of.function(nodal, bubble)).sum()
+    assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
+    norms = [of.norms(*of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
+    assert of.bubble_squares()[:3] == pytest.approx(norms, rel=1e-12)

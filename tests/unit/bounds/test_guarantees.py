@@ -1,0 +1,224 @@
+"""What is guaranteed, each stated once, for problems with known solutions.
+
+They are made by hand (`hand_made`), at random on random polygons (`random_problems`), or to fool whoever
+certifies (`adversarial_problems`). `make fuzz` tries hundreds more of the last two, each told by its number.
+"""
+
+import os
+from contextlib import contextmanager
+from dataclasses import replace
+
+import adversarial_problems
+import numpy as np
+import pytest
+import random_problems
+from hand_made import CASES, CRUDE, OfCatalogue
+from known_solutions import QUADRATURE, SIZE
+from random_problems import known
+
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.search import search
+from unilateral.bounds import source
+from unilateral.bounds.forces import forces
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
+from unilateral.discrete import base
+from unilateral.fem.p2 import layer
+
+FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
+"""With more than 0, so many times the problems; those made to fool go on where the suite ends."""
+
+
+def numbered(kind, some, times=1):
+    return [(kind, number) for number in (range(times * FUZZ) if FUZZ else some)]
+
+
+OF_FORMULAS = numbered("formula", (0, 4, 8, 20, 22, 26, 32, 39, 42, 48), 5)
+FLUXES = numbered("flux", (0, 1, 2, 7, 20), 2)
+CORNERS = numbered("corner", (1,))
+SEARCHES = numbered("formula", (4, 8, 22))
+"""Random problems: all, or some that take about a second."""
+MADE_TO_FOOL = [
+    (family, number + (count if FUZZ else 0))
+    for family, count in adversarial_problems.COUNTS.items()
+    for number in range(FUZZ or count)
+]
+BY_HAND = [(*of, crude) for of in CASES for crude in CRUDE]
+WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
+ALL = [*WITHOUT_CORNERS, *CORNERS]
+CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
+
+
+PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_problems.FAMILIES, 20_000)
+"""So that what takes too many is known less well, and sooner."""
+
+
+@contextmanager
+def few_pieces(kind):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "MOST_PIECES", PIECES.get(kind, source.MOST_PIECES))
+        yield
+
+
+@pytest.fixture(scope="module")
+def one(request, tmp_path_factory):
+    """One problem at a time, solved once for all tests of it."""
+    kind, *others = request.param
+    with few_pieces(kind):
+        if kind in random_problems.KINDS:
+            yield random_problems.tried(kind, *others, tmp_path_factory.mktemp("corner"))
+        elif kind in adversarial_problems.FAMILIES:
+            yield adversarial_problems.tried(kind, *others)
+        else:
+            yield OfCatalogue(kind, *others)
+
+
+def of_each(problems):
+    """A test of these problems; pytest runs all tests of one before those of the next."""
+    ids = ["-".join(str(part) for part in key if part is not None) for key in problems]
+    return pytest.mark.parametrize("one", problems, indirect=True, ids=ids, scope="module")
+
+
+BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+
+
+def violations(one, bound):
+    """The trials in which a bound is too small."""
+    found = [(bound(*trial.given), trial) for trial in one.trials]
+    return [
+        (each.u, trial.error, each.lambda_, trial.of_lambda)
+        for each, trial in found
+        if not (trial.error <= each.u and trial.of_lambda <= each.lambda_)
+    ]
+
+
+@of_each(ALL)
+@BOUNDS
+def test_no_bound_is_below_a_true_error(one, bound):
+    """Whatever u_h and lambda_H are.
+
+    Problems with many steep fluxes take some seconds to be solved on five meshes, and true errors on the
+    L-shape, where u is singular, as long.
+    """
+    assert one.trials
+    assert not violations(one, bound)
+
+
+@pytest.mark.parametrize(("one", "share"), [(CONTROLS[0], 0.6), (CONTROLS[1], 0.8)], indirect=["one"])
+@BOUNDS
+@pytest.mark.parametrize("name", ["u", "lambda_"])
+def test_a_bound_that_is_too_small_is_noticed(one, share, bound, name):
+    """Control: all are nearer than that to some of the errors."""
+
+    def too_small(*given):
+        right = bound(*given)
+        return replace(right, **{name: share * getattr(right, name)})
+
+    assert violations(one, too_small)
+
+
+@of_each([("neumann", 0)])
+@BOUNDS
+def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound, monkeypatch):
+    """Control: where peaks are not seen it is below errors."""
+    monkeypatch.setattr(source.Source, "squares_with", lambda self, more, of=slice(None): 0 * self.rest[of])
+    assert violations(one, bound)
+
+
+@of_each(ALL)
+def test_the_triangles_shares_add_up_to_the_squared_bound(one):
+    """At most that, for squares of sums are more; at least a sixth, by Cauchy's inequality used twice.
+
+    (a + b)^2 <= 2 (a^2 + b^2) for data and the rest, (a + b + c)^2 <= 3 (..) for the parts of the lifting.
+    """
+    for trial in one.trials:
+        bound, mesh = local_bound(*trial.given), trial.given[0].mesh
+        assert np.all(bound.shares >= 0)
+        assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= bound.u**2 * (1 + 2e-6)
+        inside = np.delete(bound.shares, layer(mesh).triangles)
+        assert inside.sum() <= bound.flux**2 + bound.residual**2 + bound.data**2
+
+
+def forces_outside(one, share=1.0):
+    """Exact forces that do not lie between the numbers that are guaranteed; the `share` is of the bound."""
+    wrong = []
+    for of in one.pressed:
+        found = forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, of.free)
+        for part, force, (least, most) in zip(of.parts, found, of.exact, strict=True):
+            if force.upper < least or force.lower > most or not force.lower <= force.value <= force.upper:
+                wrong.append((part, force, least, most))
+    return wrong
+
+
+@of_each(WITHOUT_CORNERS)
+def test_no_force_lies_outside(one):
+    """Over the whole boundary and over each side."""
+    assert not forces_outside(one)
+
+
+@of_each(CONTROLS)
+def test_a_force_outside_is_noticed(one):
+    """Control: without what the error adds, exact forces lie outside."""
+    assert forces_outside(one, share=0.0)
+
+
+def judged_search(of, accuracy, most):
+    """A search, and whether what it certifies is as accurate: by the norm of u itself, not known to it."""
+    found = search(of.problem, Goal(accuracy, max_unknowns=most))
+    solved = found.best.solved
+    error, norm = of.errors(solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)])
+    assert found.best.size <= norm * (1 + QUADRATURE)
+    assert found.certified == (found.ended == "")
+    return found.certified, error <= accuracy * norm * (1 + QUADRATURE)
+
+
+@pytest.mark.parametrize(("kind", "number"), SEARCHES)
+def test_what_is_certified_is_as_accurate_as_that(kind, number):
+    """With 1000 unknowns some of hundreds of problems are out of reach."""
+    accuracy = 10.0 ** np.random.default_rng([18, number]).uniform(-1.5, -0.3)
+    with few_pieces(kind):
+        certified, accurate = judged_search(known(number), accuracy, 1000)
+    assert accurate or not certified
+    assert certified or FUZZ
+
+
+@pytest.mark.parametrize("family", ["kinks", "sides", "large"])
+def test_most_problems_are_certified_on_finer_meshes(family):
+    """To refuse everything would be easy."""
+    with few_pieces(family):
+        assert judged_search(adversarial_problems.known(family, 0), 0.05, 10_000) == (True, True)
+
+
+def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
+    """Control: by a tenth of the bound a search ends too early."""
+
+    def too_small(*given):
+        right = local_bound(*given)
+        return replace(right, u=0.1 * right.u)
+
+    monkeypatch.setattr(base, "local_bound", too_small)
+    assert judged_search(known(8), 0.1, 1000) == (True, False)
+
+
+@of_each(OF_FORMULAS)
+def test_the_quadrature_of_the_true_error(one):
+    """Pieces of half the size, which have a quarter of its error at most, change it by less."""
+    of, (solved, _) = one.of, one.solutions[0]
+    mesh, functions = solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
+    (coarse, norm), (fine, _) = (of.errors(mesh, functions, size) for size in (SIZE, SIZE / 2))
+    assert coarse == pytest.approx(fine, rel=0.75 * QUADRATURE, abs=1e-12 * norm)
+
+
+@of_each([*OF_FORMULAS, *FLUXES, *CORNERS])
+def test_the_random_solutions_solve_their_problems(one):
+    """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""
+    of = one.of
+    lengths, per_side = of.problem.polygon.lengths, 200
+    side = np.repeat(np.arange(len(lengths)), per_side)
+    s = lengths[side] * np.tile((np.arange(per_side) + 0.5) / per_side, len(lengths))
+    u, flux, gap = of.boundary(side, s)
+    size = np.abs(u).max()
+    of_u, of_flux = 1e-12 * size, 1e-9 * max(size / lengths.min(), np.abs(flux).max())
+    assert gap.min() >= -of_u
+    assert flux.min() >= -of_flux
+    assert not np.any((gap > of_u) & (flux > of_flux))
