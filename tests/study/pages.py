@@ -13,33 +13,48 @@ from conftest import ROOT
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from unilateral.study import registry
+from unilateral.study import config, figure_entries, registry
 
-FIGURES = {  # of each module a figure in git, and numbers that are drawn as they are
-    "adaptive": ("adaptive", ["error", "bound", "beta", "beta_of_edges"]),
-    "benchmarks": ("benchmarks", ["y"]),
-    "consistency": ("consistency", ["lambda_mean", "over_H2"]),
-    "dual_norm": ("dual_square", ["mean", "gap", "shortcut"]),
-    "extremes": ("extremes", ["log10_value"]),
-    "grid": ("grid_square", ["error"]),
-    "infsup": ("infsup", ["beta_lower"]),
-    "multiplier": ("multiplier", ["mu"]),
-    "portrait": ("solution", ["value"]),
-    "rates": ("rates_square", ["error", "rate", "expected"]),
-    "sharpness": ("sharpness", ["rate", "before"]),
-    "verdict": ("verdict", ["margin"]),
-    "work_precision": ("work_precision", ["error"]),
+NUMBERS = {
+    "adaptive": ["error", "bound", "beta", "beta_of_edges"],
+    "benchmarks": ["y"],
+    "consistency": ["lambda_mean", "over_H2"],
+    "dual_norm": ["mean", "gap", "shortcut"],
+    "extremes": ["log10_value"],
+    "grid": ["error"],
+    "infsup": ["beta_lower"],
+    "multiplier": ["mu"],
+    "portrait": ["value"],
+    "rates": ["error", "rate", "expected"],
+    "sharpness": ["rate", "before"],
+    "verdict": ["margin"],
+    "work_precision": ["error"],
 }
+"""By the modules of figures, the columns that are drawn as they are; of any other module, all numbers are."""
+
+
+@cache
+def in_git():
+    """What is drawn, by the names of the files."""
+    study, sources = config.read([str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))])
+    config.check(study, sources, str(ROOT / "workflow/schemas/study.schema.yaml"))
+    return figure_entries.drawings(study)
+
+
+def first_of_each():
+    """The first figure of every module, by the module's name."""
+    modules = {module: name for name, module in registry.figures().items()}
+    return {modules[drawing.module]: name for name, drawing in reversed(in_git().items())}
 
 
 def committed(figure):
-    return pd.read_csv(ROOT / f"figures/{FIGURES[figure][0]}.csv")
+    return pd.read_csv(ROOT / f"figures/{first_of_each()[figure]}.csv")
 
 
 def table(figure):
     """Its table, each of the numbers times a factor of its own: none follows from others."""
     found = committed(figure)
-    for k, name in enumerate(FIGURES[figure][1], start=1):
+    for k, name in enumerate(NUMBERS.get(figure, found.select_dtypes("float")), start=1):
         found[name] *= 1 + 0.1 * k
     return found
 

@@ -4,41 +4,32 @@ import os
 import re
 import subprocess
 import sys
-from functools import cache
 from importlib import import_module
 
 import pytest
 from conftest import ROOT
 from matplotlib import rc_context
 from matplotlib.text import Text
-from pages import FIGURES, page, recorded
+from pages import first_of_each, in_git, page, recorded
 
 from unilateral.errors import InputError
-from unilateral.study import config, figure_entries, registry
+from unilateral.study import registry
 
+FIGURES = first_of_each()
 ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
 
 
-@cache
-def committed():
-    """The figures in git."""
-    study, sources = config.read([str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))])
-    config.check(study, sources, str(ROOT / "workflow/schemas/study.schema.yaml"))
-    return figure_entries.drawings(study)
-
-
 def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
-    files = {f"{name}.{kind}" for name in committed() for kind in ("csv", "svg")}
+    files = {f"{name}.{kind}" for name in in_git() for kind in ("csv", "svg")}
     assert files == {file.name for file in (ROOT / "figures").iterdir()}
     assert sorted(FIGURES) == list(registry.figures())
-    assert {module: committed()[name].module for module, (name, _) in FIGURES.items()} == registry.figures()
 
 
-@pytest.mark.parametrize("name", committed())
+@pytest.mark.parametrize("name", in_git())
 def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, tmp_path):
     """Whatever settings a user has. Text is drawn as paths, and there is no date."""
     target = tmp_path / "figure.svg"
-    draw = import_module(f"unilateral.study.{committed()[name].module}").draw
+    draw = import_module(f"unilateral.study.{in_git()[name].module}").draw
     with rc_context(ODD), recorded() as pages:
         draw(ROOT / f"figures/{name}.csv", target)
     svg = target.read_bytes()
@@ -77,20 +68,20 @@ def test_another_process_gives_the_same_bytes(tmp_path):
     Takes seconds, for it draws a figure of every module.
     """
     program = "import sys\nfrom importlib import import_module\n"
-    for module, (name, _) in FIGURES.items():
+    for module, name in FIGURES.items():
         files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"
         program += f"import_module('unilateral.study.{registry.figures()[module]}').draw(*{files})\n"
     program += "assert 'matplotlib.pyplot' not in sys.modules"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
-    for name, _ in FIGURES.values():
+    for name in FIGURES.values():
         assert (tmp_path / f"{name}.svg").read_bytes() == (ROOT / f"figures/{name}.svg").read_bytes()
 
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_another_table_gives_another_figure(figure):
     """Control."""
-    others = {(ROOT / f"figures/{name}.svg").read_bytes() for name in committed()}
+    others = {(ROOT / f"figures/{name}.svg").read_bytes() for name in in_git()}
     assert page(figure)[1] not in others
 
 
