@@ -17,7 +17,7 @@ from benchmarks import commands, plan
 from benchmarks.commands import Whole
 from unilateral import api
 from unilateral.errors import InputError
-from unilateral.study.experiments.benchmarks import commands as command_tables
+from unilateral.study.experiments.benchmarks import numbers as documented
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 PLAN = plan.read(COMMITTED)
@@ -184,12 +184,12 @@ def told() -> dict[str, Any]:
 
 def test_the_table_shows_what_is_typed_and_then_the_others() -> None:
     """4 s over 1 050 625 unknowns are 3.8 microseconds; bounds are rounded up."""
-    table = command_tables.table(told())
+    table = documented.commands(told())
     assert table.to_numpy().tolist() == [
         ["`unilateral solve own.yaml`", "1 050 625", "4 s", "3.8 µs", "100 MB", "0.046 %"],
         ["scikit-fem and PyAMG, active set, nodal", "1 050 625", "× 2.5 (10 s)", "9.5 µs", "100 MB", "–"],
     ]
-    assert command_tables.numbers(told())["bound_over_solve"] == 0.75
+    assert documented.of_commands(told())["bound_over_solve"] == 0.75
 
 
 def test_what_is_committed_is_what_the_plan_asks_for() -> None:

@@ -8,7 +8,7 @@ from conftest import ROOT
 
 from benchmarks import plan, scores
 from unilateral.errors import InputError
-from unilateral.study.experiments.benchmarks import scores as score_tables
+from unilateral.study.experiments.benchmarks import numbers as documented
 
 COMMITTED = pd.read_csv(ROOT / "benchmarks/scores.csv")
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")
@@ -21,7 +21,7 @@ def test_the_committed_scores_are_those_of_the_plan():
     wanted = {(solver, case) for solver in PLAN["scores"]["drivers"] for case in PLAN["scores"]["cases"]}
     assert set(zip(COMMITTED["solver"], COMMITTED["case"], strict=True)) == wanted
     assert (COMMITTED[["h", "H"]] == [PLAN["scores"]["h"], PLAN["scores"]["H"]]).all(axis=None)
-    assert set(score_tables.NAMES) == set(PLAN["scores"]["drivers"])
+    assert set(documented.PACKAGES) == set(PLAN["scores"]["drivers"])
     assert (COMMITTED["faults"] == 0).all()
 
 

@@ -115,6 +115,7 @@ def test_the_supplement_opens_though_it_is_larger_than_any_data_url_that_chromiu
 
 
 def test_a_report_of_results_that_are_not_there_is_refused(tmp_path):
+    """Takes as long as Snakemake takes to begin."""
     project = copy_project(tmp_path)
     command = [sys.executable, "workflow/write_report.py", "report.html"]
     made = subprocess.run(command, cwd=project, capture_output=True, text=True, timeout=120)

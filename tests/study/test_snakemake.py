@@ -75,7 +75,7 @@ def computed(tree):
 
 
 def test_what_is_there_is_not_made_anew(plan, computed):
-    """Control."""
+    """Control. It waits until the process of all dry runs has imported Snakemake."""
     assert "Nothing to be done" in plan("quick", "--rerun-triggers", "mtime")[0]
 
 

@@ -8,7 +8,9 @@ from typing import Any
 import pandas as pd
 
 from unilateral.formulas.formula import real
-from unilateral.study.experiments.benchmarks import commands, scores, side_by_side
+from unilateral.study.experiments.benchmarks import side_by_side
+from unilateral.study.experiments.benchmarks.side_by_side import NAMES, two_digits
+from unilateral.study.formats import shown
 
 READS = {
     "results": "benchmarks/results.nc",
@@ -16,12 +18,21 @@ READS = {
     "commands": "benchmarks/commands.json",
 }
 """The files behind the numbers and tables of this experiment in documents, by name."""
+OURS, LARGE = "unilateral", 1024
+"""The name under which this project's commands are listed; the n at which the time of the bound is told."""
+PACKAGES = {
+    "skfem": "scikit-fem, active set, u ≥ g at the nodes",
+    "fenicsx": "FEniCSx, PETSc's SNESVI, u ≥ g at the nodes",
+    "ngsolve": "NGSolve, active set, u ≥ g at the nodes",
+    "getfem": "GetFEM, augmented Lagrangian, u ≥ g in the mean over cells",
+}
+RATES = {"h1": "rate of u, ours", "hm12": "rate of λ, ours"}
 
 
 def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "benchmarks": side_by_side.numbers(of["results"]),
-        "commands": commands.numbers(of["commands"]),
+        "commands": of_commands(of["commands"]),
         "scores": {name: real(of["scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
@@ -31,6 +42,58 @@ def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.Data
         "benchmarks": side_by_side.solvers(of["results"]),
         "benchmark-phases": side_by_side.phases(of["results"]),
         "benchmark-problems": side_by_side.problems(of["results"]),
-        "commands": commands.table(of["commands"]),
-        "scores": scores.solvers(of["scores"]),
+        "commands": commands(of["commands"]),
+        "scores": scores(of["scores"]),
     }
+
+
+def of_commands(told: Mapping[str, Any]) -> dict[str, Any]:
+    """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last."""
+    (bound,) = [row for row in told["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
+    levels = [row["levels_over_last"] for row in told["rows"] if row["solver"] == OURS and row["n"] == 0]
+    return {
+        **{name: told[name] for name in ("date", "processor")},
+        **{name: bound[name] for name in ("unknowns", "bound_over_solve")},
+        "levels_over_last": max(levels, default=1.0),
+    }
+
+
+def commands(told: Mapping[str, Any]) -> pd.DataFrame:
+    """What whole processes take, from the command to the answer.
+
+    A row per command, then one per other solver and size, with the ratio to the command's seconds.
+    """
+    return pd.DataFrame(
+        [_command(row) for names in ([OURS], NAMES) for row in told["rows"] if row["solver"] in names]
+    )
+
+
+def _command(row: Mapping[str, Any]) -> dict[str, str]:
+    seconds = f"{two_digits(row['cpu_seconds'])} s"
+    if row["solver"] != OURS and "over_ours" in row:
+        seconds = f"× {two_digits(row['over_ours'])} ({seconds})"
+    return {
+        "command, or solver": f"`{row['typed']}`" if "typed" in row else NAMES[row["solver"]],
+        "unknowns": shown(row["unknowns"], "space"),
+        "processor seconds": seconds,
+        "per unknown": f"{two_digits(1e6 * row['cpu_seconds'] / row['unknowns'])} µs",
+        "memory": f"{row['peak_mb']:.0f} MB",
+        "guaranteed error of u": shown(row["relative_bound"], "up.2g%") if "relative_bound" in row else "–",
+    }
+
+
+def scores(of: pd.DataFrame) -> pd.DataFrame:
+    """What other packages' solutions of exported cases score.
+
+    A row per case and solver: errors on the finest level over this project's, rates, and the verdict.
+    """
+    return pd.DataFrame([_score(row) for _, row in of.sort_values("case", kind="stable").iterrows()])
+
+
+def _score(row: pd.Series) -> dict[str, str]:
+    cells = {"case": f"`{row['case']}`", "package and method": PACKAGES[row["solver"]]}
+    cells["error of u in H¹"] = f"× {row['h1_over_own']:.3f}"
+    cells["error of λ in H^(−1/2)"] = f"× {row['hm12_over_own']:.2f}"
+    for norm, title in RATES.items():
+        cells[title] = f"{row[f'{norm}_rate']:.2f}, {row[f'{norm}_own_rate']:.2f}"
+    return cells | {"verdict": row["verdict"]}
