@@ -83,6 +83,17 @@ def case_files(cases):
     return [f"manufactured/{case}.yaml" for case in cases]
 
 
+def cases_in(experiment):
+    """The files of the cases of an experiment, and of each scene that it has of its own."""
+    return [case_files(part.get("cases", [])) for part in (experiment, *experiment.get("scenes", []))]
+
+
+def examples_in(experiment):
+    """The files of its examples, as the argument of that name, where an experiment has any."""
+    files = [f"examples/{name}.yaml" for name in experiment.get("examples", [])]
+    return {"examples": files} if files else {}
+
+
 def cases_of(wildcards):
     return case_files(scene_of(wildcards)["cases"])
 

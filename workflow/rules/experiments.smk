@@ -18,17 +18,6 @@ EXPERIMENTS = {
 }
 
 
-def cases_in(experiment):
-    """The files of the cases of an experiment, and of each scene that it has of its own."""
-    return [case_files(part.get("cases", [])) for part in (experiment, *experiment.get("scenes", []))]
-
-
-def examples_in(experiment):
-    """The files of its examples, as the argument of that name, where an experiment has any."""
-    files = [f"examples/{name}.yaml" for name in experiment.get("examples", [])]
-    return {"examples": files} if files else {}
-
-
 for name, (job, tables, others) in EXPERIMENTS.items():
 
     rule:
