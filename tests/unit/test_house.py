@@ -1,6 +1,7 @@
 """Where things stand in the package, and what they are called: one name for one thing."""
 
 import ast
+import re
 from collections import Counter
 
 from conftest import ROOT
@@ -36,3 +37,20 @@ def test_every_room_says_what_is_in_it():
     for file in SOURCES:
         if file.name == "__init__.py" and "manufactured" not in file.parts:
             assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))), file
+
+
+def named_tests(text):
+    """The modules of tests that a document names."""
+    return set(re.findall(r"`(test_\w+)(?:\.py)?`", text))
+
+
+def test_modules_of_tests_that_documents_name_are_there():
+    documents = [file for place in (".", "docs", "benchmarks") for file in (ROOT / place).glob("*.md")]
+    named = set.union(*(named_tests(file.read_text(encoding="utf-8")) for file in documents))
+    assert len(named) > 10
+    assert sorted(named - {file.stem for file in (ROOT / "tests").rglob("test_*.py")}) == []
+
+
+def test_a_named_module_is_found_in_a_document():
+    """Control."""
+    assert named_tests("see `test_a` and `test_b.py`, not test_c") == {"test_a", "test_b"}
