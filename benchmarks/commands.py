@@ -29,7 +29,7 @@ OURS = "unilateral"
 SURE = 256
 """Sizes from which on a process tells how fast a solver is."""
 TWICE = 2.0
-"""Times the guaranteed bound of this project's u: where that of another u counts as the same accuracy."""
+"""Another u is accurate enough if its guaranteed bound is at most this times that of this project's u."""
 
 
 class Whole(Runner):

@@ -9,7 +9,7 @@ from unilateral.system.files import HIDDEN
 
 LOCKS = Path(".snakemake/locks")
 WRITTEN = ["results/**/", "figures/", "docs/", ""]
-"""Where rules write; at the top it is documents only."""
+"""The folders that rules write to; at the top these are documents only."""
 
 
 def main():

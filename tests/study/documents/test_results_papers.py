@@ -8,7 +8,7 @@ from conftest import ROOT
 from unilateral.study.documents import marks
 
 PAGES, WORDS = 12, 6500
-"""At most, of paper.md: what somebody reads in one sitting."""
+"""The most pages and words of paper.md: somebody reads so much in one sitting."""
 
 
 def words(text):

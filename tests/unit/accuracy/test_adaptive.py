@@ -25,7 +25,7 @@ from unilateral.solvers.stop import Stop
 LSHAPE = "lshape.yaml"
 """A problem whose u is singular at the re-entrant corner."""
 FIT = 10
-"""Times as many unknowns as on the first of the meshes to which a rate is fitted."""
+"""The meshes to which a rate is fitted grow by this factor, in unknowns, at least."""
 RE_ENTRANT = [[0, 0], [2, 0], [2, 2], [1.2, 0.8], [0, 1.5]]
 
 

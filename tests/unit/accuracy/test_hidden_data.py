@@ -19,7 +19,7 @@ from unilateral.geometry.structured import structured
 from unilateral.solvers.stop import Stop
 
 SIGMA_1 = math.tanh(1 / math.sqrt(8)) / math.sqrt(2)
-"""Of the unit square: the first Steklov eigenvalue."""
+"""The first Steklov eigenvalue of the unit square."""
 PEAKS = {
     "g": ("0", '["-1 + 4*exp(-((x - 3/10)*{0})**2)", -1, -1, -1]', ("300", "1000", "10000")),
     "f": ("{0}*exp(-((x - 3/10)**2 + (y - 1/2)**2)*1e6)", "0", ("1e4",)),

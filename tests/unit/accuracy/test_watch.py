@@ -17,7 +17,7 @@ from unilateral.errors import BudgetError
 from unilateral.system.memory import peak_mb
 
 PHASES = ("mesh", "matrices", ENCLOSING, "solve", "bound")
-"""Of a level on a uniform mesh."""
+"""What is done on a level with a uniform mesh, in this order."""
 
 
 class Told(Watch):

@@ -23,11 +23,11 @@ from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 
 SIZE = 1 / 2
-"""Of a feature's width: how large pieces may be that are near it."""
+"""Pieces near a feature may be as large as this fraction of its width."""
 QUADRATURE = 1e-4
-"""Of ||u - u_h||_1: what its quadrature may be off by; that of features is tested."""
+"""The quadrature of ||u - u_h||_1 is off by at most this fraction of it; a test holds that for features."""
 OF_MOMENTS = 1e-6
-"""Of the norm of lambda - lambda_H on a mesh: what the quadrature of lambda may be off by."""
+"""The quadrature of lambda is off by at most this fraction of the norm of lambda - lambda_H on a mesh."""
 
 
 class Feature(NamedTuple):

@@ -33,7 +33,7 @@ from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
 POWERS = [2, sympy.Rational(5, 2), 3, 4]
-"""Of kinks in u, the first of which makes f jump."""
+"""The powers of kinks in u; the first one makes f jump."""
 FAR = 1e6
 """Sides away from a side, farther than any other part of a polygon."""
 

@@ -23,7 +23,7 @@ FORMULAS = [
 
 
 HATS = [Poly(hat, s, t, domain="QQ") for hat in (1 - s - t, s, t)]
-"""Of a triangle, in two of them."""
+"""The barycentric coordinates of a triangle, in two of them."""
 
 
 def mean(p):

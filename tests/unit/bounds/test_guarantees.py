@@ -26,7 +26,7 @@ from unilateral.discrete import base
 from unilateral.fem.p2 import layer
 
 FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
-"""With more than 0, so many times the problems; those made to fool go on where the suite ends."""
+"""`make fuzz` sets how many times the problems are tried; those made to fool go on where the suite ends."""
 
 
 def numbered(kind, some, times=1):
@@ -50,7 +50,7 @@ CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
 
 
 PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_problems.FAMILIES, 20_000)
-"""So that what takes too many is known less well, and sooner."""
+"""The most pieces of f by kind of problem; what takes more is known less well, and sooner."""
 
 
 @contextmanager

@@ -15,7 +15,7 @@ KEYS = [
     *("h1_bound", "hm12_bound", "h1_relative_bound", "hm12_relative_bound", "enclosure", "total_bound"),
     *("levels", "contact", "versions", "forces", "seconds", "peak_mb"),
 ]
-"""Of `solve --json`, in the documented order."""
+"""The fields of `solve --json`, in the documented order."""
 SIZES = ("--h", "1/8", "--H", "1/4")
 FINER = ("--h", "1/16", "--H", "1/8")
 PROBLEM = str(DATA / "problems/triangle.yaml")

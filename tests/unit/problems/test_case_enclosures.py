@@ -15,7 +15,7 @@ CASES = [
     *((name, "lshape") for name in ("reentrant", "violates_j")),
 ]
 ROUNDING = 1e-11
-"""Of the largest value: that of the values in points."""
+"""Values in points are rounded by less than this fraction of the largest one."""
 
 
 def on_boxes(polygon, arm):

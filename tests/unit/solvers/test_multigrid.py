@@ -35,7 +35,7 @@ from unilateral.solvers.multigrid_bounds import algebraic_bound, feasible
 Array = np.ndarray
 Pair = tuple[Mesh, Partition]
 SAME = 1e-9
-"""Of two solutions to 1e-11, one of them by a dense least-distance problem, whose rounding is 1e-10."""
+"""Two solutions agree to this: each is known to 1e-11, and the dense solve is rounded by 1e-10."""
 
 
 @dataclass(frozen=True, eq=False)

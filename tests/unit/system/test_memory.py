@@ -11,7 +11,7 @@ from unilateral.system.memory import available_mb, forget_peak, peak_mb
 
 MB = 200
 CLEARED = Path("/proc/self/clear_refs")
-"""Where a system lets a process forget its peak."""
+"""A file by which Linux lets a process forget its peak."""
 
 
 @pytest.mark.parametrize(("limit", "left"), [(100 * 2**20, 70), (2**60, 1000), ("max", 1000)])

@@ -24,7 +24,7 @@ BEST = {
     "l2": np.minimum(1, 0.5 + ALPHA),
 }
 TOLERANCE = {"h1": 0.03, "hm12": 0.1, "l2": 0.1}
-"""As rates of the cases are judged, see workflow/config/rates.yaml; set beforehand."""
+"""A rate may lack so much, as those of the cases may (workflow/config/rates.yaml). It was set beforehand."""
 CLEAR = 0.25
 """From this alpha on predictions are tested: r^(1 + alpha) is then far enough from its neighbours."""
 RELEASED = (ALPHA[:, None] <= 0.5) & (GAMMA[None] < 1 + ALPHA[:, None])

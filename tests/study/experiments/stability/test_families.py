@@ -18,7 +18,7 @@ from unilateral.study.experiments.stability.measure import Grams, survey
 TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
 """Its sides are 4, 5 and 3 long."""
 ROUND_OFF = 1e-14
-"""Of a few operations on arc lengths up to 12."""
+"""A few operations on arc lengths up to 12 are rounded by less."""
 RANDOM = {"H": "1/4", "spread": 4, "seed": 1}
 PARTITIONS = [
     {"H": "1/4"},
