@@ -32,8 +32,7 @@ from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import matrix
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import by_parts, case_moments
-from unilateral.fem.p1 import load as p1_load
+from unilateral.fem.p1 import by_parts, case_moments, load_vector
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.partition import Partition
@@ -122,7 +121,7 @@ def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     """The same of a problem file; `error` is the bound of w's."""
     mesh = mesh_of(order)
     source, cells = enclosed(mesh, problem), {k: partition(mesh, k) for k in OTHER}
-    load = p1_load(mesh, source.moments)
+    load = load_vector(mesh, source.moments)
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
     w = grid(mesh, hierarchy(mesh), load, means[CELLS], CELLS).solve(CONVERGED)
     bound = local_bound(source, problem.enclosed_obstacle, cells[CELLS], w.u, w.lambda_H)

@@ -17,10 +17,10 @@ from unilateral.errors import InputError
 from unilateral.geometry import polygon
 from unilateral.problems import case
 from unilateral.study import config as configuration
-from unilateral.study import registry, schema
+from unilateral.study import config_schema, registry
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
-RULES = schema._rules(SCHEMA)
+RULES = config_schema._rules(SCHEMA)
 FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
 STUDY, READ = configuration.read([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}

@@ -15,7 +15,7 @@ from conftest import RESULTS, ROOT, config, stored
 from unilateral.formulas.formula import real
 from unilateral.problems import case
 from unilateral.study import rates
-from unilateral.study.ledger import claims, printed
+from unilateral.study.ledger import claims, reports
 from unilateral.study.ledger.results import Results
 from unilateral.study.tables import VARIABLES
 
@@ -169,7 +169,7 @@ def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, 
     claim = claims.find(name)
     claim = replace(claim, parameters={**claim.parameters, "scenes": [elsewhere]})
     judgement = claims.judge(Results(RESULTS), [claim])[0]
-    assert judgement.holds, "\n" + printed.explanation(judgement)
+    assert judgement.holds, "\n" + reports.explanation(judgement)
 
 
 def test_the_exact_split_of_smooth_runs(errors):

@@ -15,7 +15,7 @@ from conftest import ROOT
 
 import unilateral
 from unilateral.errors import InputError, StorageError
-from unilateral.study import origin, tables
+from unilateral.study import table_origin, tables
 
 SCRIPTS = ROOT / "workflow/scripts"
 RUN = ("case", "mesh", "partition")
@@ -216,7 +216,7 @@ def made(tmp_path):
     """A table that is made from a file, with the fields of a scene; and that file."""
     source = tmp_path / "source.yaml"
     source.write_text("u: x")
-    with origin.made_by("solve", [str(source)]):
+    with table_origin.made_by("solve", [str(source)]):
         tables.save(
             level(0.5), tmp_path / "errors.nc", "square", {"scenes.square": STUDY["scenes"]["square"]}
         )
@@ -259,8 +259,8 @@ def test_a_table_that_was_made_from_other_files_is_refused(made, content):
 def test_seconds_are_no_part_of_what_a_table_is_made_from(tmp_path):
     """They differ from run to run, and tables do not."""
     (tmp_path / "timings.nc").write_text("seconds")
-    with origin.made_by("cost", [str(tmp_path / "timings.nc")]):
-        assert origin.stamp("cost/cost.nc", None)["inputs"] == "{}"
+    with table_origin.made_by("cost", [str(tmp_path / "timings.nc")]):
+        assert table_origin.stamp("cost/cost.nc", None)["inputs"] == "{}"
 
 
 def test_levels_are_put_along_mesh():

@@ -318,7 +318,7 @@ def test_the_verdicts_depend_on_the_checks_of_all_experiments(planned):
 
 
 def test_a_rule_depends_on_the_data_that_its_modules_read(code):
-    data = {Path(file).name for file in code("ledger.printed") if file.endswith(".yaml")}
+    data = {Path(file).name for file in code("ledger.reports") if file.endswith(".yaml")}
     assert data == {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"}
 
 

@@ -3,7 +3,7 @@
 
 rule claims:
     input:
-        code("ledger.printed", *registry.checks().values()),
+        code("ledger.reports", *registry.checks().values()),
         [f"src/unilateral/study/experiments/{name}/claims.yaml" for name in files()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
@@ -13,7 +13,7 @@ rule claims:
     resources:
         **TELLS,
     params:
-        job="ledger.printed.judge_claims",
+        job="ledger.reports.judge_claims",
     message:
         "The ledger: every statement judged"
     script:

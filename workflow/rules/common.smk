@@ -3,7 +3,7 @@ from functools import cache
 from pathlib import Path
 
 from unilateral.study import registry
-from unilateral.study.documents import contents, marks
+from unilateral.study.documents import numbers, marks
 from unilateral.study.figure_entries import drawings
 from unilateral.study.ledger.entries import entries, files
 from unilateral.study.scenes import normed

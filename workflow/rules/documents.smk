@@ -5,8 +5,8 @@ DOCUMENTS = config["documents"]
 
 rule numbers:
     input:
-        code("documents.contents", *(f"{package}.numbers" for package in registry.having("numbers"))),
-        contents.files(config),
+        code("documents.numbers", *(f"{package}.numbers" for package in registry.having("numbers"))),
+        numbers.files(config),
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",
@@ -15,7 +15,7 @@ rule numbers:
     resources:
         **TELLS,
     params:
-        job="documents.contents.write_numbers",
+        job="documents.numbers.write_numbers",
         study=config,
     message:
         "The numbers and tables of all documents"

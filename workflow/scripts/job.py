@@ -11,7 +11,7 @@ from importlib import import_module
 from time import perf_counter
 
 from unilateral.errors import InputError
-from unilateral.study import origin
+from unilateral.study import table_origin
 from unilateral.system.memory import peak_mb
 from unilateral.system.signals import cleaning_up
 
@@ -25,7 +25,7 @@ def run(job):
     """
     terminal, start = _speak_into(job.log[0]), perf_counter()
     try:
-        with cleaning_up(), origin.made_by(job.rule, job.input):
+        with cleaning_up(), table_origin.made_by(job.rule, job.input):
             _check([file for file in job.input if file.endswith(".nc")], job.config)
             names = {**dict(job.input.items()), **dict(job.output.items()), **dict(job.params.items())}
             module, _, function = names.pop("job").rpartition(".")

@@ -20,7 +20,7 @@ from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.fem.quadrature import collapsed
 from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS, Model, affine, basis
-from unilateral.formulas.taylor_functions import Steps
+from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross

@@ -37,7 +37,7 @@ class Application(Command, click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        module = "solve_command" if name == "solve" else "commands"
+        module = "solve_options" if name == "solve" else "commands"
         found: click.Command = getattr(load(f"unilateral.cli.{module}"), name)
         found.short_help = COMMANDS[name]
         return found

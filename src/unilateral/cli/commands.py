@@ -34,7 +34,7 @@ FORMATS = ("text", "json", "python", "ufl")
 @argument("file", type=FILE, help="a new file, such as my_problem.yaml")
 def init(file: str) -> int:
     """Write a commented problem file to begin with."""
-    load("unilateral.cli.own").init(file)
+    load("unilateral.cli.init_check").init(file)
     say(f"{file} is written; edit it, then: unilateral check {file}")
     return 0
 
@@ -46,7 +46,7 @@ def init(file: str) -> int:
 @option("--out", type=FILE, metavar="PICTURE", help="draw it, too: a .svg, .png or .pdf file")
 def check(file: str, out: str | None) -> int:
     """Show what is understood of a problem file, before anything is solved."""
-    say(load("unilateral.cli.own").check(file, out))
+    say(load("unilateral.cli.init_check").check(file, out))
     return 0
 
 
@@ -194,13 +194,13 @@ def infsup(ctx: click.Context, **options: Any) -> int:
 @as_json
 def claims(claim: str | None, results: str, json: bool) -> int:
     """Judge the paper's statements by the study's results, in the folder that `make` writes."""
-    judge, printed = (load(f"unilateral.study.ledger.{name}") for name in ("claims", "printed"))
+    judge, reports = (load(f"unilateral.study.ledger.{name}") for name in ("claims", "reports"))
     tables = load("unilateral.study.ledger.results").finished(results)
     found = judge.judge(tables, [judge.find(claim)] if claim else None)
     if json:
         say(load("unilateral.system.as_json").text({"claims": [_record(each) for each in found]}))
     else:
-        say(printed.explanation(found[0]) if claim else printed.summary(found))
+        say(reports.explanation(found[0]) if claim else reports.summary(found))
     return DOES_NOT_HOLD if any(each.counts_against for each in found) else 0
 
 

@@ -14,10 +14,9 @@ from unilateral.bounds.boundary_flux import given
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import edge_load, h1_norm, sampled_edge_load, sampled_moments
-from unilateral.fem.p1 import load as p1_load
+from unilateral.fem.p1 import edge_load, h1_norm, load_vector, sampled_edge_load, sampled_moments
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.fem.rounded import Rounded, constrained, dual_norm, loaded, residual
+from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -25,7 +24,7 @@ from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means, exact
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.algebraic_bound import certified
-from unilateral.solvers.iterate import iterate
+from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
 
@@ -176,7 +175,7 @@ def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Con
         return with_solution(spaces, exact(problem, spaces))
     if isinstance(problem, Sampled):
         data, source = None, None
-        load = p1_load(mesh, sampled_moments(problem, mesh))
+        load = load_vector(mesh, sampled_moments(problem, mesh))
     else:
         data, source = problem, enclosed(mesh, problem)
         load = source.load

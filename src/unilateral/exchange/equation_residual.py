@@ -16,8 +16,7 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
-from unilateral.fem.p1 import load as p1_load
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.p1 import load_vector, stiffness_and_mass
 from unilateral.problems.case import Case
 
 
@@ -124,11 +123,11 @@ def loads(case: Case, discrete: CondensedProblem) -> Iterator[tuple[str, Array]]
     yield "interpolated at the nodes", mass @ f
     yield "at the nodes with the lumped mass matrix", mass.sum(axis=1) * f
     middle = case.source(mesh.points[corners].mean(axis=1))
-    yield "at the centroids", p1_load(mesh, np.repeat((mesh.areas * middle / 3)[:, None], 3, axis=1))
+    yield "at the centroids", load_vector(mesh, np.repeat((mesh.areas * middle / 3)[:, None], 3, axis=1))
     ends = mesh.points[np.roll(corners, 1, axis=1)] + mesh.points[corners]
     on_edges = case.source(ends.reshape(-1, 2) / 2).reshape(-1, 3)
     of_corner = on_edges + np.roll(on_edges, -1, axis=1)
-    yield "at the midpoints of the edges", p1_load(mesh, mesh.areas[:, None] / 6 * of_corner)
+    yield "at the midpoints of the edges", load_vector(mesh, mesh.areas[:, None] / 6 * of_corner)
 
 
 def flux_load(discrete: CondensedProblem) -> Array:

@@ -23,8 +23,7 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError, StorageError
 from unilateral.exchange.boundary_function import held_cells, held_edges, obstacle
 from unilateral.exchange.case_formulas import DEFINITIONS, formulas
-from unilateral.fem.p1 import case_moments
-from unilateral.fem.p1 import load as p1_load
+from unilateral.fem.p1 import case_moments, load_vector
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
@@ -125,7 +124,7 @@ def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
     s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
     s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
     (x, y), f = mesh.points.T, case.source(mesh.points)
-    load = p1_load(mesh, case_moments(case, mesh))
+    load = load_vector(mesh, case_moments(case, mesh))
     return pd.DataFrame(
         {"node": np.arange(mesh.n_nodes), "x": x, "y": y, "f": f, "load": load, "s": s, "g": g}
     )

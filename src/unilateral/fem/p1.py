@@ -50,7 +50,7 @@ def from_elements(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
     return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()
 
 
-def load(mesh: Mesh, moments: Array) -> Array:
+def load_vector(mesh: Mesh, moments: Array) -> Array:
     """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
     values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
     return values.astype(float)
@@ -88,7 +88,7 @@ def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
 
 def lumped_mass(mesh: Mesh) -> Array:
     """(n,) a third of the area around each node: values of (1, phi_i), and the sums of the rows of K + M."""
-    return load(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
+    return load_vector(mesh, np.repeat(mesh.areas[:, None] / 3, 3, axis=1))
 
 
 def edge_load(mesh: Mesh, values: Array) -> Array:
@@ -122,7 +122,7 @@ def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
 
 def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:
     """(n,) values of (u, phi_i)_1, from the mesh's `gradients`, moments of u, integrals (m, 2) of grad u."""
-    return load(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
+    return load_vector(mesh, moments + np.einsum("tid,td->ti", slopes, gradient_integrals))
 
 
 def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:

@@ -7,8 +7,8 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any
 
-from unilateral.formulas.evaluation import Evaluation
 from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
+from unilateral.formulas.formula_walk import Evaluation
 
 BITS = 160
 SHARP = 2.0**-62

@@ -17,7 +17,6 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.formulas import grammar
-from unilateral.formulas.evaluation import Evaluation
 from unilateral.formulas.exact_numbers import apply, nearest, rounded, sign
 from unilateral.formulas.expression import (
     ZERO,
@@ -30,6 +29,7 @@ from unilateral.formulas.expression import (
     total,
 )
 from unilateral.formulas.expression import number as exact
+from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import positive_power
 
 Compiled = Callable[..., list[Array]]

@@ -12,11 +12,11 @@ import sympy
 from sympy.core.evalf import PrecisionExhausted
 from sympy.core.function import ArgumentIndexError
 
-from unilateral.formulas import formula, taylor_functions
-from unilateral.formulas.evaluation import Evaluation
+from unilateral.formulas import formula, taylor_enclosures
 from unilateral.formulas.exact_numbers import apply, sign
 from unilateral.formulas.expression import Atom, Expression, number, total, variable
 from unilateral.formulas.formula import Compiled
+from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.taylor import Model
 
 DIGITS = 2000
@@ -106,7 +106,7 @@ def plain(e: sympy.Expr) -> Expression:
 
 def evaluate(e: sympy.Expr, variables: Mapping[sympy.Symbol, Model]) -> Model:
     """A formula on the boxes of its variables' models."""
-    return taylor_functions.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
+    return taylor_enclosures.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
 
 
 def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:

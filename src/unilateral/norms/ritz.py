@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
-from unilateral.fem.p1 import gradients, h1_load, load, parts
+from unilateral.fem.p1 import gradients, h1_load, load_vector, parts
 from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
 
@@ -178,7 +178,7 @@ def moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Arr
         np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
         np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
         np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))
-    return load(mesh, of_f), h1_load(mesh, slopes, of_difference, gradient), square, u_square
+    return load_vector(mesh, of_f), h1_load(mesh, slopes, of_difference, gradient), square, u_square
 
 
 def flux_load(case: Case, mesh: Mesh) -> Array:

@@ -25,7 +25,7 @@ from unilateral.formulas.expression import Atom as Part
 from unilateral.formulas.formula import Compiled
 from unilateral.formulas.symbolic import compile_numpy, kinks, plain
 from unilateral.formulas.taylor import Model
-from unilateral.formulas.taylor_functions import Steps
+from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Along, Smooth, T

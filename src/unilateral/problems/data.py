@@ -10,7 +10,7 @@ import numpy as np
 from unilateral.arrays import Index
 from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.taylor import Model, joined, number
-from unilateral.formulas.taylor_functions import Steps, evaluate
+from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle

@@ -9,7 +9,7 @@ from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Interval
 from unilateral.formulas.taylor import EPS, Model, affine, basis
-from unilateral.formulas.taylor_functions import evaluate
+from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 

@@ -22,7 +22,7 @@ from unilateral.formulas.formula import Compiled
 from unilateral.formulas.grammar import MAX_DENOMINATOR
 from unilateral.formulas.symbolic import evaluate, pos
 from unilateral.formulas.taylor import Model, by_part, number
-from unilateral.formulas.taylor_functions import real_power
+from unilateral.formulas.taylor_enclosures import real_power
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import ON_SIDE, Along, Local, OfFormulas, Regularity

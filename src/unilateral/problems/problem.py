@@ -12,7 +12,7 @@ from unilateral.formulas.exact_numbers import magnitude, rounded, sign
 from unilateral.formulas.expression import ZERO, Atom, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
 from unilateral.formulas.taylor import EPS, Model
-from unilateral.formulas.taylor_functions import Steps, evaluate
+from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import on_sides, places

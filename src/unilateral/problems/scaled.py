@@ -11,7 +11,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS, Model
-from unilateral.formulas.taylor_functions import Steps
+from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import Data

@@ -31,7 +31,7 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.fem.rounded import SLACK, Rounded
+from unilateral.fem.residual_rounding import SLACK, Rounded
 from unilateral.fem.spaces import FORMS, DualOperator
 from unilateral.solvers.uzawa import energy_norm
 

@@ -27,7 +27,7 @@ from scipy.sparse.linalg import splu
 from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.fem.nested_cells import Cells
-from unilateral.solvers.truncated_cycle import Truncated
+from unilateral.solvers.v_cycle import Truncated
 
 ROUNDING = 1e-13
 """A mean of g - u over a cell is no violation up to this fraction of the largest |u|."""

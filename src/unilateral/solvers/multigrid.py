@@ -27,7 +27,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.fem.nested_cells import Cells
-from unilateral.fem.rounded import root
+from unilateral.fem.residual_rounding import root
 from unilateral.solvers.kernel_cg import Grid, Run
 from unilateral.solvers.multigrid_bounds import algebraic_bound
 

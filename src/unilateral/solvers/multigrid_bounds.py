@@ -20,10 +20,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.fem import rounded
+from unilateral.fem import residual_rounding
+from unilateral.fem.functional_norm import downwards, dual_norm
 from unilateral.fem.hierarchy import Hierarchy
-from unilateral.fem.residual import downwards, dual_norm
-from unilateral.fem.rounded import SLACK, Rounded, root
+from unilateral.fem.residual_rounding import SLACK, Rounded, root
 from unilateral.formulas.taylor import EPS
 from unilateral.solvers.kernel_cg import Grid
 
@@ -44,7 +44,7 @@ def algebraic_bound(grid: Grid, u: Array, lambda_H: Array) -> float:
 def feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
     """The residual load + B^T lambda_H - A v (n,), and ||w||_1, with the rounding of v and w."""
     A, B, inside = grid.of.A, grid.cells.B, grid.cells.inside
-    gap, weights = rounded.constrained(B, u, grid.d), B[:, inside].diagonal()
+    gap, weights = residual_rounding.constrained(B, u, grid.d), B[:, inside].diagonal()
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
@@ -52,8 +52,8 @@ def feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
     doubt = np.where(moved, gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
     own, size = abs(A[inside][:, inside]), np.abs(w)  # nothing cancels: a norm from above
     norm = root(size, own @ size) + 2 * root(doubt, own @ doubt)
-    load = rounded.loaded(grid.load, B, lambda_H)
-    return rounded.residual(A, grid.of.mass, v, load), SLACK * norm
+    load = residual_rounding.loaded(grid.load, B, lambda_H)
+    return residual_rounding.residual(A, grid.of.mass, v, load), SLACK * norm
 
 
 def dual_norm_below(grids: Sequence[Grid], lambda_H: Array) -> float:
@@ -79,8 +79,8 @@ def norm_below(of: Hierarchy, R: Array) -> float:
     """A lower bound on ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
     unit = float(np.abs(R).max(initial=0.0))
     v = _nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
-    A_v = rounded.product(of.A, of.mass, v)
-    norm = SLACK * root(v, A_v.values) + rounded.dual_norm(A_v.doubt, of.mass)
+    A_v = residual_rounding.product(of.A, of.mass, v)
+    norm = SLACK * root(v, A_v.values) + residual_rounding.dual_norm(A_v.doubt, of.mass)
     return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
 
@@ -92,7 +92,7 @@ def _nearly_solved(of: Hierarchy, R: Array) -> Array:
     left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
     for _ in range(CYCLES):
         p = downwards(of, left)
-        A_p = rounded.product(of.A, of.mass, p).values
+        A_p = residual_rounding.product(of.A, of.mass, p).values
         for q, A_q in before:
             share = (p @ A_q) / (q @ A_q)
             p, A_p = p - share * q, A_p - share * A_q

@@ -15,7 +15,7 @@ from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.problems.case import load
-from unilateral.study import figure_entries, registry, schema
+from unilateral.study import config_schema, figure_entries, registry
 from unilateral.system import declarations
 
 Fields = dict[str, Any]
@@ -48,7 +48,9 @@ def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
     that cannot be put on its polygon or that has no expected rates.
     """
     checks = (_unknown, _misfits, figure_entries.faults, _beside_their_polygon, _unfit_surveys, _unjudged)
-    for place, said in itertools.chain(schema.faults(study, rules), *(faults(study) for faults in checks)):
+    for place, said in itertools.chain(
+        config_schema.faults(study, rules), *(faults(study) for faults in checks)
+    ):
         raise InputError(f"{_where(place, sources)}: {said}")
 
 

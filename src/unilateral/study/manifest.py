@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import __version__
-from unilateral.study.origin import OF_THE_MACHINE
+from unilateral.study.table_origin import OF_THE_MACHINE
 from unilateral.system.files import replacing
 
 

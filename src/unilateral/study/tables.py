@@ -22,7 +22,7 @@ import xarray as xr
 
 from unilateral import __version__
 from unilateral.errors import InputError, StorageError
-from unilateral.study import origin
+from unilateral.study import table_origin
 from unilateral.system.declarations import own
 from unilateral.system.files import replacing, write_netcdf
 
@@ -72,7 +72,7 @@ def save(
 ) -> None:
     """Write a table as netCDF with its variables described, what it belongs to, and no time stamp.
 
-    `parameters` are the fields of the configuration that it was made with, by their paths; see `origin`.
+    `parameters` are the fields of the configuration that made it, by their paths; see `table_origin`.
     """
     table = table.copy()
     for name, variable in table.variables.items():
@@ -85,7 +85,7 @@ def save(
         "title": f"unilateral problems, verified: {scene}",
         "history": f"made by unilateral {__version__}",
         "scene": scene,
-        **origin.stamp(path, parameters),
+        **table_origin.stamp(path, parameters),
         "unilateral": __version__,
         "python": platform.python_version(),
         "libraries": libraries,
@@ -124,7 +124,7 @@ def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -
             f"{path} is damaged or no table of the study; 'snakemake -j2 -f {path}' makes it anew"
         )
     table = xr.load_dataset(path, engine="netcdf4")
-    if why := origin.fault(path, table.attrs, study):
+    if why := table_origin.fault(path, table.attrs, study):
         raise StorageError(f"{path} {why}; 'snakemake -j2 -f {path}' makes it anew")
     return table
 

@@ -10,7 +10,7 @@ from conftest import ROOT
 
 from unilateral.errors import InputError
 from unilateral.study import config
-from unilateral.study.documents import contents, marks, verdicts
+from unilateral.study.documents import marks, numbers, verdicts
 from unilateral.study.ledger import records
 
 CONFIG = [
@@ -32,7 +32,7 @@ def told():
         study, read = config.read(CONFIG)
         config.check(study, read, "workflow/schemas/study.schema.yaml")
         try:
-            return *contents.collect(study), verdicts.holding(records.read("results/claims.json"))
+            return *numbers.collect(study), verdicts.holding(records.read("results/claims.json"))
         except InputError as missing:
             pytest.fail(str(missing), pytrace=False)
 
@@ -111,14 +111,14 @@ def test_links_to_other_pages_lead_somewhere():
 
 def test_columns_are_aligned_unless_the_table_is_wide():
     narrow = pd.DataFrame({"a": ["1.50", "10"], "b|": ["x", "$\\|y\\|$"]})
-    lines = contents.markdown(narrow).splitlines()
+    lines = numbers.markdown(narrow).splitlines()
     assert lines[2:] == ["| 1.50 | x       |", "| 10   | $\\|y\\|$ |"]
     wide = pd.DataFrame({"a": ["1.50", "10"], "b": ["x", "y" * 200]})
-    assert contents.markdown(wide).splitlines()[2:] == ["| 1.50 | x |", f"| 10 | {'y' * 200} |"]
+    assert numbers.markdown(wide).splitlines()[2:] == ["| 1.50 | x |", f"| 10 | {'y' * 200} |"]
 
 
 def test_names_lead_through_groups():
-    assert contents.flat({"a": {"b": 1, "c": {"d": "x"}}, "e": 2.0, "f": [3]}) == {
+    assert numbers.flat({"a": {"b": 1, "c": {"d": "x"}}, "e": 2.0, "f": [3]}) == {
         "a.b": 1,
         "a.c.d": "x",
         "e": 2.0,

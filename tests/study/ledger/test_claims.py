@@ -22,11 +22,11 @@ from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
 from unilateral.study import tables
 from unilateral.study.documents import marks, verdicts
-from unilateral.study.ledger import claims, controls, entries, printed, records
+from unilateral.study.ledger import claims, controls, entries, records, reports
 from unilateral.study.ledger import results as of_study
 from unilateral.study.ledger.claims import Judgement
 from unilateral.study.ledger.evidence import Evidence
-from unilateral.study.ledger.printed import plain
+from unilateral.study.ledger.reports import plain
 from unilateral.study.ledger.results import Results
 
 ALL = {claim.id: claim for claim in claims.ledger()}
@@ -121,14 +121,14 @@ def test_the_claim_has_its_verdict_by_the_tables_that_it_names_and_no_others(nam
     """The pipeline feeds the ledger by these names."""
     recording = Recording()
     judgement = claims.judge(recording, [LEDGER[name]])[0]
-    assert judgement.holds, "\n" + printed.explanation(judgement)
+    assert judgement.holds, "\n" + reports.explanation(judgement)
     assert recording.asked == set(LEDGER[name].reads)
 
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_control_turns_it_to_fails(name):
     judgement = judged(name, **LEDGER[name].control)
-    assert judgement.verdict == records.FAILS, "\n" + printed.explanation(judgement)
+    assert judgement.verdict == records.FAILS, "\n" + reports.explanation(judgement)
 
 
 FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
@@ -292,8 +292,8 @@ def test_margins_by_hand(observed, required, at_least, margin):
 )
 def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, shown):
     found = made_up(observed, required, True)
-    assert f"margin {shown}" in printed.explanation(found)
-    assert f" {shown}  {found.verdict}" in printed.summary([found])
+    assert f"margin {shown}" in reports.explanation(found)
+    assert f" {shown}  {found.verdict}" in reports.summary([found])
 
 
 @pytest.mark.usefixtures("measured_once")

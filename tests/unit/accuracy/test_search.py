@@ -28,7 +28,7 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm, h1_distance
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import iterate
+from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
 
 SMOOTH_AND_CONVEX = ("pentagon", "rectangle_free_sides", "square_all_sides", "triangle")

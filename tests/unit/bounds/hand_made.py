@@ -11,7 +11,7 @@ from known_solutions import Pressed, Trial, h1_errors
 from unilateral.bounds import source
 from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import coupling, h1_norm, load
+from unilateral.fem.p1 import coupling, h1_norm, load_vector
 from unilateral.formulas.symbolic import evaluate
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -95,7 +95,7 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
 
 def u_of(problem, mesh, cells, lambda_H):
     """u_h by (5.1); (f, v) = (f_h, v) for v in V_h."""
-    of_f = load(mesh, enclosed(mesh, problem).moments)
+    of_f = load_vector(mesh, enclosed(mesh, problem).moments)
     of_f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
     return condense(mesh).solve(of_f)
 

@@ -7,7 +7,7 @@ from sympy.abc import s, t
 
 from unilateral.formulas.expression import atoms_in
 from unilateral.formulas.formula import compile_numpy, parse
-from unilateral.formulas.taylor_functions import evaluate
+from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.problems.problem import curve
 
 FORMULAS = [

@@ -5,7 +5,7 @@ import pytest
 
 from unilateral.bounds import equilibrated_flux as module
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
-from unilateral.fem.p1 import gradients, load, stiffness_and_mass
+from unilateral.fem.p1 import gradients, load_vector, stiffness_and_mass
 from unilateral.fem.p2 import linear_squares
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named
@@ -44,7 +44,7 @@ def balanced(mesh, rng):
     """Random u_h, moments of f and sigma, with (u_h, psi)_1 = (f, psi) + <sigma, psi> for all hats psi."""
     u_h, sigma = rng.standard_normal(mesh.n_nodes), rng.uniform(size=(len(mesh.boundary), 2))
     moments = rng.standard_normal((len(mesh.triangles), 3)) * mesh.areas[:, None]
-    lengths, missing = np.diff(mesh.s), sum(stiffness_and_mass(mesh)) @ u_h - load(mesh, moments)
+    lengths, missing = np.diff(mesh.s), sum(stiffness_and_mass(mesh)) @ u_h - load_vector(mesh, moments)
     for at, (near, far) in ((mesh.boundary, sigma.T), (np.roll(mesh.boundary, -1), sigma.T[::-1])):
         missing[at] -= lengths * (near / 3 + far / 6)
     valence = np.bincount(mesh.triangles.ravel())

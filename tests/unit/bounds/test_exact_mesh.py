@@ -22,7 +22,7 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
-from unilateral.fem.p1 import edge_load, load, stiffness_and_mass
+from unilateral.fem.p1 import edge_load, load_vector, stiffness_and_mass
 from unilateral.fem.p2 import linear_squares, quadratic
 from unilateral.formulas.expression import number as exact_number
 from unilateral.formulas.symbolic import plain
@@ -135,7 +135,7 @@ def indices(of, mesh):
     cells = partitions.uniform(data.polygon, data.polygon.lengths.max())
     source, flux = enclosed(on, data), given(data.enclosed_flux, on)
     solve = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve
-    discrete = solve(load(on, source.moments) + edge_load(on, flux.ends))
+    discrete = solve(load_vector(on, source.moments) + edge_load(on, flux.ends))
     found = []
     with mp.workdps(50):
         at_nodes = of.at(digits(mesh.points)).astype(float) / units.value

@@ -11,7 +11,7 @@ import click
 import pytest
 from conftest import ROOT
 
-from unilateral.cli import solve_command
+from unilateral.cli import solve_options
 from unilateral.cli.application import COMMANDS, application
 from unilateral.cli.command import CODES
 from unilateral.errors import meant
@@ -65,7 +65,7 @@ def test_all_algorithms_can_be_named():
     """Those that iterate by steps are declared beside their steps."""
     assert set(STEPS) < set(ALGORITHMS)
     helps = [each.help for each in command_of("solve").params[1:]]
-    assert f"default {solve_command.Stop.max_steps}" in str(helps)
+    assert f"default {solve_options.Stop.max_steps}" in str(helps)
 
 
 def test_nothing_is_offered_for_what_is_like_nothing():

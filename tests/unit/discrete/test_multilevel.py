@@ -13,7 +13,7 @@ from unilateral.bounds.source import enclosed
 from unilateral.discrete import base, choice
 from unilateral.discrete.condensed import CondensedProblem, discretise
 from unilateral.discrete.multilevel import MultilevelProblem, after, multilevel, refinements
-from unilateral.fem.p1 import h1_norm, load
+from unilateral.fem.p1 import h1_norm, load_vector
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import uniform
@@ -139,7 +139,7 @@ def test_f_is_enclosed_once(monkeypatch, made):
     problem = FORMULAS["one's own"]()
     found = made(problem)
     solved, source = found.solved(EXACTLY), found.source
-    np.testing.assert_array_equal(load(found.mesh, source.moments), found.load)
+    np.testing.assert_array_equal(load_vector(found.mesh, source.moments), found.load)
     np.testing.assert_array_equal(source.moments, enclosed(found.mesh, problem).moments)
     monkeypatch.setattr(base, "enclosed", None)
     assert solved.bound().residual <= 1e-9

@@ -17,8 +17,7 @@ from unilateral.exchange.boundary_function import obstacle
 from unilateral.exchange.case_formulas import DEFINITIONS, formulas
 from unilateral.exchange.export import LEVEL_FILES, export
 from unilateral.exchange.exported_folder import exported
-from unilateral.fem.p1 import case_moments
-from unilateral.fem.p1 import load as p1_load
+from unilateral.fem.p1 import case_moments, load_vector
 from unilateral.geometry import files, polygon
 from unilateral.geometry.structured import structured
 from unilateral.problems import case as cases
@@ -66,8 +65,8 @@ def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
     moments = np.zeros((len(mesh.triangles), 3))
     weighted = (rule.weight * rule.f).values[:, None] * rule.barycentric.values
     np.add.at(moments, rule.triangle.values, weighted)
-    expected = p1_load(mesh, case_moments(case, mesh))
-    np.testing.assert_allclose(p1_load(mesh, moments), expected, rtol=1e-12, atol=1e-14)
+    expected = load_vector(mesh, case_moments(case, mesh))
+    np.testing.assert_allclose(load_vector(mesh, moments), expected, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(nodes.load, expected, rtol=1e-12, atol=1e-14)
     cells = pd.read_csv(level / "partition.csv")
     cell = np.searchsorted(cells.start, rule.s.values, side="right") - 1

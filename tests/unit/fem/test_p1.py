@@ -6,7 +6,7 @@ import skfem
 from skfem.models.poisson import laplace, mass
 
 from unilateral.fem import p1
-from unilateral.fem.p1 import by_parts, gradients, h1_load, h1_norm, load, stiffness_and_mass
+from unilateral.fem.p1 import by_parts, gradients, h1_load, h1_norm, load_vector, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
@@ -75,10 +75,10 @@ def test_loads_of_linear_functions_are_matrix_products(mesh):
     u, (K, M) = mesh.points @ slope + 1, stiffness_and_mass(mesh)
     weighted = (mesh.areas / 3)[:, None] * (hats @ mesh.points[mesh.triangles] @ slope + 1)
     moments, wrong = weighted @ hats, weighted @ np.roll(hats, 1, axis=1)
-    assert abs(load(mesh, moments) - M @ u).max() < 1e-13 * abs(M @ u).max()
+    assert abs(load_vector(mesh, moments) - M @ u).max() < 1e-13 * abs(M @ u).max()
     found = h1_load(mesh, gradients(mesh), moments, mesh.areas[:, None] * slope)
     assert abs(found - (K + M) @ u).max() < 1e-12 * abs(K @ u).max()
-    assert abs(load(mesh, wrong) - M @ u).max() > 1e-6 * abs(M @ u).max()
+    assert abs(load_vector(mesh, wrong) - M @ u).max() > 1e-6 * abs(M @ u).max()
 
 
 @pytest.mark.parametrize("scale", [2.0**-540, 2.0**500])
@@ -100,5 +100,5 @@ def test_loads_by_parts_are_those_of_the_mesh(mesh, monkeypatch):
     parts = list(p1.parts(mesh))
     assert len(parts) > 1
     assert sum(len(part.triangles) for part in parts) == len(mesh.triangles)
-    np.testing.assert_allclose(by_parts(mesh, moments), load(mesh, moments(mesh)), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(by_parts(mesh, moments), load_vector(mesh, moments(mesh)), rtol=0, atol=1e-15)
     assert abs(sum(part.areas.sum() for part in parts[1:]) - mesh.polygon.area) > 1e-3

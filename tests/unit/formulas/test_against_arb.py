@@ -9,7 +9,7 @@ import sympy
 from balls import between, box, certain, exact, holds, polynomial, positive_power, value
 from flint import acb, arb
 
-from unilateral.formulas import interval, taylor, taylor_functions
+from unilateral.formulas import interval, taylor, taylor_enclosures
 from unilateral.formulas.formula import parse
 from unilateral.formulas.symbolic import evaluate, pos, symbolic
 from unilateral.formulas.taylor import Model, affine, basis, constant
@@ -111,15 +111,15 @@ OPERATIONS = {  # the functions of balls, of intervals and of models
     "sum": (operator.add, interval.total, Model.__add__),
     "product": (operator.mul, interval.product, Model.__mul__),
 }
-for name, of in taylor_functions.FUNCTIONS.items():
+for name, of in taylor_enclosures.FUNCTIONS.items():
     OPERATIONS[name] = getattr(arb, name), getattr(interval, name), of
 for n in EXPONENTS:
-    OPERATIONS[f"power {n}"] = raised(pow, n), raised(interval.power, n), raised(taylor_functions.power, n)
+    OPERATIONS[f"power {n}"] = raised(pow, n), raised(interval.power, n), raised(taylor_enclosures.power, n)
 for k in FRACTIONS:
     OPERATIONS[f"positive power {k}"] = (
         raised(lambda a, k: positive_power(a, exact(k)), k),
         raised(interval.of_positive_part, float(k)),
-        raised(taylor_functions.positive_power, float(k)),
+        raised(taylor_enclosures.positive_power, float(k)),
     )
 for n in (1e-320, -1 / 3, 1e300):
     OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(Model.scaled, n)
@@ -161,7 +161,7 @@ def random_formula(rng, depth):
         return a ** rng.choice(EXPONENTS)
     if kind < 0.75:
         return pos(a, rng.choice([sympy.Integer(0), *FRACTIONS]))
-    return getattr(sympy, rng.choice(list(taylor_functions.FUNCTIONS)))(a)
+    return getattr(sympy, rng.choice(list(taylor_enclosures.FUNCTIONS)))(a)
 
 
 def formulas(seed, n):
@@ -209,8 +209,8 @@ def last_times(factor, own):
 
 WIDENED = ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1")
 UNDERFLOWING = ("product", "exp", "power -3", "positive power 141/20")
-FACTORIALS = last_times(2.5, taylor_functions._factorials)
-BINOMIALS = last_times(0.4, taylor_functions._binomials)
+FACTORIALS = last_times(2.5, taylor_enclosures._factorials)
+BINOMIALS = last_times(0.4, taylor_enclosures._binomials)
 CONTROLS = {  # what is spoilt, and operations that need it
     "widening": (interval, "ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
     "factors of powers": (interval, "PRODUCT", 0.0, ["positive power 199/2 of intervals"]),
@@ -219,10 +219,10 @@ CONTROLS = {  # what is spoilt, and operations that need it
     "rounding of sums": (taylor, "EPS", 0.0, ["sum of models"]),
     "rounding of products": (taylor, "EPS", 0.0, ["product of models"]),
     "rounding of numbers": (taylor, "EPS", 0.0, ["times -0.3333333333333333 of models"]),
-    "coefficients of powers": (taylor_functions, "EPS", 0.0, ["positive power 100/7 of models"]),
-    "last factorial": (taylor_functions, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
-    "last binomial": (taylor_functions, "_binomials", BINOMIALS, ["positive power 3/2 of models"]),
-    "Cauchy's estimate": (taylor_functions, "AROUND_TANH", 0.01, ["tanh of models"]),
+    "coefficients of powers": (taylor_enclosures, "EPS", 0.0, ["positive power 100/7 of models"]),
+    "last factorial": (taylor_enclosures, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
+    "last binomial": (taylor_enclosures, "_binomials", BINOMIALS, ["positive power 3/2 of models"]),
+    "Cauchy's estimate": (taylor_enclosures, "AROUND_TANH", 0.01, ["tanh of models"]),
 }
 
 
@@ -236,7 +236,7 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", taylor_functions, "OF_TANH")]
+    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", taylor_enclosures, "OF_TANH")]
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
@@ -282,8 +282,8 @@ def test_tanh_near_the_real_axis():
     """|tanh| <= AROUND_TANH where |Im z| <= 1; the largest is at z = i, tan 1."""
     for x in np.linspace(-3, 3, 61).tolist():
         for y in np.linspace(-1, 1, 21).tolist():
-            assert abs(acb(x, y).tanh()) <= taylor_functions.AROUND_TANH
-    assert abs(acb(0, 1).tanh()) > taylor_functions.AROUND_TANH * (1 - 1e-3)
+            assert abs(acb(x, y).tanh()) <= taylor_enclosures.AROUND_TANH
+    assert abs(acb(0, 1).tanh()) > taylor_enclosures.AROUND_TANH * (1 - 1e-3)
 
 
 LEAVING = {
@@ -307,7 +307,7 @@ def test_formulas_of_which_parts_leave_the_range(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
     formula = parse(text, ("x", "y"), "here")
-    model = taylor_functions.evaluate(formula, box(4, centre, half * np.eye(2)))
+    model = taylor_enclosures.evaluate(formula, box(4, centre, half * np.eye(2)))
 
     def answer(sigma):
         x, y = (exact(c) + exact(half) * s for c, s in zip(centre, sigma, strict=True))

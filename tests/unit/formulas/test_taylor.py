@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from balls import box, certain, exact, holds, positive_power
 
-from unilateral.formulas import taylor_functions
+from unilateral.formulas import taylor_enclosures
 from unilateral.formulas.expression import atoms_in
 from unilateral.formulas.formula import parse
 from unilateral.formulas.taylor import EPS, affine, basis, constant, joined, number
-from unilateral.formulas.taylor_functions import evaluate, real_power
+from unilateral.formulas.taylor_enclosures import evaluate, real_power
 
 FEW = [
     "exp(-9*x**2 - y)",
@@ -63,7 +63,7 @@ def test_the_harmonic_power(beta, omega):
 def test_a_power_of_a_positive_part_holds_beyond_its_kink(k):
     """pos(x, k) on [-0.1, 0.5] is x^k, but 0 for x < 0, where x^k is up to 0.1^k in size."""
     x = box(4, (0.2, 0.0), [[0.3, 0.0], [0.0, 0.0]])["x"]
-    model = taylor_functions.positive_power(x, k)
+    model = taylor_enclosures.positive_power(x, k)
     assert model.rad[0] < 0.4**k
     for s in (-1.0, -0.8, 0.0, 1.0):
         assert certain(holds, model, 0, [s, 0.0], positive_power(exact(0.2) + exact(0.3) * s, exact(k)))
@@ -73,7 +73,7 @@ def test_the_cube_root_of_large_numbers_is_sharp():
     """Of numbers up to 1e300, their logarithm 690: 1/3, rounded, changes it by 1e-14."""
     at = np.logspace(200, 300, 50)
     x = affine(basis(1, 4), at, np.zeros((1, 50)), (at, at))
-    model = taylor_functions.positive_power(x, 1 / 3)
+    model = taylor_enclosures.positive_power(x, 1 / 3)
     assert np.all(model.rad <= 1e-11 * model.c[0])
 
 

@@ -12,7 +12,7 @@ import unilateral as ul
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.formula import parse
 from unilateral.formulas.symbolic import symbolic
-from unilateral.formulas.taylor_functions import evaluate
+from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import piecewise
 from unilateral.problems.atoms import T, X, Y

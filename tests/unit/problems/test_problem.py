@@ -18,7 +18,7 @@ from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
-from unilateral.solvers.iterate import iterate
+from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
 
 PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))

@@ -14,7 +14,7 @@ from unilateral.arrays import Array, Mask
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import CondensedProblem, discretise
 from unilateral.discrete.multilevel import after, multilevel
-from unilateral.fem import rounded
+from unilateral.fem import residual_rounding
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.mesh import similar
@@ -171,7 +171,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
         return algebraic_bound(discrete.grids.finest, found.u_h, found.result.lambda_H)
 
     before = bound()
-    monkeypatch.setattr(rounded, "UNIT", 1e6 * rounded.UNIT)
+    monkeypatch.setattr(residual_rounding, "UNIT", 1e6 * residual_rounding.UNIT)
     power = 0.5 if way == "singular" else 1.0
     assert bound() > 0.1 * 1e6**power * before
 
@@ -215,7 +215,7 @@ def root(P: float, linear: float) -> float:
 def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
     """One cell: a = |R| s and b = |R| / (rho s) are known; where b is much larger it is hardly less."""
     of = DualOperator(np.array([[2.0]]), np.ones(1), 1.0)
-    rho, gap = 1.9 / of.lambda_max, rounded.Rounded(np.array([-3.0]), np.zeros(1))
+    rho, gap = 1.9 / of.lambda_max, residual_rounding.Rounded(np.array([-3.0]), np.zeros(1))
     R = rho * 3.0
     a, b = 2 * R, R / (2 * rho)
     delta = share * b
@@ -239,7 +239,7 @@ def test_nor_by_the_energy(P: float, delta: float) -> None:
     """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
     of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), 4.0)
     assert of.singular
-    gap, mu = rounded.Rounded(np.array([-0.5, 0.5]), np.zeros(2)), np.array([0.0, P])
+    gap, mu = residual_rounding.Rounded(np.array([-0.5, 0.5]), np.zeros(2)), np.array([0.0, P])
     found, q = certified(of, mu, gap, delta, 1.0), 0.5 * 2
     least = root(P + q * delta, q + delta) + delta
     assert least <= found

@@ -13,12 +13,12 @@ import scipy.sparse as sp
 from nested import alone
 
 from unilateral.discrete.condensed import CondensedProblem, with_load
-from unilateral.fem import rounded
+from unilateral.fem import residual_rounding
 from unilateral.fem.condense import condense
+from unilateral.fem.functional_norm import dual_norm
 from unilateral.fem.hierarchy import FinerSpace, hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import by_parts, case_moments
-from unilateral.fem.residual import dual_norm
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import adapted as adapted_meshes
 from unilateral.geometry import mesh as meshes
@@ -280,8 +280,8 @@ def test_a_gap_at_the_end_of_its_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     up to rounding; with the doubt counted once it would be missed.
     """
     doubt, A = 0.25, sp.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]))
-    gap = rounded.Rounded(np.array([-1.0]), np.array([doubt]))
-    monkeypatch.setattr(rounded, "constrained", lambda *_: gap)
+    gap = residual_rounding.Rounded(np.array([-1.0]), np.array([doubt]))
+    monkeypatch.setattr(residual_rounding, "constrained", lambda *_: gap)
     B, zero = sp.csr_array(np.array([[0.0, 1.0, 0.0]])), np.zeros(3)
     of, cells = SimpleNamespace(A=A, mass=A.sum(axis=1)), SimpleNamespace(B=B, inside=np.array([1]))
     grid = SimpleNamespace(of=of, cells=cells, load=zero, d=np.ones(1))

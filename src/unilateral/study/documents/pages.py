@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from unilateral.study.documents import marks, verdicts
-from unilateral.study.documents.contents import markdown
+from unilateral.study.documents.numbers import markdown
 from unilateral.study.documents.typesetting import page_of
 from unilateral.study.ledger import records
 from unilateral.system.files import replacing

@@ -9,14 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import Gram
 
 Tables = Mapping[str, xr.Dataset]
-Array = NDArray[np.float64]
 ZERO = 1e-12
 
 

@@ -23,7 +23,7 @@ from unilateral.problems import case as cases
 from unilateral.problems.case_certificate import certify
 from unilateral.solvers import uzawa
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.iterate import iterate
+from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa_steps import STEPS
 from unilateral.study.experiments.extremes import cells, contact, iteration, outcome, shapes

@@ -7,7 +7,7 @@ import pytest
 from conftest import RESULTS, ROOT, config
 from conftest import stored as table_of
 
-from unilateral.study.documents import contents, marks
+from unilateral.study.documents import marks, numbers
 from unilateral.study.experiments.extremes import extremes_figure as figure
 from unilateral.study.experiments.extremes import measure as extremes
 from unilateral.study.experiments.extremes import numbers as extremes_tables
@@ -224,7 +224,7 @@ def test_the_figure_s_rows_are_the_points():
 
 
 def outcomes():
-    return contents.flat(extremes_tables.outcomes(stored()))
+    return numbers.flat(extremes_tables.outcomes(stored()))
 
 
 def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.documents import contents
+from unilateral.study.documents import numbers
 from unilateral.study.experiments.scenes import numbers as scenes
 from unilateral.study.experiments.sharpness import numbers as sharpness
 from unilateral.study.experiments.stability import numbers as stability
@@ -73,7 +73,7 @@ def test_lower_bounds_of_beta_are_rounded_down():
 
 def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
     """By hand: four pairs keep it."""
-    found = contents.flat(stability.beta(made_up_pairs(), 2, 20))
+    found = numbers.flat(stability.beta(made_up_pairs(), 2, 20))
     assert found["kept"] == 4
     assert (found["flat.beta"], found["flat.mesh"]) == (0.508, "graded")
     assert found["edges.angle"] == 1.14

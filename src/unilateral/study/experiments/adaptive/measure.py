@@ -34,7 +34,7 @@ from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 from unilateral.study import scenes, tables
-from unilateral.study.beta import constants
+from unilateral.study.stability_constants import constants
 
 Row = dict[str, float]
 

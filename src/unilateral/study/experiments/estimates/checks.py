@@ -9,17 +9,17 @@ import xarray as xr
 from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
+from unilateral.arrays import Array
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
-from unilateral.study.beta import of_runs
 from unilateral.study.ledger.evidence import (
     ZERO,
-    Array,
     Evidence,
     Tables,
     forms,
     worst,
 )
+from unilateral.study.stability_constants import of_runs
 
 
 def projection(

@@ -15,7 +15,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.solvers.active_set import active_set
-from unilateral.solvers.iterate import iterate
+from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.solvers.uzawa_steps import STEPS

@@ -23,7 +23,7 @@ from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import Case
 from unilateral.solvers.stop import Stop
 from unilateral.study import scenes, tables
-from unilateral.study.beta import of_runs
+from unilateral.study.stability_constants import of_runs
 from unilateral.system.memory import forget_peak, peak_mb
 
 PER_RUN = (

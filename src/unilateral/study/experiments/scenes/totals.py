@@ -12,7 +12,7 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import case_moments, coupling, load
+from unilateral.fem.p1 import case_moments, coupling, load_vector
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -57,7 +57,10 @@ def over_errors(
     Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
     takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
-    condensed, loads = condense(mesh), {case.name: load(mesh, case_moments(case, mesh)) for case in cases}
+    condensed, loads = (
+        condense(mesh),
+        {case.name: load_vector(mesh, case_moments(case, mesh)) for case in cases},
+    )
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
     partition, B = partitions[k], coupling(mesh, partitions[k])
     indices = np.full((len(NAMES), len(cases), 1), np.nan)

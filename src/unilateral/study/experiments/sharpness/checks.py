@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from unilateral.arrays import Array
 from unilateral.study.experiments.sharpness import surfaces
 from unilateral.study.ledger.evidence import (
     ZERO,
-    Array,
     Evidence,
     Tables,
     all_of,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from unilateral.norms.resolution import fine, steep
-from unilateral.study.beta import least_pairing_constant
 from unilateral.study.ledger.evidence import ZERO, Evidence, Tables, worst
+from unilateral.study.stability_constants import least_pairing_constant
 
 
 def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:

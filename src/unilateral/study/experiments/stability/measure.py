@@ -18,8 +18,8 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import Bracket, dual_norm
-from unilateral.study.beta import OF_PAIR, constants
 from unilateral.study.experiments.stability.families import Spec, meshes_of, partition_of
+from unilateral.study.stability_constants import OF_PAIR, constants
 from unilateral.study.tables import save
 
 TIE = 1e-3

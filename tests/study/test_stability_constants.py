@@ -18,7 +18,7 @@ from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.infsup import infsup
 from unilateral.norms.resolution import inner_nodes
-from unilateral.study.beta import (
+from unilateral.study.stability_constants import (
     cellwise,
     certified_cellwise,
     extended,

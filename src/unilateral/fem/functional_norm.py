@@ -30,7 +30,7 @@ hats. If R vanishes on V_0, Cauchy's inequality on each level gives
 Any R is (z, .)_1 + R' with z from a V-cycle that smooths on its way down only, and solves on V_0
 exactly. So R' vanishes there, and ||R|| <= ||z||_1 + (3) for R'.
 
-The bound with the lumped mass (`rounded`) is too large by up to 1/h; this one is too large by up to a
+The bound with the lumped mass (`residual_rounding`) is too large by up to 1/h; this one is so by up to a
 multiple of log 1/h on uniform meshes, and by more where (1) is used several times, as at a corner where
 edges are halved 20 times and more. What rounding leaves of R' on V_0, number by number at the nodes of level
 0, and what is not known of R make a functional of its own. It is small enough for the bound with the lumped
@@ -46,7 +46,7 @@ from pyamg.amg_core import gauss_seidel_indexed
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.fem import rounded
+from unilateral.fem import residual_rounding
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.formulas.taylor import EPS
 
@@ -67,10 +67,14 @@ def growth(halvings: int) -> float:
 def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
     """A bound on ||R||, for R (n,) on the hats of the last level, which is known up to the `doubt` (n,)."""
     z = downwards(of, R)
-    A_z = rounded.product(of.A, of.mass, z)
-    norm_of_z, left = rounded.root(z, A_z.values), R - A_z.values
+    A_z = residual_rounding.product(of.A, of.mass, z)
+    norm_of_z, left = residual_rounding.root(z, A_z.values), R - A_z.values
     doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
-    return rounded.SLACK * norm_of_z + without_coarsest(of, left) + rounded.dual_norm(doubt, of.mass)
+    return (
+        residual_rounding.SLACK * norm_of_z
+        + without_coarsest(of, left)
+        + residual_rounding.dual_norm(doubt, of.mass)
+    )
 
 
 def _of_restriction(of: Hierarchy, R: Array) -> Array:
@@ -122,7 +126,7 @@ def without_coarsest(of: Hierarchy, R: Array) -> float:
     for level, rho in zip(reversed(of.levels), weights(of), strict=True):
         found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))
         level.restrict(R)
-    return rounded.SLACK * found
+    return residual_rounding.SLACK * found
 
 
 def weights(of: Hierarchy) -> Iterator[Array]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.formulas import interval
-from unilateral.formulas.evaluation import Evaluation
 from unilateral.formulas.exact_numbers import nearest
 from unilateral.formulas.expression import Atom, Expression
+from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import QUIET, Interval
 from unilateral.formulas.taylor import (
     EPS,

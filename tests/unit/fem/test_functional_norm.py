@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from nested import RIGHT, Nested, assembled, coarse, graded, made, prolongation, refined
 from scipy.sparse.linalg import SuperLU, splu
 
-from unilateral.fem import residual
-from unilateral.fem.residual import dual_norm, growth, weights, without_coarsest
+from unilateral.fem import functional_norm
+from unilateral.fem.functional_norm import dual_norm, growth, weights, without_coarsest
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
@@ -85,9 +85,9 @@ def lost(k: int) -> float:
 @pytest.mark.parametrize("k", range(8))
 def test_what_interpolation_adds_to_the_energy_is_as_printed(k: int) -> None:
     exact = lost(k)
-    assert exact <= residual.GROWTH[k] <= exact + 1e-3
-    assert growth(2 * k + 1) == residual.GROWTH[k]
-    assert k == 0 or growth(2 * k) == residual.GROWTH[k]
+    assert exact <= functional_norm.GROWTH[k] <= exact + 1e-3
+    assert growth(2 * k + 1) == functional_norm.GROWTH[k]
+    assert k == 0 or growth(2 * k) == functional_norm.GROWTH[k]
 
 
 def test_some_of_it_is_known() -> None:
@@ -95,8 +95,8 @@ def test_some_of_it_is_known() -> None:
     assert lost(0) == pytest.approx(2)
     assert lost(7) - lost(6) == pytest.approx(math.log(2) * 4 / math.pi, rel=1e-3)
     assert growth(0) == 1
-    assert growth(16) == residual.GROWTH[7] * residual.GROWTH[1]
-    assert growth(43) == residual.GROWTH[7] ** 3
+    assert growth(16) == functional_norm.GROWTH[7] * functional_norm.GROWTH[1]
+    assert growth(43) == functional_norm.GROWTH[7] ** 3
     assert all(growth(k) >= growth(k - 1) for k in range(1, 100))
 
 
@@ -112,14 +112,14 @@ def steepest(children: int) -> float:
 @pytest.mark.parametrize("children", [2, 3, 4])
 def test_hats_have_at_least_the_stated_energy(children: int) -> None:
     exact = steepest(children)
-    assert exact <= residual.CONSTANT[children] <= exact + 1e-3
+    assert exact <= functional_norm.CONSTANT[children] <= exact + 1e-3
     assert exact == pytest.approx({2: 1, 3: 1.4472, 4: 2}[children], abs=1e-4)
 
 
 @pytest.mark.parametrize("halvings", [1, 2, 3, 5, 6, 7])
 def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> None:
     """However triangles are cut, each in two or four: of 2 k + 1 halvings it is M_k, and of 2 k no more."""
-    rng, most = np.random.default_rng(halvings), residual.GROWTH[halvings // 2]
+    rng, most = np.random.default_rng(halvings), functional_norm.GROWTH[halvings // 2]
     for _ in range(30):
         found = interpolated(descendants(halvings, rng))
         assert found <= most
@@ -147,7 +147,7 @@ def functionals(found: Nested) -> list[Array]:
     rough = rng.standard_normal(n)
     left = rough.copy()
     for _ in range(3):
-        left = left - A @ residual.downwards(found.of, left)
+        left = left - A @ functional_norm.downwards(found.of, left)
     one, last = np.zeros((2, n))
     one[n // 3] = last[-1] = 1.0
     smooth = np.sin(7 * x) * np.exp(y)
@@ -251,7 +251,7 @@ def test_every_level_s_part_is_at_most_the_energy(name: str, times: int) -> None
 def test_what_finer_levels_hide_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Were M 1 for all, a level's part would be larger than the energy, and the bound below the norm."""
     found = made("one triangle", "uniform", 5)
-    monkeypatch.setattr(residual, "growth", lambda halvings: 1.0)
+    monkeypatch.setattr(functional_norm, "growth", lambda halvings: 1.0)
     assert largest(found, 0) > 1.5
 
 
@@ -295,7 +295,7 @@ def test_both_terms_are_needed() -> None:
     assert without_coarsest(alone.of, functionals(alone)[0]) == 0
     found = made("square 1", "uniform", 5)
     rough = functionals(found)[0]
-    z = residual.downwards(found.of, rough)
+    z = functional_norm.downwards(found.of, rough)
     assert math.sqrt(z @ found.of.A @ z) < true_norm(found, rough)
 
 
@@ -303,7 +303,7 @@ def test_both_terms_are_needed() -> None:
 def test_the_rest_vanishes_on_the_coarsest_space(way: str) -> None:
     found = made("lshape 1", "uniform", 4) if way == "uniform" else adapted("gmsh", 10)
     R = functionals(found)[0]
-    left = R - found.of.A @ residual.downwards(found.of, R)
+    left = R - found.of.A @ functional_norm.downwards(found.of, R)
     for level in found.of.levels[::-1]:
         P = prolongation(level)
         R, left = P.T @ R, P.T @ left

@@ -11,9 +11,9 @@ from flint import arb, ctx
 from nested import assembled
 
 from unilateral.arrays import Array
-from unilateral.fem import rounded
+from unilateral.fem import residual_rounding
 from unilateral.fem.p1 import coupling, lumped_mass
-from unilateral.fem.rounded import Rounded
+from unilateral.fem.residual_rounding import Rounded
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named
@@ -49,13 +49,13 @@ def products(u: Array) -> tuple[Rounded, list[arb]]:
     numbers, masses = exactly(u), exactly(MASS)
     differences = ([value - own for value in numbers] for own in numbers)
     exact = [masses[i] * numbers[i] + row_times(A, i, each) for i, each in enumerate(differences)]
-    return rounded.product(A, MASS, u), exact
+    return residual_rounding.product(A, MASS, u), exact
 
 
 def loads(u: Array) -> tuple[Rounded, list[arb]]:
     load, pressure, pull = u[: B.shape[1]], np.abs(u[: B.shape[0]]), B.T.tocsr()
     exact = [value + row_times(pull, j, exactly(pressure)) for j, value in enumerate(exactly(load))]
-    return rounded.loaded(load, B, pressure), exact
+    return residual_rounding.loaded(load, B, pressure), exact
 
 
 def integrals(u: Array) -> tuple[Rounded, list[arb]]:
@@ -63,7 +63,7 @@ def integrals(u: Array) -> tuple[Rounded, list[arb]]:
     v = u[: B.shape[1]]
     d, numbers = B @ v, exactly(v)
     exact = [row_times(B, i, numbers) - value for i, value in enumerate(exactly(d))]
-    return rounded.constrained(B, v, d), exact
+    return residual_rounding.constrained(B, v, d), exact
 
 
 def means(u: Array) -> tuple[Rounded, list[arb]]:
@@ -71,7 +71,7 @@ def means(u: Array) -> tuple[Rounded, list[arb]]:
     g, numbers = B @ v / CELLS.lengths, exactly(v)
     rows = enumerate(zip(exactly(CELLS.lengths), exactly(g), strict=True))
     exact = [row_times(B, i, numbers) / H - value for i, (H, value) in rows]
-    return rounded.constrained(B, v, g, CELLS.lengths), exact
+    return residual_rounding.constrained(B, v, g, CELLS.lengths), exact
 
 
 @pytest.mark.parametrize("of", [products, loads, integrals, means])
@@ -91,13 +91,13 @@ def test_the_dual_norm_at_every_size(size: float) -> None:
     """Against (R . A^{-1} R)^(1/2) at size 1; the squares of these numbers would vanish, or be infinite."""
     R = np.random.default_rng(1).standard_normal(len(MASS))
     exact = np.sqrt(R @ np.linalg.solve(A.toarray(), R))
-    assert exact <= rounded.dual_norm(size * R, MASS) / size < 20 * exact
-    assert rounded.root(size * R, size * R) / size == pytest.approx(np.linalg.norm(R))
-    assert rounded.root(R, -R) == 0
-    assert rounded.root(0 * R, R) == 0
-    assert rounded.dual_norm(0 * R, MASS) == 0
+    assert exact <= residual_rounding.dual_norm(size * R, MASS) / size < 20 * exact
+    assert residual_rounding.root(size * R, size * R) / size == pytest.approx(np.linalg.norm(R))
+    assert residual_rounding.root(R, -R) == 0
+    assert residual_rounding.root(0 * R, R) == 0
+    assert residual_rounding.dual_norm(0 * R, MASS) == 0
 
 
 def test_the_dual_norm_of_the_mass_is_nearly_twice_its_own() -> None:
     """R = M 1 has ||R|| = |Omega|^(1/2), and 2 (sum m_i)^(1/2) is twice that: no factor below 1 is left."""
-    assert rounded.dual_norm(MASS, MASS) == pytest.approx(2 * np.sqrt(LSHAPE.area))
+    assert residual_rounding.dual_norm(MASS, MASS) == pytest.approx(2 * np.sqrt(LSHAPE.area))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from unilateral.cli.own import drawn
+from unilateral.cli.init_check import drawn
 from unilateral.problems import problem_file
 
 SHELTER = str(ROOT / "examples/shelter.yaml")

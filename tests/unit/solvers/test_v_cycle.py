@@ -13,7 +13,7 @@ from unilateral.fem.hierarchy import FinerSpace, hierarchy
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
-from unilateral.solvers.truncated_cycle import CUT_AWAY, Truncated
+from unilateral.solvers.v_cycle import CUT_AWAY, Truncated
 
 MESHES = ["uniform", "at random", "at a corner"]
 CASES = ["nothing", "a strip", "islands", "the boundary"]
