@@ -70,11 +70,8 @@ def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
     A_z = residual_rounding.product(of.A, of.mass, z)
     norm_of_z, left = residual_rounding.root(z, A_z.values), R - A_z.values
     doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
-    return (
-        residual_rounding.SLACK * norm_of_z
-        + without_coarsest(of, left)
-        + residual_rounding.dual_norm(doubt, of.mass)
-    )
+    of_doubt = residual_rounding.dual_norm(doubt, of.mass)
+    return residual_rounding.SLACK * norm_of_z + without_coarsest(of, left) + of_doubt
 
 
 def _of_restriction(of: Hierarchy, R: Array) -> Array:
