@@ -41,7 +41,7 @@ def test_the_intervals_tile_the_set_s_place(generations):
     """2^(g-1) are removed by generation g, 1 - 2 keep of what is there; (2 keep)^g is left."""
     odd, even, left = family(generations).divided()
     ends = np.array(sorted([*odd, *even, *left]), dtype=float)
-    np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], atol=1e-14)
+    np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=0, atol=1e-14)
     assert len(odd) + len(even) == 2**generations - 1
     assert sum(b - a for a, b in left) == Q(3, 4) * Q(9, 10) ** generations
 
@@ -97,15 +97,15 @@ def test_the_atom_is_the_sum_of_single_ones(polygon):
     found = atom(3, polygon).whole(points)
     expected = zip(*(each.whole(points) for each in singles(3, polygon)), strict=True)
     for values, of_singles, off in zip(found, expected, (1e-14, 1e-13, 1e-12), strict=True):
-        np.testing.assert_allclose(values, sum(of_singles), atol=off)
+        np.testing.assert_allclose(values, sum(of_singles), rtol=0, atol=off)
 
 
 def test_its_trace_and_flux_are_the_sums_too():
     t = np.linspace(0, 1, 2001)
     along = Along(t, t, 0 * t)
     found, expected = atom().trace_and_flux(0, along), [e.trace_and_flux(0, along) for e in singles()]
-    np.testing.assert_allclose(found[0], sum(u for u, _ in expected), atol=1e-14)
-    np.testing.assert_allclose(found[1], sum(flux for _, flux in expected), atol=1e-13)
+    np.testing.assert_allclose(found[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found[1], sum(flux for _, flux in expected), rtol=0, atol=1e-13)
     assert found[1].min() >= 0
 
 
@@ -119,7 +119,7 @@ def test_the_gap_by_hand(gamma):
         gamma
     )
     tops[5] *= float(DUST)
-    np.testing.assert_allclose(value(t)[0], tops, atol=1e-15)
+    np.testing.assert_allclose(value(t)[0], tops, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", GAPS)
@@ -135,7 +135,7 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
     assert case.gap_order == pytest.approx(GAPS[name] + (1 - d) / 2, rel=1e-12)
     assert case.atoms[0].flux_order == pytest.approx(1 / 3 + (1 - d) / 2, rel=1e-12)
     expected = np.array(sorted(case.atoms[0].family.divided()[0]), dtype=float)
-    np.testing.assert_allclose([c[1:] for c in found.contact], expected, atol=1e-14)
+    np.testing.assert_allclose([c[1:] for c in found.contact], expected, rtol=0, atol=1e-14)
     transitions = np.round(case.transitions(), 12)
     assert np.isin(np.round([t for _, *both in found.contact for t in both], 12), transitions).all()
 

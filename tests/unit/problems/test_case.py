@@ -83,11 +83,11 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     u, gradient = case.value_and_gradient(points)
     by_differences, laplacian = differences(lambda p: case.value_and_gradient(p)[0], points, step)
     scale = max(1.0, np.abs(case.source(points)).max())
-    np.testing.assert_allclose(gradient, by_differences, atol=1e-6 * scale)
-    np.testing.assert_allclose(case.source(points), u - laplacian, atol=1e-4 * scale)
-    assert not np.allclose(case.source(points), u + laplacian, atol=1e-4 * scale)
+    np.testing.assert_allclose(gradient, by_differences, rtol=0, atol=1e-6 * scale)
+    np.testing.assert_allclose(case.source(points), u - laplacian, rtol=0, atol=1e-4 * scale)
+    assert not np.allclose(case.source(points), u + laplacian, rtol=0, atol=1e-4 * scale)
     for together, alone in zip(case.whole(points), (u, gradient), strict=False):
-        np.testing.assert_allclose(together, alone, atol=1e-12 * scale)
+        np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12 * scale)
 
 
 PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("violates_jjj", "square", 0)]
@@ -150,8 +150,8 @@ def test_traces_are_limits_from_inside(name, polygon, side):
     u, flux, _ = case.boundary(sides, s)
     normals = case.polygon.normals[sides]
     value, gradient = case.value_and_gradient(points - 1e-9 * normals)
-    np.testing.assert_allclose(value, u, atol=1e-7)
-    np.testing.assert_allclose(np.sum(gradient * normals, axis=1), flux, atol=1e-6)
+    np.testing.assert_allclose(value, u, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(np.sum(gradient * normals, axis=1), flux, rtol=0, atol=1e-6)
 
 
 def test_distances_along_a_side_do_not_round():
@@ -237,9 +237,9 @@ def test_the_flux_does_not_depend_on_the_size(name):
     s = np.linspace(0, 1, 101)
     u, flux, gap = load(name).boundary(np.zeros(101, dtype=int), s)
     U, FLUX, GAP = large.boundary(np.zeros(101, dtype=int), 10 * s)
-    np.testing.assert_allclose(FLUX, flux, atol=1e-14)
-    np.testing.assert_allclose(U, 10 * u, atol=1e-13)
-    np.testing.assert_allclose(GAP, gap, atol=1e-13)
+    np.testing.assert_allclose(FLUX, flux, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(U, 10 * u, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(GAP, gap, rtol=0, atol=1e-13)
     certify(large)
     for one, other in zip(load(name).kinks(), large.kinks(), strict=True):
         points = inside(square(), 20)
@@ -247,7 +247,7 @@ def test_the_flux_does_not_depend_on_the_size(name):
     points = np.array([[0.37, 0.01], [0.43, 0.11], [0.5, 0.2]])
     by_differences, laplacian = differences(lambda p: large.value_and_gradient(p)[0], 10 * points, 1e-2)
     u_large, gradient = large.value_and_gradient(10 * points)
-    np.testing.assert_allclose(gradient, by_differences, atol=1e-6 * np.abs(gradient).max())
+    np.testing.assert_allclose(gradient, by_differences, rtol=0, atol=1e-6 * np.abs(gradient).max())
     np.testing.assert_allclose(large.source(10 * points), u_large - laplacian, rtol=1e-5)
 
 
@@ -259,8 +259,8 @@ def test_natural_by_complex_arithmetic():
     np.testing.assert_allclose(u, -(z**1.5).imag + 4 * np.abs(z) ** 2, rtol=0, atol=3e-14)
     x = np.linspace(0, 1, 201)
     _, flux, gap = load("natural").boundary(np.zeros(201, dtype=int), x)
-    np.testing.assert_allclose(flux, 1.5 * np.sqrt(np.maximum(x - 0.5, 0)), atol=1e-14)
-    np.testing.assert_allclose(gap, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, atol=1e-14)
+    np.testing.assert_allclose(flux, 1.5 * np.sqrt(np.maximum(x - 0.5, 0)), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(gap, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, rtol=0, atol=1e-14)
 
 
 def contact(name, polygon, side):
@@ -291,7 +291,7 @@ def test_every_case_is_certified(name, polygon, side):
     hypotheses = IRREGULAR[name][1] if name in IRREGULAR else (True, True, True)
     assert tuple(found.hypotheses.values()) == tuple(case.declaration["hypotheses"].values()) == hypotheses
     expected = np.array(contact(name, polygon, side)).reshape(-1, 3)
-    np.testing.assert_allclose(np.array(found.contact).reshape(-1, 3), expected, atol=1e-14)
+    np.testing.assert_allclose(np.array(found.contact).reshape(-1, 3), expected, rtol=0, atol=1e-14)
     assert found.g_regular == (name not in GAPS_WITH_KINKS)
     assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
     assert (found.gap_max == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))

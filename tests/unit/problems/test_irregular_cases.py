@@ -96,7 +96,7 @@ def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
     along = Along(1 - r / 2, np.ones(2), -r / 2)
     value, flux = corner(named("lshape"), 0, "free").trace_and_flux(5, along)
     np.testing.assert_allclose(value, -(r**2), rtol=1e-14)
-    np.testing.assert_allclose(flux, 0, atol=1e-15)
+    np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-15)
 
 
 def test_the_points_at_which_polar_atoms_are_not_smooth():
@@ -111,7 +111,7 @@ def test_the_points_at_which_polar_atoms_are_not_smooth():
 def test_rounding_beyond_a_side_is_on_it(off):
     """On the side at angle 0 the held atom is 0; taken for the angle 2 pi it would be sin(4 pi/3) r^(2/3)."""
     value, _ = polar("held").value_and_gradient(np.array([[0.1, off], [0.2, off]]))
-    np.testing.assert_allclose(value, 0, atol=1e-15)
+    np.testing.assert_allclose(value, 0, rtol=0, atol=1e-15)
 
 
 def cut_off_power(s, alpha, R):
@@ -134,7 +134,7 @@ def test_cell_means_in_closed_form(name, cells):
     partition = partitions.shifted(square(), *cells)
     x = np.minimum(partition.points, 1.0)
     whole = np.diff(cut_off_power(x - 1 / 3, ALPHA[name], 0.25)) / partition.lengths
-    np.testing.assert_allclose(means(load(name), partition), whole, atol=1e-11 * whole.max())
+    np.testing.assert_allclose(means(load(name), partition), whole, rtol=0, atol=1e-11 * whole.max())
 
 
 def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
@@ -152,11 +152,11 @@ def test_the_corners_of_the_l_shape():
     for side, t, sign in ((2, r, 1), (1, 1 - r, -1)):
         sides = np.full(len(r), side)
         u, flux, _ = load("reentrant").boundary(sides, t)
-        np.testing.assert_allclose(u, sign * r ** (2 / 3) * chi, atol=1e-12)
-        np.testing.assert_allclose(flux, 0, atol=1e-12)
+        np.testing.assert_allclose(u, sign * r ** (2 / 3) * chi, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-12)
         trace, flux, _ = load("violates_j").boundary(sides, t)
         x, y = named("lshape").at(sides, t).T
-        np.testing.assert_allclose(trace, ((x + 0.45) ** 2 + (y - 0.55) ** 2) / 2, atol=1e-12)
+        np.testing.assert_allclose(trace, ((x + 0.45) ** 2 + (y - 0.55) ** 2) / 2, rtol=0, atol=1e-12)
         smooth = 0.55 if side == 2 else 0.45  # the distance of (-.45, .55) from the side's line
         np.testing.assert_allclose(flux, smooth + 2 / 3 * r ** (-1 / 3) * chi, rtol=1e-9)
 
@@ -223,7 +223,7 @@ def test_the_points_of_the_rule_are_those_of_its_parts():
     case = load("violates_j")
     rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
     t, offset = rule.near
-    np.testing.assert_allclose(t * case.polygon.lengths[rule.side] + offset, rule.s, atol=1e-15)
+    np.testing.assert_allclose(t * case.polygon.lengths[rule.side] + offset, rule.s, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(

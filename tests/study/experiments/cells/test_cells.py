@@ -88,7 +88,9 @@ def test_contact_and_a_gap_alternate(gamma):
     (case,) = alternating(square(), Q(1, 8), Q(1, 2), [gamma])
     declared = {"hypotheses": {"j": True, "jj": bool(gamma >= 1), "jjj": True}}
     found = certify(replace(case, declaration=declared))
-    np.testing.assert_allclose(found.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], atol=1e-14)
+    np.testing.assert_allclose(
+        found.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], rtol=0, atol=1e-14
+    )
     flux = (1 / 16) ** 1.5 * beta(0.75, 5) / 2
     of_gap = (1 / 16) ** float(gamma + 1) * beta(float(gamma + 1), float(gamma + 1))
     expected = 4 * flux * of_gap * 8

@@ -115,7 +115,9 @@ def test_followed_fractions():
 def test_equal_and_graded_nodes():
     """Sides with one cell each of length 4, 5, 3."""
     cells = partition_of(TRIANGLE, {"counts": [1, 1, 1]})
-    assert_allclose(boundary_nodes(cells, {"kind": "equal"}, 2), [0, 2, 4, 6.5, 9, 10.5], atol=ROUND_OFF)
+    assert_allclose(
+        boundary_nodes(cells, {"kind": "equal"}, 2), [0, 2, 4, 6.5, 9, 10.5], rtol=0, atol=ROUND_OFF
+    )
     graded = boundary_nodes(cells, {"kind": "graded", "grading": 2}, 3)
     shares = np.array([0, 2 / 9, 7 / 9])
     assert_allclose(graded, [*(4 * shares), *(4 + 5 * shares), *(9 + 3 * shares)], rtol=0, atol=ROUND_OFF)
