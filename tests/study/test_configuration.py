@@ -299,7 +299,9 @@ def test_what_is_said(change, said):
 
 def test_a_module_that_is_no_figure_is_told(monkeypatch):
     monkeypatch.setattr(registry, "functions", lambda *_: {"table": registry.Arguments([], [])})
-    said = "figures.rates.module: rates has to have the functions `table` and `draw`"
+    first = next(iter(STUDY["figures"]))
+    module = STUDY["figures"][first]["module"]
+    said = f"figures.{first}.module: {module} has to have the functions `table` and `draw`"
     assert fault(copy.deepcopy(STUDY)) == f"workflow/config/figures.yaml, field {said}"
 
 

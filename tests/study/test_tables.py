@@ -200,7 +200,7 @@ def test_a_table_in_the_place_of_another_is_refused(tmp_path, one, other):
 
 def test_a_table_that_does_not_tell_its_place_is_refused(tmp_path, monkeypatch):
     """As the first versions of this project wrote it."""
-    monkeypatch.setattr(tables.origin, "stamp", lambda *_: {"parameters": "{}"})
+    monkeypatch.setattr(tables.table_origin, "stamp", lambda *_: {"parameters": "{}"})
     tables.save(level(0.5), tmp_path / "errors.nc", "scene")
     with pytest.raises(
         StorageError, match=r"errors\.nc is of a version that did not tell its place, and '.*/errors'"

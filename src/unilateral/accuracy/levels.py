@@ -223,9 +223,12 @@ def wanted_part(done: Sequence[Level]) -> float:
 
 
 def most_unknowns(prospect: Prospect, part: float = 1.0) -> dict[str, float]:
-    """The unknowns that each limit allows the next level to have, that `part` of those that are predicted."""
+    """The unknowns that each limit allows the next level to have, that `part` of those that are predicted.
+
+    What a level takes whatever its size is held already, and no part of what is free.
+    """
     goal = prospect.done[-1].goal
-    (of_memory, mb), (of_time, seconds) = goal.memory(SPARE * available_mb()), goal.seconds
+    (of_memory, mb), (of_time, seconds) = goal.memory(prospect.held + SPARE * available_mb()), goal.seconds
     return {
         f"max_unknowns={goal.unknowns:.0f}": goal.unknowns,
         of_memory: part * prospect.within_mb(mb),

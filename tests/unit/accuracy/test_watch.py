@@ -118,6 +118,13 @@ def test_without_a_limit_no_more_memory_is_taken_than_was_free(monkeypatch):
     assert found.ended == f"out of budget ({watch.most_mb:.0f} MB of this machine's memory)"
 
 
+def test_what_the_process_holds_is_no_part_of_what_a_level_may_take(monkeypatch):
+    """Ten times more than is free, as beside data of one's own in Python."""
+    monkeypatch.setattr(of_levels, "available_mb", lambda: 1000.0)
+    monkeypatch.setattr(of_levels, "peak_mb", lambda: 10_000.0)
+    assert search(load("natural"), Goal(0.02)).certified
+
+
 def test_a_limit_in_the_first_level_leaves_nothing():
     with pytest.raises(
         BudgetError, match=r"max_seconds=10 does not suffice .* coarsest mesh of 'square'"
