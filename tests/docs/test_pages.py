@@ -27,6 +27,7 @@ def built(folder, sources=ROOT, *options):
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
+    """All pages, built once for all tests; Sphinx takes seconds."""
     folder = tmp_path_factory.mktemp("docs")
     run = built(folder)
     assert (run.returncode, run.stderr) == (0, "")
@@ -95,6 +96,7 @@ def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
 
 
 def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
+    """All pages are built once more, which takes seconds."""
     run = built(tmp_path, ROOT, "-D", "typeset_paper=")
     assert (run.returncode, run.stderr) == (0, "")
     assert faults(tmp_path) == []

@@ -32,7 +32,7 @@ configuration.check(STUDY, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    """All jobs, of a copy of the project in which nothing is made yet."""
+    """All jobs, of a copy of the project in which nothing is made yet. Snakemake plans for seconds."""
     tree = copy_project(tmp_path_factory.mktemp("study"))
     command = [sys.executable, Path(__file__).with_name("planned.py"), "all", "quick"]
     found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=120)
