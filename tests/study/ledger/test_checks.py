@@ -16,6 +16,7 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.dual import Gram
@@ -151,6 +152,12 @@ def test_values_along_a_ratio_are_those_of_the_pairs_with_it():
     given = table(x=x, h_over_H=h[:, None] / H, H=H)
     check = partial(shared.worst, table="t", value="x", quantity="", H_over_h=2, at_least=0)
     assert check(given, rows="{H:g}").lines == ["  1: 0", "  0.5: 5"]
+
+
+def test_an_expression_without_a_bound_is_refused():
+    table = xr.Dataset({"beta": ("mesh", [0.5])})
+    with pytest.raises(InputError, match="the check of 'beta' has no bound; it needs at_least or at_most"):
+        shared.worst({"a": table}, "a", "beta", "the smallest beta")
 
 
 def test_parts_share_what_they_do_not_say_themselves():

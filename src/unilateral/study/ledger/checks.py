@@ -22,6 +22,7 @@ from typing import Any
 
 import xarray as xr
 
+from unilateral.errors import InputError
 from unilateral.study import tables as stored
 from unilateral.study.ledger import evidence
 from unilateral.study.ledger.evidence import Evidence, Tables, dims_of, in_rows
@@ -51,10 +52,11 @@ def worst(
 
     `rows` names the values by coordinates and by `scene`, which is the table's name if there are no scenes.
     In a row the worst value counts of those that are known and are not excluded by `where`. If there is none
-    the row is not known; if all are excluded it may be `left_out`.
+    the row is not known; if all are excluded it may be `left_out`. Raises InputError without a bound.
     """
     smallest, required = (True, at_least) if at_most is None else (False, at_most)
-    assert required is not None
+    if required is None:
+        raise InputError(f"the check of {value!r} has no bound; it needs at_least or at_most")
     found: dict[str, float] = {}
     for scene in scenes:
         name = table.format(scene=scene)
