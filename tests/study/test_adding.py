@@ -28,10 +28,14 @@ COUNTED = """claims:
   where: "section 2"
   verdict: "holds"
   check: ledger.worst
-  parameters: { table: counts/counts, value: unknowns, at_most: 289, quantity: "the most nodes" }
+  parameters:
+    table: counts/counts
+    value: np.abs(unknowns - (1 / h + 1) ** 2)
+    at_most: 0
+    quantity: the largest difference
   reads: [counts/counts]
-  source: "derived: 17 squared"
-  control: { what: "one more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
+  source: "derived: by counting"
+  control: { what: "a hundredth more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
 """
 """The claims of the experiment that is added."""
 KIND = """
@@ -100,5 +104,5 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
     jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "figure"], 1) | {"total": 6}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     (project / "counts").mkdir()
-    said = ["289.0", "('square/infsup',)", "unilateral.study.experiments.extremes.contact"]
+    said = ["0.0", "('square/infsup',)", "unilateral.study.experiments.extremes.contact"]
     assert run(project, "-c", USED).splitlines() == said

@@ -1,4 +1,4 @@
-"""The command `unilateral`: its commands, declared where they are chosen, and its completion."""
+"""The command `unilateral`: its commands, each imported when it is chosen, and its completion."""
 
 from __future__ import annotations
 
