@@ -100,7 +100,7 @@ def uzawa(
     """Iterates lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
     `offset` (m,) is F(0); `rho` is by default 1.9 / lambda_max(S), `start` (m,) >= 0 by default 0. Another
-    `method` of `steps.STEPS` makes its own steps instead, with rho by default 1 / lambda_max(S).
+    `method` of `uzawa_steps.STEPS` makes its own steps instead, with rho by default 1 / lambda_max(S).
     `apply(y, out)` computes S y in another way than `Columns`; what is guaranteed is then so for the S y that
     it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
     floating point warns and has converged False. Raises InputError for an offset, a rho or a tolerance that

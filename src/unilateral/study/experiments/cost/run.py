@@ -142,7 +142,7 @@ class Measured:
 
 
 def method_of(variant: Variant) -> str:
-    """The variant's method, a name in `steps.STEPS`."""
+    """The variant's method, a name in `uzawa_steps.STEPS`."""
     return METHODS.get(variant.algorithm, variant.algorithm)
 
 

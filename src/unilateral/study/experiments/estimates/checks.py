@@ -63,7 +63,7 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
 
 
 def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """The left side of (4.6) over the right one, with the constants of its proof; see beta.of_runs."""
+    """The left side of (4.6) over the right one, with the proof's constants; see `of_runs`."""
     found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
     return worst(found, "the left side over the right one", 1.0, False)
 
