@@ -28,7 +28,14 @@ version = release = __version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "rendering"]
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "docs/notebooks/*.md", "manufactured/*.md", "benchmarks/*.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+include_patterns = [
+    "docs/*.md",
+    "docs/notebooks/*.md",
+    "manufactured/*.md",
+    "benchmarks/*.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+]
 exclude_patterns = [".*", "build", "dist", "results", "src", "tests"]
 
 myst_enable_extensions = ["dollarmath"]
@@ -49,6 +56,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 60
 nb_execution_excludepatterns = [] if results else ["docs/notebooks/study-tables.md"]
 nb_merge_streams = True
+suppress_warnings = ["myst-nb.lexer"]  # the kernel names it, and one that is not run has none
 smartquotes = False
 
 autodoc_member_order = "bysource"

@@ -1,4 +1,4 @@
-"""A reader of the documents, who types every code block of a page from top to bottom in a folder of their own.
+"""A reader of the documents, who types the code blocks of a page from top to bottom in a folder of their own.
 
 Commands are run, programs executed, problem files looked at, and what is said to be printed is compared.
 """

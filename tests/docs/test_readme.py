@@ -32,7 +32,7 @@ def test_it_is_short():
 
 def test_words_are_those_that_a_reader_sees():
     """Control: eight words."""
-    text = "# A title\n\n![no](a.svg) [a link](x y.md) is <!--=a.b:.2f-->0.19<!--/-->.\n\n| a b |\n|---|\n<!-- no -->\n"
+    text = "# A title\n\n![no](a.svg) [a link](x y.md) is <!--=a.b:.2f-->0.19<!--/-->.\n\n| a b |\n|---|\n"
     assert len(words(text)) == 8
 
 
@@ -42,7 +42,7 @@ def test_the_first_problem_is_the_one_that_is_quoted():
 
 
 def test_the_first_command_prints_what_is_quoted(run):
-    """The same words, and numbers nearly the same; those that are counted may differ by a mesh's triangles."""
+    """The same words, and numbers nearly the same."""
     (quoted,) = (block.text for block in blocks("README.md") if block.kind == "text")
     assert f"```\n{FIRST}\n```" in README
     code, printed, _ = run(*FIRST.replace("examples", str(ROOT / "examples")).split()[1:])
@@ -57,7 +57,9 @@ def test_the_first_solution_imports_the_solver_only(tmp_path):
     """Control: of these packages, those for pictures are imported by the command that draws one."""
 
     def imported(*more):
-        program = "import sys; from unilateral.cli import main; assert main(sys.argv[1:]) == 0; print(*sys.modules)"
+        program = (
+            "import sys; from unilateral.cli import main; assert main(sys.argv[1:]) == 0; print(*sys.modules)"
+        )
         run = subprocess.run(
             [sys.executable, "-c", program, *FIRST.split()[1:], *more],
             cwd=ROOT, capture_output=True, text=True, check=True,
