@@ -97,7 +97,7 @@ def made(declaration: Any, name: str) -> Problem:
         raise InputError(f"{name}, field polygon: {error}") from None
     units = Units(*(_coefficient(declaration.get(field, 1), f"{name}, field {field}") for field in "kc"))
     free = _free_sides(declaration, polygon, name)
-    f = _formula(declaration["f"], f"{name}, field f")
+    f = formula(declaration["f"], f"{name}, field f")
     g = _obstacles(declaration["g"], exact, free, f"{name}, field g")
     q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{name}, field q")
     problem = Problem(Path(name).stem, polygon, f, g, free, units, q)
@@ -105,7 +105,7 @@ def made(declaration: Any, name: str) -> Problem:
         scaled_polygon(problem)
     except InputError as error:
         raise InputError(f"{name}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
-    _check(problem, name)
+    check(problem, name)
     return problem
 
 
@@ -204,8 +204,18 @@ def _plain(text: object, where: str, instead: str) -> Expression:
     return formula
 
 
-def _formula(text: object, where: str) -> Expression:
-    """A formula in x, y whose kinks can be found."""
+def on_sides(
+    field: str, given: object, polygon: Polygon, free: tuple[int, ...], where: str
+) -> tuple[Expression, ...]:
+    """The field g or q on every side as a formula in x, y, 0 on sides without one; see `made`."""
+    if field == "q":
+        return _fluxes(given, polygon.n_sides, free, where)
+    vertices = [[number(x, where) for x in vertex] for vertex in polygon.vertices.tolist()]
+    return _obstacles(given, vertices, free, where)
+
+
+def formula(text: object, where: str) -> Expression:
+    """f as a formula in x, y whose kinks can be found; see `made`."""
     f = _plain(text, where, "write 0 where there is none")
     for power in atoms_in(f, "pos"):
         try:
@@ -215,7 +225,7 @@ def _formula(text: object, where: str) -> Expression:
     return f
 
 
-def _check(problem: Problem, name: str) -> None:
+def check(problem: Problem, name: str) -> None:
     """Raises InputError unless f, g and q are finite and g is the same on both sides of each vertex.
 
     A g that jumps at a vertex is the trace of no u in H^1. The sizes of f, g and q are looked at in the units
