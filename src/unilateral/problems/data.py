@@ -13,7 +13,7 @@ from unilateral.formulas.taylor import Model, joined, number
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.nodal import Trace, Traces
+from unilateral.problems.nodal import NodalTrace, NodalTraces
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle
 
 if TYPE_CHECKING:
@@ -75,13 +75,16 @@ def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
 
 
 def on_sides(
-    formulas: Sequence[Expression], side: Index, variables: Mapping[str, Model], traces: Traces | None = None
+    formulas: Sequence[Expression],
+    side: Index,
+    variables: Mapping[str, Model],
+    traces: NodalTraces | None = None,
 ) -> Model:
     """One formula per side, on intervals of the sides (k,); equal ones are evaluated together.
 
     On some sides `traces` take their place, in the variable t.
     """
-    same: dict[Expression | Trace, list[int]] = {}
+    same: dict[Expression | NodalTrace, list[int]] = {}
     for i in np.unique(side).tolist():
         same.setdefault((traces or {}).get(i, formulas[i]), []).append(i)
     parts = [(formula, np.flatnonzero(np.isin(side, sides))) for formula, sides in same.items()]
@@ -90,5 +93,5 @@ def on_sides(
     )
 
 
-def _on(of: Expression | Trace, variables: Mapping[str, Model]) -> Model:
-    return of.model(variables["t"]) if isinstance(of, Trace) else evaluate(of, variables)
+def _on(of: Expression | NodalTrace, variables: Mapping[str, Model]) -> Model:
+    return of.model(variables["t"]) if isinstance(of, NodalTrace) else evaluate(of, variables)

@@ -19,7 +19,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import nodal, problem_file
 from unilateral.problems.data import is_case
-from unilateral.problems.nodal import Nodal, Trace
+from unilateral.problems.nodal import Nodal, NodalTrace
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, check_vertices
 
@@ -32,7 +32,7 @@ Coefficient = str | float
 """A number, or one that is written exactly, such as "1/3"."""
 Given = str | float | Function | Array | None
 """f, g or q, everywhere or on a side: a formula, a function, an array at nodes, or nothing."""
-Read = Expression | Function | Trace
+Read = Expression | Function | NodalTrace
 
 
 @dataclass(frozen=True)
@@ -163,6 +163,9 @@ def with_data(
         return sampled
     formulas = _formula(of_f), tuple(map(_formula, of_g)), tuple(map(_formula, of_q))
     found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], **common)
+    if isinstance(of, Problem):  # what is known of the fields that stay
+        same = {"range_of_f": f, "enclosed_flux": q}
+        vars(found).update({name: getattr(of, name) for name, new in same.items() if new is None})
     problem_file.check(found, name)
     return found
 
@@ -198,8 +201,8 @@ def _placeholder(given: Given | Sequence[Given]) -> object:
     return 1 if callable(given) or nodal.is_array(given) else given
 
 
-def _traces(of: Sequence[Read]) -> dict[int, Trace]:
-    return {side: each for side, each in enumerate(of) if isinstance(each, Trace)}
+def _traces(of: Sequence[Read]) -> dict[int, NodalTrace]:
+    return {side: each for side, each in enumerate(of) if isinstance(each, NodalTrace)}
 
 
 def _read(of: Expression | Function) -> Read:

@@ -19,7 +19,7 @@ SLOPE = 16 * EPS
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class NodalTrace:
     """A function on a side: its `values` (k,) at the places t (k,), from 0 to 1 in side lengths."""
 
     t: Array
@@ -45,7 +45,7 @@ class Trace:
         return self.t[1:-1]
 
 
-Traces = Mapping[int, Trace]
+NodalTraces = Mapping[int, NodalTrace]
 """Those of some sides."""
 
 
@@ -58,8 +58,8 @@ class Nodal:
 
     mesh: Mesh | None = None
     f: Array | None = None
-    g: Traces = field(default_factory=dict)
-    q: Traces = field(default_factory=dict)
+    g: NodalTraces = field(default_factory=dict)
+    q: NodalTraces = field(default_factory=dict)
 
     def scaled(self, load: float, value: float, flux: float) -> Nodal:
         """The same in other units of f, g and q; places t stay."""
@@ -70,7 +70,7 @@ class Nodal:
         return replace(self, f=None if self.f is None else self.f / load, g=g, q=q)
 
 
-def cuts(of: Traces) -> Iterable[Singular]:
+def cuts(of: NodalTraces) -> Iterable[Singular]:
     """The nodes inside the sides of traces."""
     return [Singular(side, t, 1) for side, each in of.items() for t in each.cuts.tolist()]
 
@@ -111,7 +111,7 @@ def at_nodes(mesh: Mesh | None, given: Array, where: str, read: Index | None = N
     return values
 
 
-def trace(mesh: Mesh | None, given: Array, side: int, where: str) -> Trace:
+def trace(mesh: Mesh | None, given: Array, side: int, where: str) -> NodalTrace:
     """The values on a side; those at other nodes are not read. Raises InputError as `at_nodes`."""
     if mesh is None:
         at_nodes(None, given, where)
@@ -120,4 +120,4 @@ def trace(mesh: Mesh | None, given: Array, side: int, where: str) -> Trace:
     nodes = np.append(mesh.boundary[edges], mesh.boundary[(edges[-1] + 1) % len(mesh.boundary)])
     polygon = mesh.polygon
     t = np.append((mesh.s[edges] - polygon.starts[side]) / polygon.lengths[side], 1.0)
-    return Trace(t, at_nodes(mesh, given, where, nodes)[nodes])
+    return NodalTrace(t, at_nodes(mesh, given, where, nodes)[nodes])

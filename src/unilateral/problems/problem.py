@@ -17,7 +17,7 @@ from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import on_sides, places
 from unilateral.problems.formula_range import range_in
-from unilateral.problems.nodal import Nodal, Traces, cuts
+from unilateral.problems.nodal import Nodal, NodalTraces, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
 
@@ -75,7 +75,9 @@ class Problem:
         """q as `obstacle_model` has g."""
         return self._on_sides(self.q, self.nodal.q, side, t)
 
-    def _on_sides(self, formulas: tuple[Expression, ...], traces: Traces, side: Index, t: Model) -> Model:
+    def _on_sides(
+        self, formulas: tuple[Expression, ...], traces: NodalTraces, side: Index, t: Model
+    ) -> Model:
         x, y = places(self.polygon, side, t)
         return on_sides(formulas, side, {"x": x, "y": y, "t": t}, traces)
 

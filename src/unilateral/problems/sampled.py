@@ -10,7 +10,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.nodal import Nodal, Traces
+from unilateral.problems.nodal import Nodal, NodalTraces
 from unilateral.problems.units import Units
 
 Function = Callable[[Array, Array], Array]
@@ -53,7 +53,7 @@ class Sampled:
         return self._on_sides(functions, self.nodal.q, "q", side, s)
 
     def _on_sides(
-        self, functions: Mapping[int, Function], traces: Traces, name: str, side: Index, s: Array
+        self, functions: Mapping[int, Function], traces: NodalTraces, name: str, side: Index, s: Array
     ) -> Array:
         points, numbers = self.polygon.at(side, s), np.zeros(len(s))
         for i in np.intersect1d(side, [*functions]).astype(int).tolist():
