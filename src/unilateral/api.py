@@ -26,6 +26,7 @@ from unilateral.accuracy.watch import Watch
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.formulas.decimals import up
 from unilateral.geometry.files import read_mesh
+from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import problem as problems
@@ -74,9 +75,31 @@ def Problem(
     return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q)
 
 
-def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
-    """The triangles in a file of any of meshio's formats; by default their boundary is the polygon."""
-    return read_mesh(path, polygon)
+def mesh(
+    given: object,
+    triangles: ArrayLike | None = None,
+    *,
+    polygon: Polygon | None = None,
+    halvings: int = 0,
+) -> Mesh:
+    """Triangles of one's own: points (n, 2) with `triangles` (m, 3), or a file of any of meshio's formats.
+
+    A mesh of meshio, of scikit-fem or a triangulation of matplotlib will do as well, and so will a mesh that
+    this function gave. Triangles may run either way round; third coordinates have to be 0. The boundary is
+    the polygon, if none is given: it has a vertex wherever the boundary turns.
+
+    All edges are then halved `halvings` times; the polygon stays. On a mesh of a disc each boundary edge is a
+    side of its own. A multiplier is unique if each side has two edges or more, as it has after one halving.
+    Raises InputError for what is no triangulation of a polygon.
+
+    >>> import unilateral as ul
+    >>> mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)], halvings=1)
+    >>> mesh.points.shape, mesh.triangles.shape, mesh.polygon.n_sides
+    ((9, 2), (8, 3), 4)
+    """
+    of_file = isinstance(given, str | os.PathLike) and triangles is None
+    found = read_mesh(given, polygon) if of_file else mesh_from(given, triangles, polygon)  # type: ignore[arg-type]
+    return halved(found, halvings)
 
 
 def solve(

@@ -45,7 +45,8 @@ class Solver:
 
     >>> import unilateral as ul
     >>> solver = ul.Solver([(0, 0), (1, 0), (1, 1), (0, 1)], h=1 / 16, H=1 / 8)
-    >>> [round(solver(f=-1, g=f"x - 1 - {depth}").contact.length, 3) for depth in (0, 0.5, 1)]
+    >>> [round(solver(f=-1, g=-depth).forces().whole.value, 3) for depth in (0, 0.5, 1)]
+    [0.967, 0.483, 0.0]
     """
 
     def __init__(
