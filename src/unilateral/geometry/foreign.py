@@ -70,8 +70,8 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
         mask = getattr(given, "mask", None)
         return np.column_stack([given.x, given.y]), given.triangles[... if mask is None else ~mask]
     raise InputError(
-        f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or a "
-        "mesh of meshio, scikit-fem or matplotlib"
+        f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or "
+        "a mesh of meshio, scikit-fem or matplotlib"
     )
 
 
