@@ -63,9 +63,15 @@ def Problem(
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
-    are formulas in x and y, as in a problem file, or functions of two arrays. Where one of them is a function
-    nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. Raises
-    InputError as for a problem file.
+    are formulas in x and y, as in a problem file, functions of two arrays, or arrays. Where one of them is a
+    function nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for.
+
+    An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
+    stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
+    q the values at other nodes than those of their sides are not read. The problem is solved on that mesh,
+    so `solve` takes H only.
+
+    Raises InputError as for a problem file, and for an array that does not fit the mesh.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides

@@ -41,7 +41,8 @@ class Solver:
 
     The mesh, its levels or the factors of its matrix, the partition and the coupling of both are made once.
     A call makes the loads of what it is given, and iterates. It never begins at an earlier solution, so that
-    the same arguments give the same solution bit for bit, in whatever order.
+    the same arguments give the same solution bit for bit, in whatever order. `mesh` and `partition` are those
+    of all solutions.
 
     >>> import unilateral as ul
     >>> solver = ul.Solver([(0, 0), (1, 0), (1, 1), (0, 1)], h=1 / 16, H=1 / 8)
