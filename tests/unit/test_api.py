@@ -254,8 +254,8 @@ def test_bounds_that_contradict_each_other_are_none():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({}, "solve needs h and H, or an accuracy; H is missing"),
-        ({"H": 1 / 8}, "h is missing"),
+        ({}, "h and H are needed, and H is missing; ul.solve takes an accuracy in their place"),
+        ({"H": 1 / 8}, "and h is missing"),
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
         ({"h": "1/x", "H": 1 / 8}, "h: 'x' is unknown"),
         ({"h": [1], "H": 1 / 8}, "h is [1]; it has to be a number, or a text such as '1/64'"),

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Number
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -163,14 +164,14 @@ def with_data(
         return sampled
     formulas = _formula(of_f), tuple(map(_formula, of_g)), tuple(map(_formula, of_q))
     found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], **common)
-    if isinstance(of, Problem):  # what is known of the fields that stay
-        same = {"range_of_f": f, "enclosed_flux": q}
-        vars(found).update({name: getattr(of, name) for name, new in same.items() if new is None})
+    if isinstance(of, Problem) and q is None:
+        vars(found)["enclosed_flux"] = of.enclosed_flux
     problem_file.check(found, name)
     return found
 
 
 def _read_f(given: Given, mesh: Mesh | None, where: str) -> Read | Array:
+    _check(given, where)
     if nodal.is_array(given):
         return nodal.at_nodes(mesh, given, where)
     return given if callable(given) else problem_file.formula(given, where)
@@ -182,6 +183,8 @@ def _read_sides(
     """(n sides,) g or q on each side, 0 on those that have none; one is for all sides."""
     listed = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else None
     where, n, free = f"{of.name}, field {field}", of.polygon.n_sides, of.free_sides
+    for each in [given] if listed is None else listed:
+        _check(each, where)
     # The same checks of sides as for formulas, with a number in place of the others.
     numbers = [_placeholder(each) for each in ([given] if listed is None else listed)]
     formulas = problem_file.on_sides(
@@ -195,6 +198,17 @@ def _read_sides(
         elif callable(each):
             found[side] = each
     return found
+
+
+def _check(given: object, where: str) -> None:
+    """Raises InputError for what is no formula, no function and no array."""
+    if given is None or isinstance(given, str | Number) or callable(given) or nodal.is_array(given):
+        return
+    if not hasattr(given, "__array__"):  # of no dimension: a number
+        raise InputError(
+            f"{where}: it is {shown(repr(given))}; it has to be a formula, a function or an array of values "
+            "at nodes"
+        )
 
 
 def _placeholder(given: Given | Sequence[Given]) -> object:

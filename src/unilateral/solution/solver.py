@@ -15,12 +15,15 @@ from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.loads import Load, load_of
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.fem.spaces import DualOperator, MixedSpaces
+from unilateral.formulas.expression import Expression
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import is_case
+from unilateral.problems.data import Data, is_case
 from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem_of, to_be_given, with_data
+from unilateral.problems.problem import Problem
+from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
@@ -82,6 +85,7 @@ class Solver:
         sizes = number("h", h), number("H", H)
         self.mesh, self.partition = sized(self.problem.polygon, *sizes, given, self.stop)
         self._data = scaled(self.problem)
+        self._last: tuple[Expression, Load] | None = None
         on = self._data.polygon
         self._spaces = cheapest(
             meshes.similar(self.mesh, on),
@@ -142,8 +146,17 @@ class Solver:
         data = self._data if problem is self.problem else scaled(problem)
         if is_case(data):
             return problem, discretised(data, self._spaces)  # with its exact solution
-        load = self._load if f is None else load_of(data, self._spaces.mesh)
+        load = self._load if f is None else self._load_of(problem, data)
         return problem, discretised(data, self._spaces, load)
+
+    def _load_of(self, problem: AnyProblem, data: Data | Sampled) -> Load:
+        """The load of an f that is given. That of a formula is kept for calls with the same one."""
+        formula = problem.f if isinstance(problem, Problem) and problem.nodal.f is None else None
+        if formula is None:
+            return load_of(data, self._spaces.mesh)
+        if self._last is None or self._last[0] != formula:
+            self._last = formula, load_of(data, self._spaces.mesh)
+        return self._last[1]
 
     def _with(self, f: Given, g: Given | Sequence[Given], q: Given | Sequence[Given]) -> AnyProblem:
         of = self.problem

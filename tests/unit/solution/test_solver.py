@@ -80,6 +80,23 @@ def test_what_belongs_to_the_mesh_is_made_once(way, counts):
     assert again == once["condensations"] + once["hierarchies"] + 2
 
 
+def test_the_load_of_a_formula_is_made_once_while_it_stays(counts):
+    """But not that of a function, which may give other values each time, nor that of an array."""
+    of = ul.Solver(KITE, h=1 / 8, H=1 / 4)
+    for f, loads in (("x", 1), ("x", 1), ("x + 0", 1), ("2*x", 2), ("x", 3)):
+        of(f, 0)
+        assert counts["loads of f"] == loads
+    factor = 1.0
+    function = lambda x, y: factor * x - 3  # noqa: E731
+    first = of(function, 0).u
+    factor = 2.0
+    assert np.abs(of(function, 0).u - first).max() > 0.01
+    array = of.mesh.points[:, 0] - 3
+    first = of(array, 0).u
+    array *= 2
+    assert np.abs(of(array, 0).u - first).max() > 0.01
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_each_call_is_a_solve_of_its_own_bit_for_bit(way):
     """Whatever was solved before, and in whatever order."""
