@@ -145,8 +145,6 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
 
     What is known on a mesh `before`, from which this one was refined, is kept where that is enough.
     """
-    if data.f_at_nodes is not None:
-        return linear(mesh, data.f_at_nodes)
     n = len(mesh.triangles)
     source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((2, n))), None, Sums()
     if before:

@@ -56,6 +56,7 @@ class Problem:
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        assert self.nodal.f is None  # in whose place the formula is 0
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
