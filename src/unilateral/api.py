@@ -78,6 +78,8 @@ def Problem(
     (1,)
     """
     of = bare(polygon, free_sides, k, c, name)
+    if f is None:
+        raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
     return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q)
 
 

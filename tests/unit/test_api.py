@@ -328,6 +328,8 @@ def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
     ("fields", "message"),
     [
         ({"f": "x+"}, "problem, field f: 'x+' is not a formula in x, y"),
+        ({"f": None}, "problem, field f: there is no formula; write 0 where there is none"),
+        ({"g": None}, "there is no formula, and side 0 is not free"),
         ({"g": [0, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"g": [abs, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"f": abs, "free_sides": [7]}, "problem, field free_sides: the polygon has the sides 0 to 3, not 7"),
