@@ -43,6 +43,7 @@ from unilateral.problems.scaled import scaled
 from unilateral.solution.certificate import SIZE, relative
 from unilateral.solution.solution import Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -75,6 +76,7 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
+    require("cases with known solutions need", "sympy")
     from unilateral.problems import (
         case as cases,  # sympy, on which they rest, takes longer than a small problem
     )

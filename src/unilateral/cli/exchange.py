@@ -25,6 +25,8 @@ from unilateral.problems.case import Case
 from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
+PAGES = {".html": ["matplotlib"], ".htm": ["matplotlib"]}
+"""The endings of pages with plots, and what draws these."""
 
 
 def export(
@@ -66,7 +68,7 @@ def score(
 ) -> int:
     """Print the errors, rates and faults of another solver's solutions; the exit code."""
     if html is not None:
-        check_target(html, (".html", ".htm"))
+        check_target(html, PAGES)
     case, levels = exported(folder)
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(

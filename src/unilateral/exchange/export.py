@@ -31,7 +31,7 @@ from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
-from unilateral.solution.tables import of_cells
+from unilateral.solution.tables import of_cells, write_csv
 from unilateral.system.files import hidden_beside, write_netcdf
 
 LEVEL_FILES = {
@@ -115,7 +115,7 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
         write_mesh(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
     g_mean = np.where(held_cells(case, cells), cell_means(case, cells).g_means, np.nan)
-    of_cells(cells, g_mean=g_mean).to_csv(folder / "partition.csv", index=False)
+    write_csv(of_cells(cells, g_mean=g_mean), folder / "partition.csv")
     write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")
 
 

@@ -18,6 +18,7 @@ from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import anticlockwise, boundary_edges, check_arrays
 from unilateral.system.files import replacing
+from unilateral.system.optional import require
 
 STRAIGHT = 1e-9
 """A boundary runs straight on if the sine of the angle by which it turns is at most this."""
@@ -40,6 +41,7 @@ def write_mesh(
     side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
+    require("files of meshes need", "meshio")
     import meshio
 
     n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
@@ -84,6 +86,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
 
     If no polygon is given, it is the one that the triangles' boundary forms.
     """
+    require("files of meshes need", "meshio")
     import meshio
 
     try:
@@ -134,6 +137,7 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
     Raises InputError, with the file, for what cannot be read, cells that do not join, and as `from_points`.
     """
+    require("files of cells need", "pandas")
     import pandas as pd
 
     try:
