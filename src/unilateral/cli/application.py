@@ -11,7 +11,7 @@ import click
 from unilateral.cli.command import DOES_NOT_HOLD, NOT_CONVERGED, Command, said
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
-from unilateral.system.optional import lacking, line
+from unilateral.system.optional import lacking, wanted
 
 NAME = "unilateral"
 COMPLETE = "_UNILATERAL_COMPLETE"
@@ -32,7 +32,7 @@ PACKAGES = {
     "export": ("sympy", "meshio", "pandas", "xarray"),
     "score": ("sympy", "gmsh", "meshio", "pandas", "xarray"),
     "infsup": ("gmsh",),
-    "claims": ("netCDF4", "xarray"),
+    "claims": ("sympy", "netCDF4", "pandas", "xarray"),
 }
 """The optional packages without which a command can do nothing."""
 
@@ -60,7 +60,7 @@ class Application(Command, click.Group):
 def _needed(name: str) -> str:
     """What has to be installed before a command can be used."""
     missing = lacking(*PACKAGES.get(name, ()))
-    return f"; needs {line(*missing)}" if missing else ""
+    return f" (needs {wanted(*missing)})" if missing else ""
 
 
 def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

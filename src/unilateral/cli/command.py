@@ -58,7 +58,7 @@ class Command(click.Command):
             raise
 
     def invoke(self, ctx: click.Context) -> Any:
-        require(f"{ctx.command_path} needs", *self.packages)
+        require(f"'{ctx.command_path}' needs", *self.packages)
         return super().invoke(ctx)
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:

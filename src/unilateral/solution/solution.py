@@ -63,7 +63,9 @@ ENDINGS = {
     ".csv": [],
     ".nc": ["netCDF4", "xarray"],
     ".json": [],
-    **dict.fromkeys((".svg", ".png", ".pdf"), ["matplotlib"]),
+    ".svg": ["matplotlib"],
+    ".png": ["matplotlib"],
+    ".pdf": ["matplotlib"],
 }
 """The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
 ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
@@ -228,7 +230,7 @@ class Solution:
 
         return pd.DataFrame(self._columns())
 
-    def _columns(self) -> dict[str, Array]:
+    def _columns(self) -> tables.Columns:
         return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
 
     def certificate(self) -> dict[str, Any]:

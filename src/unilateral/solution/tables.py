@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.system.optional import require
@@ -17,6 +17,7 @@ from unilateral.system.optional import require
 if TYPE_CHECKING:
     import xarray as xr
 
+Columns = Mapping[str, Array | Index]
 LONG_NAMES = {
     "u": "u_h at the nodes",
     "x": "x of the nodes",
@@ -34,7 +35,7 @@ LONG_NAMES = {
 }
 
 
-def of_cells(partition: Partition, **values: Array) -> dict[str, Array]:
+def of_cells(partition: Partition, **values: Array) -> Columns:
     """Columns (m,) of the cells: side, the arc lengths and places of both ends, and the `values` on them."""
     s, (start, end) = partition.points, partition.ends
     return {
@@ -49,7 +50,7 @@ def of_cells(partition: Partition, **values: Array) -> dict[str, Array]:
     }
 
 
-def write_csv(columns: Mapping[str, Array], path: Path) -> None:
+def write_csv(columns: Columns, path: Path) -> None:
     """Writes columns (m,), each number with all its digits, and nothing for NaN."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -58,7 +59,7 @@ def write_csv(columns: Mapping[str, Array], path: Path) -> None:
         writer.writerows([["" if each != each else each for each in row] for row in rows])
 
 
-def dataset(mesh: Mesh, u_h: Array, cells: Mapping[str, Array], attributes: dict[str, float]) -> xr.Dataset:
+def dataset(mesh: Mesh, u_h: Array, cells: Columns, attributes: dict[str, float]) -> xr.Dataset:
     """u_h (n,) on its mesh, and the columns of `of_cells`, by the CF conventions."""
     require("datasets need", "xarray")
     import xarray as xr

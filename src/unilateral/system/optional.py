@@ -29,7 +29,7 @@ def require(task: str, *packages: str) -> None:
     missing = lacking(*packages)
     if missing:
         named = " and ".join(filter(None, [", ".join(missing[:-1]), missing[-1]]))
-        raise InputError(f"{task} {named}; type: {line(*missing)}")
+        raise InputError(f"{task} {named}; type: pip install '{wanted(*missing)}'")
 
 
 def lacking(*packages: str) -> list[str]:
@@ -37,10 +37,10 @@ def lacking(*packages: str) -> list[str]:
     return sorted(name for name in {*packages} if find_spec(name) is None)
 
 
-def line(*packages: str) -> str:
-    """What to type to get these packages.
+def wanted(*packages: str) -> str:
+    """This project with the extras that bring these packages.
 
-    >>> line("gmsh", "xarray", "pandas")
-    "pip install 'unilateral[files,mesh]'"
+    >>> wanted("gmsh", "xarray", "pandas")
+    'unilateral[files,mesh]'
     """
-    return f"pip install 'unilateral[{','.join(sorted({EXTRAS[name] for name in packages}))}]'"
+    return f"unilateral[{','.join(sorted({EXTRAS[name] for name in packages}))}]"
