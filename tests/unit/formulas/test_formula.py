@@ -385,7 +385,7 @@ WRITTEN = {
 
 @pytest.mark.parametrize(("wanted", "typed"), WRITTEN.items())
 def test_a_formula_is_written_so_that_it_could_be_typed(wanted, typed):
-    """What is read again is the same formula; by hand: terms below 0 last, a rational number last of the others."""
+    """By hand: terms below 0 last, a rational number last of the others. It is read as the same formula."""
     found = parse(typed, "xy", "f")
     assert str(found) == wanted
     assert parse(str(found), "xy", "f") == found
