@@ -81,7 +81,8 @@ def score(
     verdict = scores.verdict(scored, rates)
     if html is not None:
         with replacing(html) as temporary:
-            temporary.write_text(load("unilateral.exchange.page").page(case, scored, rates), encoding="utf-8")
+            page = load("unilateral.exchange.page").page(case, scored, rates)
+            temporary.write_text(page, encoding="utf-8", newline="\n")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))

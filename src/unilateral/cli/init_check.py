@@ -39,8 +39,9 @@ def init(name: str) -> None:
     if Path(name).exists():
         raise InputError(f"{name} is there already; name another file")
     template = resources.files("unilateral.problems") / "template.yaml"
+    text = template.read_text(encoding="utf-8").replace("FILE", name)
     with replacing(name) as temporary:
-        temporary.write_text(template.read_text(encoding="utf-8").replace("FILE", name), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def check(name: str, picture: str | None) -> str:

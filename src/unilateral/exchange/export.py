@@ -82,10 +82,10 @@ def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> Non
         counts = {"nodes": mesh.n_nodes, "cells": cells.n_cells}
         sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
     found = _problem(case) | {"levels": sizes}
-    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8", newline="\n")
     declaration = yaml.safe_dump(dict(case.declaration), allow_unicode=True, sort_keys=False)
-    (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8")
-    (folder / "README.md").write_text(_readme(case, found), encoding="utf-8")
+    (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8", newline="\n")
+    (folder / "README.md").write_text(_readme(case, found), encoding="utf-8", newline="\n")
 
 
 def _problem(case: Case) -> dict[str, Any]:
