@@ -30,7 +30,7 @@ COMMANDS = {
 PACKAGES = {
     "cases": ("sympy",),
     "export": ("sympy", "meshio", "pandas", "xarray"),
-    "score": ("sympy", "gmsh", "meshio", "pandas", "xarray"),
+    "score": ("sympy", "meshio", "pandas", "xarray"),
     "infsup": ("gmsh",),
     "claims": ("sympy", "netCDF4", "pandas", "xarray"),
 }
