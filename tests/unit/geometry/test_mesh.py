@@ -1,11 +1,13 @@
 """Triangulations: what theory says of any of them, and a negative control for every check."""
 
+import re
 import sys
 import threading
 
 import gmsh
 import numpy as np
 import pytest
+from conftest import ROOT
 from nested import SLANTED
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -309,6 +311,20 @@ def test_gaps_between_vertices_are_cut_into_parts_of_their_own():
     assert_allclose(edges[0::2], edges[1::2])
     assert edges.max() <= 1 / 6
     assert halved.n_nodes > mesh.n_nodes
+
+
+def test_a_gmsh_that_does_not_load_is_told_with_the_line_to_type(tmp_path, monkeypatch):
+    """As in a container without its system libraries, which set-up names, too."""
+    (tmp_path / "gmsh.py").write_text("raise OSError('libGLU.so.1: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in ("gmsh", "unilateral.geometry.triangulate"):
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises(
+        InputError, match=r"gmsh does not load \(libGLU.*; on Debian or Ubuntu type: "
+    ) as told:
+        unstructured(SLANTED, 1 / 2)
+    (libraries,) = re.findall(r'^libraries="(.*)"$', (ROOT / "setup.sh").read_text(), re.MULTILINE)
+    assert str(told.value).endswith(f"apt-get install {libraries}")
 
 
 def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
