@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
+import os
 import re
 import shutil
 import sys
@@ -15,6 +16,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import matplotlib as mpl
 import numpy as np
 from conftest import ROOT
 from documents import PAGES, blocks
@@ -22,7 +24,7 @@ from matplotlib.image import imread
 from reader import follow
 
 FOLDER = ROOT / "docs/pictures"
-SHOWN = re.compile(r"!\[[^\]]+\]\((?:docs/)?(?:\.\./)*pictures/(\w+\.svg)\)")
+SHOWN = re.compile(r"!\[[^\]]+\]\((?:docs/)?(?:\.\./)*pictures/([\w-]+\.svg)\)")
 LABEL = re.compile(r"<!-- (.+?) -->")
 IMAGE = re.compile(r"data:image/png;base64,\s*([^\"]+)")
 NUMBER = re.compile(r"\d+\.?\d*(?:e[+-]\d+)?")
@@ -80,7 +82,7 @@ def draw(names: Iterable[str]) -> None:
     """Writes these pictures into docs/pictures."""
     makers = {name: typed_on(name)[0] for name in names}
     for page in sorted(set(makers.values())):
-        with TemporaryDirectory() as folder:
+        with TemporaryDirectory() as folder, mpl.rc_context({"svg.hashsalt": "unilateral"}):
             follow(blocks(page), Path(folder))
             for name in (name for name, maker in makers.items() if maker == page):
                 shutil.copy(drawn(Path(folder), name), FOLDER / name)
@@ -88,4 +90,5 @@ def draw(names: Iterable[str]) -> None:
 
 
 if __name__ == "__main__":
+    os.environ["SOURCE_DATE_EPOCH"] = "0"  # matplotlib then writes the same bytes each time
     draw(sys.argv[1:] or sorted({name for page in PAGES for name in shown(page)}))

@@ -60,7 +60,7 @@ def follow(page: Iterable[Block], folder: Path) -> list[Block]:
     """
     page = list(page)
     everything = "".join(block.text for block in page)
-    printed, done = "", []
+    printed, done, names = "", [], {"__name__": "__main__"}
     with chdir(folder):
         for name in FOLDERS:
             if not Path(name).exists():
@@ -73,13 +73,13 @@ def follow(page: Iterable[Block], folder: Path) -> list[Block]:
             if block.reason is not None:
                 continue
             with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
-                RUN[block.kind](block, printed)
+                RUN[block.kind](block, printed, names)
             printed = printed if block.kind == "text" else out.getvalue() + err.getvalue()
             done.append(block)
     return done
 
 
-def commands(block: Block, _: str) -> None:
+def commands(block: Block, *_: object) -> None:
     for line in block.text.splitlines():
         if words := shlex.split(line, comments=True):
             program, *arguments = [name for word in words for name in sorted(glob.glob(word)) or [word]]
@@ -90,11 +90,12 @@ def python_file(arguments: list[str]) -> int:
     return subprocess.run([sys.executable, *arguments], timeout=120).returncode
 
 
-def program(block: Block, _: str) -> None:
-    exec(compile(block.text, place(block), "exec"), {"__name__": "__main__"})
+def program(block: Block, _: str, names: dict[str, object]) -> None:
+    """The programs of a page follow one another and know the same names."""
+    exec(compile(block.text, place(block), "exec"), names)
 
 
-def declaration(block: Block, _: str) -> None:
+def declaration(block: Block, *_: object) -> None:
     """A case or a problem; its first line may name its file."""
     name = re.match(r"# ([\w.]+\.yaml)\n", block.text)
     file = name[1] if name else "declared.yaml"
@@ -105,7 +106,7 @@ def declaration(block: Block, _: str) -> None:
         assert main(["check", file]) == 0, place(block)
 
 
-def output(block: Block, printed: str) -> None:
+def output(block: Block, printed: str, _: object) -> None:
     parts = [re.escape(part.strip()) for part in block.text.split("...")]
     assert re.search(".*".join(parts), printed, re.DOTALL), f"{place(block)}: printed was\n{printed}"
 

@@ -19,13 +19,15 @@ from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
+from unilateral.problems import given
+from unilateral.solution import matrices, solver
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 
 
-@pytest.mark.parametrize("module", [ul, api])
+@pytest.mark.parametrize("module", [ul, api, given, matrices, solver])
 def test_the_doctests_of_the_public_face_run(module):
     failed, tried = doctest.testmod(module)
     assert failed == 0
@@ -173,11 +175,16 @@ def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
 
 
 def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
-    """Nobody can give its h."""
+    """Nobody can give its h. Where each side has two edges it says to take larger cells, and that helps."""
     write_mesh(structured(square(), 1), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
+    alone = r"two edges of the mesh or more, and side 0 is one; take ul\.mesh\(mesh, halvings=1\)$"
+    with pytest.warns(ul.SolutionWarning, match=alone):
+        ul.solve(ul.Problem(mesh.polygon, f=-1, g=0), H=1, mesh=mesh)
+    finer = ul.mesh(mesh, halvings=1)
     with pytest.warns(ul.SolutionWarning, match="take larger cells, or refine the mesh at the boundary$"):
-        ul.solve(ul.Problem(mesh.polygon, f=-1, g=0), H=1 / 2, mesh=mesh)
+        ul.solve(ul.Problem(finer, f=-1, g=0), H=1 / 2)
+    assert ul.solve(ul.Problem(finer, f=-1, g=0), H=1).unique
 
 
 def test_an_iteration_that_did_not_converge_is_warned_of_once():
@@ -247,8 +254,8 @@ def test_bounds_that_contradict_each_other_are_none():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({}, "solve needs h and H, or an accuracy; H is missing"),
-        ({"H": 1 / 8}, "h is missing"),
+        ({}, "h and H are needed, and H is missing; ul.solve takes an accuracy in their place"),
+        ({"H": 1 / 8}, "and h is missing"),
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
         ({"h": "1/x", "H": 1 / 8}, "h: 'x' is unknown"),
         ({"h": [1], "H": 1 / 8}, "h is [1]; it has to be a number, or a text such as '1/64'"),
@@ -321,6 +328,8 @@ def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
     ("fields", "message"),
     [
         ({"f": "x+"}, "problem, field f: 'x+' is not a formula in x, y"),
+        ({"f": None}, "problem, field f: there is no formula; write 0 where there is none"),
+        ({"g": None}, "there is no formula, and side 0 is not free"),
         ({"g": [0, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"g": [abs, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"f": abs, "free_sides": [7]}, "problem, field free_sides: the polygon has the sides 0 to 3, not 7"),
