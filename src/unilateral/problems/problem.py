@@ -32,7 +32,8 @@ class Problem:
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
-    which is 0 on those that are not free; if `q` is empty, the flux is 0. What is enclosed is told by `Data`.
+    which is 0 on those that are not free; if `q` is empty, the flux is 0. The `title` is one line that says
+    what problem it is. What is enclosed is told by `Data`.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Problem:
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
+    title: str = ""
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:

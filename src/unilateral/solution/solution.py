@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +37,7 @@ from unilateral.system.files import check_target, replacing, write_netcdf
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -59,8 +60,6 @@ class Forces(NamedTuple):
 
 ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
 """The endings of the files that `Solution.save` writes."""
-ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
-"""The errors as a picture shows them."""
 
 
 def not_unique(mesh: Mesh, own: bool) -> str:
@@ -260,19 +259,19 @@ class Solution:
 
                 draw(self.plot(), temporary)
 
-    def plot(self) -> Figure:
-        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
-        from unilateral.solution.plot import figure, settled
+    @overload
+    def plot(self) -> Figure: ...
 
-        gap = settled(self.gap, self.multiplier) if self.converged else self.gap
-        adapted = self.solved.discrete.mesh.adapted
-        return figure(self.mesh, self.u, self.contact, gap, adapted, self._title())
+    @overload
+    def plot(self, ax: Axes) -> Axes: ...
 
-    def _title(self) -> str:
-        """The problem's name and, where an accuracy is certified, the bound."""
-        data = self.solved.discrete.data
-        name = data.name if data else self.polygon.name
-        if self.search is None or not self.certified:
-            return name
-        best = self.search.best
-        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {up(best.total, '.2g')}, guaranteed"
+    def plot(self, ax: Axes | None = None) -> Figure | Axes:
+        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted.
+
+        On the axes `ax` of a figure of your own only the first of these is drawn, and `ax` is returned.
+        Raises InputError if they are no plane axes of matplotlib.
+        """
+        from unilateral.solution.plot import figure, on_axes
+        from unilateral.solution.shown import shown
+
+        return figure(shown(self)) if ax is None else on_axes(ax, shown(self))
