@@ -31,22 +31,17 @@ MARGIN = 0.03
 """The margin around the domain, as a fraction of its size."""
 LEVELS = 12
 """At most this many levels of u_h have a line."""
-CONSTANT = 1e-12
-"""u_h that varies by less than this, relative to its size, is shown as a constant."""
 APART = 0.07
 """The numbers of sides are at least this fraction of the perimeter apart."""
 
 
 def domain(axes: Axes, of: Shown) -> None:
     """u_h with its lines of level, a colour bar of the panel's height, sides with numbers, and contact."""
-    u, least, size = of.u, float(of.u.min()), float(np.abs(of.u).max())
-    varies = float(np.ptp(u)) > CONSTANT * size
-    room = 0.0 if varies else (size or 1.0)
-    limits, triangles = Normalize(least - room, float(u.max()) + room), _triangulation(of)
-    field = axes.tripcolor(triangles, u, shading="gouraud", norm=limits, rasterized=True)
-    if varies:
-        axes.tricontour(triangles, u, LEVELS, colors="w", linewidths=0.5, alpha=0.6, linestyles="solid")
-    _bar(axes, field, "$u_h$").set_ticks(ticks() if varies else FixedLocator([least]))
+    triangles, colours = _triangulation(of), Normalize(*of.limits)
+    field = axes.tripcolor(triangles, of.u, shading="gouraud", norm=colours, rasterized=True)
+    if of.varies:
+        axes.tricontour(triangles, of.u, LEVELS, colors="w", linewidths=0.5, alpha=0.6, linestyles="solid")
+    _bar(axes, field, "$u_h$").set_ticks(ticks() if of.varies else FixedLocator([float(of.u[0])]))
     _outline(axes, of)
     axes.set(xlabel="x", ylabel="y", title=of.where)
     _fitted(axes, of)

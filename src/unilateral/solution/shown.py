@@ -10,7 +10,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Mask
 from unilateral.discrete.choice import bound_mb
-from unilateral.formulas.decimals import up
+from unilateral.formulas.decimals import between, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.solution.certificate import relative
 from unilateral.solution.contact import Contact
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 WHAT = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)"}
 IN_ENERGY = {"h1": "u in the energy norm", "hm12": "λ in the dual norm"}
 """What is bounded in the norm of an accuracy; the second one is for problems with k and c."""
+CONSTANT = 1e-12
+"""u_h that varies by less than this, relative to its size, is shown as a constant."""
 NO_BOUND = "no guaranteed bound on the error"
 
 
@@ -44,6 +46,18 @@ class Shown:
     obstacle: Array
     free: Mask
     flux: Array
+
+    @property
+    def varies(self) -> bool:
+        """Whether u_h is more than a constant up to rounding."""
+        return float(np.ptp(self.u)) > CONSTANT * float(np.abs(self.u).max())
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The values that colours span: those of u_h, or more about a constant."""
+        least, largest = float(self.u.min()), float(self.u.max())
+        room = 0.0 if self.varies else (max(-least, largest) or 1.0)
+        return least - room, largest + room
 
     @property
     def where(self) -> str:
@@ -105,6 +119,18 @@ def accuracy(solution: Solution) -> str:
         return text
     wanted = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
     return f"{text}; {wanted} was asked for"
+
+
+def force(solution: Solution, of: Shown) -> str:
+    """The force over the boundary in words, between guaranteed numbers where there is a bound."""
+    if of.accuracy in ("", NO_BOUND):
+        return ""
+    goal = solution.search.best.goal if solution.search else None
+    whole = solution.forces(goal is not None and goal.sharp).whole
+    guaranteed = between(whole.lower, whole.upper, ".4g", "and")
+    return (
+        f"force over the boundary, ∫λ: {whole.value:.4g}; the exact one is between {guaranteed}, guaranteed"
+    )
 
 
 def _share(bound: float, size: float) -> str:

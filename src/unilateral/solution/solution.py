@@ -58,7 +58,7 @@ class Forces(NamedTuple):
     sides: list[Force]
 
 
-ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
+ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf", ".html")
 """The endings of the files that `Solution.save` writes."""
 
 
@@ -238,8 +238,9 @@ class Solution:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
 
-        .json has the `certificate`; .svg, .png and .pdf the picture. In .vtu the boundary edges carry the
-        mean of lambda_H on each. Raises InputError for another ending.
+        .json has the `certificate`; .svg, .png and .pdf the picture; .html a page on which u_h is turned and
+        zoomed, in any browser and without a network. In .vtu the boundary edges carry the mean of lambda_H on
+        each. Raises InputError for another ending.
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
@@ -254,6 +255,10 @@ class Solution:
                 self.cells().to_csv(temporary, index=False)
             elif temporary.suffix == ".nc":
                 write_netcdf(self.dataset(), temporary)
+            elif temporary.suffix == ".html":
+                from unilateral.solution.interactive import page
+
+                temporary.write_text(page(self), encoding="utf-8")
             else:
                 from unilateral.solution.plot import draw
 
