@@ -23,7 +23,7 @@ COMMANDS = {
     "export": "write a case as files for another solver",
     "score": "judge another solver's solutions of such files",
     "infsup": "tell whether a mesh and a partition of one's own are stable",
-    "claims": "judge the paper's statements by the study's results",
+    "claims": "show the verdict on each of the paper's statements",
 }
 """Each command and what it is for."""
 

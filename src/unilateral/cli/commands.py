@@ -6,6 +6,8 @@ This module imports next to nothing. What takes long to import is imported when 
 
 from __future__ import annotations
 
+import sys
+from shutil import get_terminal_size
 from typing import Any
 
 import click
@@ -193,19 +195,34 @@ def infsup(ctx: click.Context, **options: Any) -> int:
 @option("--results", type=FOLDER, metavar="FOLDER", default="results", help="default results")
 @as_json
 def claims(claim: str | None, results: str, json: bool) -> int:
-    """Judge the paper's statements by the study's results, in the folder that `make` writes."""
+    """Show the verdict on each of the paper's statements, or judge one anew by the study's results.
+
+    Both need the folder of results that `make` writes.
+    """
+    found, text = _one(claim, results) if claim else _all(results)
+    say(load("unilateral.system.as_json").text({"claims": found}) if json else text)
+    return DOES_NOT_HOLD if any(each["holds"] is False for each in found) else 0
+
+
+def _all(results: str) -> tuple[list[dict[str, Any]], str]:
+    """The stored records of all claims, and the table of them."""
+    listing = load("unilateral.study.ledger.listing")
+    found = listing.stored(results)
+    width = get_terminal_size().columns if sys.stdout.isatty() else None
+    return [_record(each) for each in found], "\n".join(listing.table(found, width))
+
+
+def _one(claim: str, results: str) -> tuple[list[dict[str, Any]], str]:
+    """The record of a claim that is judged now, and everything about it."""
     judge, reports = (load(f"unilateral.study.ledger.{name}") for name in ("claims", "reports"))
     tables = load("unilateral.study.ledger.results").finished(results)
-    found = judge.judge(tables, [judge.find(claim)] if claim else None)
-    if json:
-        say(load("unilateral.system.as_json").text({"claims": [_record(each) for each in found]}))
-    else:
-        say(reports.explanation(found[0]) if claim else reports.summary(found))
-    return DOES_NOT_HOLD if any(each.counts_against for each in found) else 0
+    (found,) = judge.judge(tables, [judge.find(claim)])
+    return [_record(found.record())], reports.explanation(found)
 
 
-def _record(judgement: Any) -> dict[str, Any]:
-    """As stored, and whether it holds; the number that was required without its sign."""
-    required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
-    holds = None if judgement.evidence is None else judgement.holds
-    return judgement.record() | {"required": required, "holds": holds}
+def _record(stored: dict[str, Any]) -> dict[str, Any]:
+    """As stored, with the number that is required without its sign, and whether the claim holds."""
+    records, texts = (load(f"unilateral.study.ledger.{name}") for name in ("records", "texts"))
+    measured = not stored["verdict"].startswith(records.UNMEASURED)
+    holds = records.holds(stored["verdict"]) if measured else None
+    return stored | {"required": texts.required(stored), "holds": holds}

@@ -15,9 +15,10 @@ from typing import Any, TextIO
 from unilateral.system.signals import leave
 
 NAMES = {
-    "α": "alpha", "β": "beta", "γ": "gamma", "ε": "epsilon", "λ": "lambda", "μ": "mu", "ρ": "rho",
-    "σ": "sigma", "Λ": "Lambda", "Π": "Pi", "Ω": "Omega", "∂": "d", "‖": "||", "×": "x", "·": "*",
-    "–": "-", "°": " degrees",
+    "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "ε": "epsilon", "λ": "lambda", "μ": "mu",
+    "ν": "nu", "π": "pi", "ρ": "rho", "σ": "sigma", "τ": "tau", "ω": "omega", "Λ": "Lambda", "Π": "Pi",
+    "Σ": "sum ", "Ω": "Omega", "∂": "d", "‖": "||", "⟨": "<", "⟩": ">", "≤": "<=", "≥": ">=", "→": "->",
+    "×": "x", "·": "*", "√": "sqrt", "²": "^2", "–": "-", "°": " degrees",
 }  # fmt: skip
 """How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
 
