@@ -27,7 +27,7 @@ from unilateral.cli.command import (
     command,
     option,
 )
-from unilateral.cli.streams import load, say
+from unilateral.cli.streams import load, say, sized
 
 FORMATS = ("text", "json", "python", "ufl")
 
@@ -37,7 +37,7 @@ FORMATS = ("text", "json", "python", "ufl")
 def init(file: str) -> int:
     """Write a commented problem file to begin with."""
     load("unilateral.cli.init_check").init(file)
-    say(f"{file} is written; edit it, then: unilateral check {file}")
+    say(f"written: {file}, {sized(file)}; edit it, then type: unilateral check {file}")
     return 0
 
 
@@ -49,6 +49,8 @@ def init(file: str) -> int:
 def check(file: str, out: str | None) -> int:
     """Show what is understood of a problem file, before anything is solved."""
     say(load("unilateral.cli.init_check").check(file, out))
+    if out is not None:
+        say(f"  written     {out}, {sized(out)}")
     return 0
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 from unilateral import api
 from unilateral.cli.command import DOES_NOT_HOLD
-from unilateral.cli.streams import load, say
+from unilateral.cli.streams import load, say, sized
 from unilateral.discrete.choice import check_size
-from unilateral.errors import InputError
+from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.exported_folder import exported, foreign
@@ -47,7 +47,10 @@ def export(
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
     found = api.case(case, polygon, side, free_sides or ())
     exports.export(found, _coarsest(found, h, levels, mesh), H, levels, out)
-    say(f"{found.name}: {levels} levels in {out}")
+    say(f"{found.name}: {counted(levels, 'level')} in {out}")
+    for folder in (Path(out), *sorted(file for file in Path(out).iterdir() if file.is_dir())):
+        files = sorted(file for file in folder.iterdir() if file.is_file())
+        say(f"  {folder}: {', '.join(file.name for file in files)}; {sized(*files)}")
     return 0
 
 
@@ -86,6 +89,8 @@ def score(
     else:
         told = [*_table(scored), *_lines(rates), scores.at_boundary(scored), *scores.sentences(scored)]
         say("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
+        if html is not None:
+            say(f"  written: {html}, {sized(html)}")
     return 0 if scores.holds(scored, rates) else DOES_NOT_HOLD
 
 

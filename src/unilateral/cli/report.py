@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import NOT_ENCLOSED, Search
-from unilateral.cli.streams import as_options
+from unilateral.cli.streams import as_options, sized
+from unilateral.errors import counted
 from unilateral.formulas.decimals import between, down, up
 from unilateral.solution.certificate import SIZE, Bounds, relative
 
@@ -34,9 +36,13 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
-    """Rows for a reader; `doubt` is what is told of a lambda_H that may not be unique, else empty."""
-    steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
+def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float], doubt: str) -> str:
+    """Rows for a reader: what was found with its bounds.
+
+    `sizes` are lower bounds on the norms of the solution, by the names of norms. `doubt` is what is told of a
+    lambda_H that may not be unique, else empty.
+    """
+    steps = "" if _unknown(found["iterations"]) else f", after {counted(found['iterations'], 'step')}"
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
     algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
     rows = {
@@ -46,10 +52,10 @@ def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique)
     if bounds is not None:
-        of_u, of_lambda = (up(bound, DIGITS) for bound in (bounds.u, bounds.multiplier))
-        rows["guaranteed"] = f"{ERROR['h1']} <= {of_u}, {ERROR['hm12']} <= {of_lambda}"
-        adds = f"f, g and q enclosed, which adds {up(bounds.unknown, '.1e')}"
-        rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
+        rows["guaranteed"] = _bounded("h1", bounds.u, sizes["h1"])
+        rows["also guaranteed"] = _bounded("hm12", bounds.multiplier, sizes["hm12"])
+        enclosed = f"at most {up(bounds.unknown, '.1e')} for how closely f, g and q are enclosed"
+        rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"])
     for name, force in (found["forces"] or {}).items():
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
@@ -58,6 +64,20 @@ def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
+
+
+def _bounded(norm: str, bound: float, size: float) -> str:
+    """A bound on the error in a norm, and, where that is known to be `size` or more, on the relative one."""
+    text = f"{ERROR[norm]} <= {up(bound, DIGITS)}"
+    if size > 0:
+        share = up(relative(bound, size), ".3g")
+        text += f" <= {share} {SIZE[norm]}, {SIZE[norm]} >= {down(size, DIGITS)}"
+    return text
+
+
+def written(file: Path) -> str:
+    """The row of a file that was written."""
+    return f"  {'written':27} {file}, {sized(file)}"
 
 
 def _contact(found: dict[str, Any]) -> dict[str, str]:
@@ -116,10 +136,7 @@ def ending(search: Search) -> str:
     best, norm = search.best, search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    reached = f"{ERROR[norm]} <= {up(best.total, DIGITS)}"
-    if best.size > 0:
-        share = up(relative(best.total, best.size), ".3g")
-        reached += f" <= {share} {SIZE[norm]}, {SIZE[norm]} >= {down(best.size, DIGITS)}"
+    reached = _bounded(norm, best.total, best.size)
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)

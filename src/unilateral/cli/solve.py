@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unilateral import api
-from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
@@ -25,6 +26,7 @@ from unilateral.cli.report import (
     level_line,
     planned,
     table,
+    written,
 )
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
@@ -125,7 +127,11 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         say(head(printed))
     if not (options.json or found.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
-    say(as_json.text(printed) if options.json else table(printed, bounds, doubt))
+    if options.json:
+        say(as_json.text(printed))
+    else:
+        sizes = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
+        say(table(printed, bounds, sizes, doubt))
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED
@@ -153,12 +159,14 @@ def _targets(options: SimpleNamespace) -> list[Path]:
 
 
 def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) -> None:
-    """Writes the files; .json has what is printed by --json."""
+    """Writes the files, each told when it is there; .json has what is printed by --json."""
     for file in _targets(options):
         if file.suffix == ".json":
             as_json.write(printed, file)
         else:
             found.save(file)
+        if not options.json:
+            say(written(file))
 
 
 def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:

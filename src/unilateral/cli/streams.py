@@ -54,6 +54,16 @@ def _print(text: str, stream: TextIO) -> None:
     print(text, file=stream, flush=True)
 
 
+def sized(*files: str | os.PathLike[str]) -> str:
+    """The size of files together, such as 12 kB."""
+    size = float(sum(os.path.getsize(file) for file in files))
+    for unit in ("B", "kB", "MB"):
+        if size < 999.5:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"
+
+
 def load(module: str) -> Any:
     """Import a module. An interrupt ends it at once: some libraries make another error of it."""
     before = signal.signal(signal.SIGINT, leave)

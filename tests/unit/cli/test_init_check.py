@@ -16,7 +16,8 @@ SHELTER = str(ROOT / "examples/shelter.yaml")
 def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     """The commands in its first lines are the ones to type; control: a field less, and it is refused."""
     file = tmp_path / "my_problem.yaml"
-    assert run("init", str(file))[0] == 0
+    code, out, _ = run("init", str(file))
+    assert (code, out.split(", ")[0]) == (0, f"written: {file}")
     text = file.read_text(encoding="utf-8")
     named = rf"unilateral (check|solve) ({re.escape(str(file))})( --accuracy [0-9.]+)?"
     commands = re.findall(named, text)

@@ -10,6 +10,7 @@ from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
+from unilateral.cli.streams import sized
 from unilateral.discrete import condensed
 from unilateral.formulas.decimals import between, up
 from unilateral.norms.dual import dual_norm
@@ -155,6 +156,19 @@ def test_given_sizes_of_a_problem(run):
     assert "lambda_H||_0" not in out
 
 
+def test_relative_bounds_are_printed_where_the_size_is_known(run):
+    """As in JSON, and the size times the relative bound is the bound. lambda of no_contact is 0."""
+    _, found, _ = solve_json(run, "natural", *FINER)
+    _, out, _ = run("solve", "natural", *FINER)
+    for error, of, norm in (("u - u_h||_1", "u", "h1"), ("lambda - lambda_H||_-1/2", "lambda", "hm12")):
+        error, of = map(re.escape, (f"||{error}", f"||{of}||_{'1' if norm == 'h1' else '-1/2'}"))
+        ((bound, share, size),) = re.findall(rf"{error} <= (\S+) <= (\S+) {of}, {of} >= (\S+)\n", out)
+        assert share == up(found[f"{norm}_relative_bound"], ".3g")
+        assert float(share) * float(size) == pytest.approx(float(bound), rel=0.01)
+    _, out, _ = run("solve", "no_contact", *FINER)
+    assert re.search(r"\|\|lambda - lambda_H\|\|_-1/2 <= \S+\n", out)
+
+
 KEPT = {"solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg"}
 
 
@@ -168,6 +182,25 @@ def test_a_solution_is_kept(run, tmp_path):
     assert {file.name for file in tmp_path.iterdir()} == {"new", "a.csv", "b.png"}
     assert json.loads((folder / "certificate.json").read_text()) == found
     assert (folder / "boundary.csv").read_bytes() == extra[0].read_bytes()
+
+
+def test_every_file_that_is_kept_is_told_with_its_size(run, tmp_path):
+    """Not with --json, where one object is printed and nothing else: see above."""
+    files = [tmp_path / name for name in ("a.csv", "a.vtu")]
+    code, out, err = run("solve", "natural", *SIZES, *(part for file in files for part in ("-o", file)))
+    assert (code, err) == (0, "")
+    lines = [f"  written                     {file}, {sized(file)}" for file in files]
+    assert out.splitlines()[-2:] == lines
+    assert "written" not in run("solve", "natural", *SIZES)[1]
+
+
+@pytest.mark.parametrize(
+    ("size", "shown"), [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (12345, "12.3 kB"), (999_600, "1 MB")]
+)
+def test_sizes_have_three_digits(tmp_path, size, shown):
+    (tmp_path / "one").write_bytes(bytes(size // 2))
+    (tmp_path / "two").write_bytes(bytes(size - size // 2))
+    assert sized(tmp_path / "one", tmp_path / "two") == shown
 
 
 @pytest.mark.parametrize(

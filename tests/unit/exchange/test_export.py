@@ -1,6 +1,8 @@
 """A case as files: what they say is what the case is, and bad input leaves nothing behind."""
 
 import json
+import re
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -30,6 +32,17 @@ def folder(tmp_path_factory):
     arguments = ["--h", "1/8", "--H", "1/4", "--levels", "2", "--out", str(made)]
     assert main(["export", "natural", *arguments]) == 0
     return made
+
+
+def test_what_is_written_is_told_a_line_for_each_folder(run, tmp_path):
+    code, out, err = run("export", "natural", "--h", "1/8", "--H", "1/4", "--out", tmp_path / "new")
+    assert (code, err) == (0, "")
+    first, *lines = out.splitlines()
+    assert first == f"natural: 1 level in {tmp_path / 'new'}"
+    told = [re.fullmatch(r"  (.*): (.*); \S+ kB", line).groups() for line in lines]
+    assert {Path(of) / name for of, names in told for name in names.split(", ")} == {
+        file for file in (tmp_path / "new").rglob("*") if file.is_file()
+    }
 
 
 def test_a_case_without_closed_formulas_says_so():
