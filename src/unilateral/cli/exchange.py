@@ -40,7 +40,7 @@ def export(
 ) -> int:
     """Write a case as files; the exit code."""
     if problem_file.is_declared_in(case):
-        raise InputError(f"{case} declares a problem; only a case has the solution to score by")
+        raise InputError(f"{case} declares a problem; only a case has a known solution to compare with")
     if (h is None) == (mesh is None):
         raise InputError("export needs either --h or --mesh")
     if levels > MOST_LEVELS:
@@ -73,8 +73,8 @@ def score(
     case, levels = exported(folder)
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
-            f"--multiplier names {len(multipliers)} files for {len(solutions)} solutions; "
-            "repeat it, once for each of them"
+            f"--multiplier is given {counted(len(multipliers), 'time')} for "
+            f"{counted(len(solutions), 'solution')}; repeat it for each of them"
         )
     given = [foreign(levels, *each) for each in zip_longest(solutions, multipliers)]
     scored = [scores.score(case, each) for each in given]
@@ -133,5 +133,7 @@ def _table(scored: list[Scored]) -> Iterator[str]:
 def _lines(rates: dict[str, Rate]) -> Iterator[str]:
     """A line on the rate in each norm."""
     for norm, rate in rates.items():
-        numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
+        numbers = (
+            f"{rate.observed:.2f} ({counted(rate.pairs, 'pair')}), own {rate.own:.2f}, proved {rate.proved:g}"
+        )
         yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"

@@ -46,7 +46,7 @@ def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float],
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
     algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
     rows = {
-        "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
+        "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
         f"{found['algorithm']} {outcome}": algebraic,
     }
     if not _unknown(found["h1_error"]):
@@ -100,10 +100,12 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
     def number(key: str, written: Callable[[float, str], str] = format) -> str:
         return why if _unknown(found[key]) else written(found[key], DIGITS)
 
-    why = "none, for lambda is not in L2" if unique else "not judged, for beta is 0 to rounding"
+    why = (
+        "undefined, because lambda is not in L2" if unique else "not judged, because beta is 0 up to rounding"
+    )
     dual = f">= {number('hm12_error_lower', down)}" if unique else f" = {why}"
     if unique and _unknown(found["hm12_error_lower"]):
-        dual = " = left out, for it takes longer than the solve; in Python: s.errors"
+        dual = " is left out, because it takes longer than the solve; in Python: s.errors"
     if not _unknown(found["hm12_error_upper"]):
         dual += f", <= {number('hm12_error_upper', up)}"
     return {
@@ -142,10 +144,9 @@ def ending(search: Search) -> str:
     bound = best.solved.bound(best.goal.sharp)
     if bound and search.ended == NOT_ENCLOSED:
         return (
-            f"  NOT guaranteed, for {NOT_ENCLOSED}: {reached}, of which "
-            f"{up(bound.unknown, DIGITS)} is what is not known of them; "
-            f"{best.total - bound.unknown:{DIGITS}}, the rest, "
-            "is an estimate"
+            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {up(bound.unknown, DIGITS)} of this bound "
+            f"is for how closely they are enclosed, and the rest, {best.total - bound.unknown:{DIGITS}}, "
+            "is only an estimate"
         )
     needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""
     return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}"
@@ -173,16 +174,16 @@ def planned(name: str, search: Search, as_json: bool) -> str:
         found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}
         return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})
     if plan is None:
-        why = search.ended or "for nothing is known yet of the size of the solution or of the error"
+        why = search.ended or "because too little is known yet about the size of the solution or of the error"
         return f"  plan: unknown, {as_options(why)}"
     fits = f"; not within {', '.join(plan.missed)}" if plan.missed else ", within the limits"
     if plan.adapted:
-        why = "adapted meshes, for few triangles have most of the bound"
+        why = "adapted meshes, because a few triangles contribute most of the bound"
     elif refinement_pays(last):
-        why = "uniform meshes, for the norm, bound, mesh or algorithm that is asked for needs them"
+        why = "uniform meshes, because the norm, bound, mesh or algorithm that was asked for needs them"
     else:
-        why = "uniform meshes, for all triangles have much the same part of the bound"
-    rule = "H = 2h, for an edge that meets a cell may be at most half of it, or lambda_H may be unstable"
+        why = "uniform meshes, because all triangles contribute much the same to the bound"
+    rule = "H = 2h, because lambda_H may be unstable where edges are longer than half of a cell"
     return f"  plan: {amounts(plan)}{as_options(fits)}{_reach(search)}\n  {why}\n  {rule}"
 
 

@@ -94,7 +94,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
         raise InputError(f"{path}: no mesh can be read from this file ({reason})") from error
     foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
     if foreign:
-        raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
+        raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles can be read")
     points = np.asarray(content.points, dtype=float)
     blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
     if points.size == 0:
@@ -122,7 +122,9 @@ def outline(points: Array, triangles: Index, where: str) -> Polygon:
     while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
         line.append(int(after[line[-1]]))
     if len(line) < len(edges):
-        raise InputError(f"{where}: the triangles' boundary must be one closed line, for there are no holes")
+        raise InputError(
+            f"{where}: the triangles' boundary must be one closed line, because holes are not supported"
+        )
     corners = points[line]
     d, e = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     turns = np.abs(cross(d, e)) > STRAIGHT * np.hypot(*d.T) * np.hypot(*e.T)

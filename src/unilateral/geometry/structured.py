@@ -24,7 +24,7 @@ def structured(polygon: Polygon, h: float) -> Mesh:
     """
     if not _consists_of_squares(polygon):
         raise InputError(
-            f"polygon '{polygon.name}' has no structured mesh, for that its sides have to be parallel to the "
+            f"polygon '{polygon.name}' has no structured mesh, which needs sides that are parallel to the "
             "axes, between whole numbers; use an unstructured one"
         )
     n, halvings = int(square().counts(h)[0]), 0

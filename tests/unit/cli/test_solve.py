@@ -16,7 +16,7 @@ from unilateral.formulas.decimals import between, up
 from unilateral.norms.dual import dual_norm
 
 NOT_UNIQUE = (
-    "unilateral: lambda_H may not be unique, because beta is 0 to rounding; take h < H, such as H = 2h\n"
+    "unilateral: lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h\n"
 )
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
@@ -74,10 +74,10 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(run):
     """And beta is not what is to blame."""
     code, out, err = run("solve", "rough", *SIZES)
     assert (code, err) == (0, "")
-    dual, l2 = (line for line in out.splitlines() if "  ||lambda - lambda_H" in line)
+    dual, l2 = (line for line in out.splitlines() if line.startswith("  ||lambda - lambda_H"))
     assert ">= " in dual
     assert "<=" not in dual
-    assert l2.endswith("= none, for lambda is not in L2")
+    assert l2.endswith("= undefined, because lambda is not in L2")
     assert "beta" not in out
 
 
@@ -89,7 +89,7 @@ def test_where_beta_is_0_the_multiplier_is_not_judged(run):
     assert [key for key in KEYS if found[key] is None] == ["goal", "ended", "reach", "iterations", *of_lambda]
     assert found["h1_error"] == pytest.approx(condensed.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
-    assert out.count("not judged, for beta is 0 to rounding") == 2
+    assert out.count("not judged, because beta is 0 up to rounding") == 2
     assert "active_set converged" in out
     assert "steps" not in out
 
@@ -210,7 +210,7 @@ def test_sizes_have_three_digits(tmp_path, size, shown):
         (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
         (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
         (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
-        (("--dry-run", "--out", "new"), "a --dry-run has no solution that could be kept"),
+        (("--dry-run", "--out", "new"), "--dry-run computes no solution that could be written"),
     ],
 )
 def test_what_cannot_be_kept_is_told_before_the_solve(refused, tmp_path, monkeypatch, options, message):
@@ -281,6 +281,6 @@ def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch)
     monkeypatch.setattr("unilateral.cli.solve.available_mb", lambda: 2.0)
     sizes = "--h", "1/32", "--H", "1/16"
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
-    assert (code, err) == (0, "unilateral: no guaranteed bound, for it takes about 5 MB, and 2 MB are free\n")
+    assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")
     assert "guaranteed  " not in out
     assert "guaranteed  " in run("solve", "no_contact", *sizes)[1]

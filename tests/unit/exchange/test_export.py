@@ -170,7 +170,7 @@ def test_a_side_is_where_the_case_is(tmp_path):
 def test_a_folder_that_is_there_is_not_touched(folder, refused):
     before = sorted(folder.iterdir())
     said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", folder)
-    assert "is there already" in said
+    assert "exists already" in said
     assert sorted(folder.iterdir()) == before
 
 
@@ -193,7 +193,7 @@ def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, refu
 
     monkeypatch.setattr(exporting, "_write", overtaken)
     said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", out)
-    assert said == f"unilateral: {out} is there already; name a folder that is not\n"
+    assert said == f"unilateral: {out} exists already; name a new folder\n"
     assert [file.name for file in (*tmp_path.iterdir(), *out.iterdir())] == ["out", "problem.json"]
 
 
