@@ -229,7 +229,7 @@ def solve(
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `_told` tells it
             solved = cheapest(data, *on, stop).solved(stop)
         solved.forget()
-        return _told(Solution(solved, problem.polygon, problem.units), isinstance(mesh, Mesh))
+        return _told(Solution(solved, problem), isinstance(mesh, Mesh))
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
     if isinstance(problem, Sampled):
@@ -250,7 +250,7 @@ def solve(
     goal = Goal(accuracy, norm, **limits, sharp=sharp or norm == "hm12", absolute=absolute)
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
-    found = Solution(levels.best.solved, problem.polygon, problem.units, levels)
+    found = Solution(levels.best.solved, problem, levels)
     return found if dry_run else _told(found)
 
 

@@ -33,6 +33,17 @@ RECENT = 3
 """The time to enclose f, which hardly depends on the size, is taken to be the mean of so many last ones."""
 
 
+class Summary(NamedTuple):
+    """What is told of a level; sizes are those of the scaled domain."""
+
+    h: float
+    H: float
+    unknowns: int
+    multipliers: int
+    iterations: float
+    total_bound: float
+
+
 @dataclass(frozen=True, eq=False)
 class Level:
     """One solve towards a goal. Its `seconds` include those for its mesh, and `mb` is what it took at most.
@@ -60,6 +71,12 @@ class Level:
     def total(self) -> float:
         """The guaranteed bound on the error in the goal's norm."""
         return self.solved.total(self.goal.norm, self.goal.sharp)
+
+    @property
+    def summary(self) -> Summary:
+        discrete, result = self.solved.discrete, self.solved.result
+        sizes = discrete.mesh.h, self.partition.H, self.unknowns, len(discrete.cells)
+        return Summary(*sizes, result.iterations, self.total)
 
     @property
     def missed(self) -> float:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.local_bounds import LocalBound, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, enclosed
+from unilateral.errors import InputError
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -24,6 +26,7 @@ from unilateral.problems.obstacle_and_flux import Obstacle
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
+KEPT = "a copy of a solution, or one from a file, is not iterated on; solve its problem again"
 AIM = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
@@ -84,6 +87,44 @@ class DiscreteProblem(ABC):
         return
 
 
+class Facts(NamedTuple):
+    """What was found out when a problem was solved: see the properties of `DiscreteProblem`."""
+
+    unique: bool
+    beta: float
+    lambda_norm: float
+
+
+@dataclass(frozen=True, eq=False)
+class KeptProblem(DiscreteProblem):
+    """(P_h*) as copies and files of its solution keep it: with what bounds need, but not to be solved again."""
+
+    facts: Facts
+
+    @property
+    def unique(self) -> bool:
+        return self.facts.unique
+
+    @property
+    def beta(self) -> float:
+        return self.facts.beta
+
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """That of the solution."""
+        return self.facts.lambda_norm
+
+    def solved(self, stop: Stop) -> DiscreteSolution:
+        raise InputError(KEPT)
+
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> DiscreteSolution:
+        raise InputError(KEPT)
+
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        raise InputError(KEPT)
+
+
 @dataclass(frozen=True, eq=False)
 class DiscreteSolution:
     """u_h, and lambda_H on all cells; `result` is what the iteration found, with its algebraic bound."""
@@ -110,6 +151,27 @@ class DiscreteSolution:
     def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
         """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
         return self._sharp_bound if sharp else self._local_bound
+
+    def known(self, sharp: bool = False) -> bool:
+        """Whether the bounds are already computed."""
+        return ("_sharp_bound" if sharp else "_local_bound") in vars(self)
+
+    def kept(self, believed: bool = True) -> DiscreteSolution:
+        """The same without what solved it, and with the bounds that are already computed.
+
+        It has none if these are not `believed`.
+        """
+        of = self.discrete
+        facts = Facts(of.unique, of.beta, self.lambda_norm)
+        load = np.full(1, math.nan)
+        problem = KeptProblem(
+            of.mesh, of.partition, of.cells, load, of.g_means, facts, data=of.data if believed else None
+        )
+        found = replace(self, discrete=problem)
+        bounds = ("_local_bound", "_sharp_bound")
+        if believed:
+            vars(found).update({name: bound for name, bound in vars(self).items() if name in bounds})
+        return found
 
     @property
     def shares(self) -> Array:

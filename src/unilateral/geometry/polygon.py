@@ -12,6 +12,7 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
+from unilateral.system.copies import Rebuilt
 from unilateral.system.declarations import own
 
 MAX_VERTICES = 1000
@@ -25,7 +26,7 @@ MOST = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Rebuilt):
     """A simple polygon, not necessarily convex: the paper's Omega.
 
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the

@@ -56,6 +56,10 @@ class Case(KnownSolution):
     side: int = 0
     units: ClassVar[Units] = Units()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are made of the declaration."""
+        return declared_on, (self.declaration, self.name, self.polygon, self.side, self.free_sides)
+
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
 
@@ -206,7 +210,13 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
 
     Raises InputError for an unknown name, a declaration against the schema, or a polygon it is not for.
     """
-    declaration, name = declared(case)
+    return declared_on(*declared(case), polygon, side)
+
+
+def declared_on(
+    declaration: Mapping[str, Any], name: str, polygon: Polygon, side: int, free_sides: tuple[int, ...] = ()
+) -> Case:
+    """The case with that declaration; raises InputError as `load`. On `free_sides` lambda has to be 0."""
     where = f"case '{name}'"
     if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
         raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
@@ -215,7 +225,7 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
     constants = constants_of(declaration, polygon, where)
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
-    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), side=side)
+    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), free_sides, side)
 
 
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 from unilateral.arrays import Index
 from unilateral.formulas.exact_numbers import magnitude, rounded, sign
@@ -19,6 +21,7 @@ from unilateral.problems.data import on_sides, places
 from unilateral.problems.formula_range import range_in
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
+from unilateral.system.copies import Rebuilt
 
 FAR = 1e-100
 """Coefficients that differ by this factor make a line that is nowhere near, or a circle that is too large."""
@@ -28,11 +31,12 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
     which is 0 on those that are not free; if `q` is empty, the flux is 0. What is enclosed is told by `Data`.
+    `declaration` has the fields of a problem file that it was made of.
     """
 
     name: str
@@ -42,6 +46,7 @@ class Problem:
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
+    declaration: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
@@ -97,7 +102,8 @@ class Problem:
 
     def without_idle_sides(self) -> Problem:
         """The same problem without conditions on the sides that provably carry no contact."""
-        return replace(self, free_sides=tuple(sorted({*self.free_sides, *self.idle_sides()})))
+        free = tuple(sorted({*self.free_sides, *self.idle_sides()}))
+        return replace(self, free_sides=free, declaration={**self.declaration, "free_sides": [*free]})
 
     def idle_sides(self) -> tuple[int, ...]:
         """The sides, not free, that provably carry no contact: sup g < ess inf f / c = a there.

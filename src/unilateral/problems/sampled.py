@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.units import Units
+from unilateral.system.copies import Rebuilt
 
 Function = Callable[[Array, Array], Array]
 JUMP = 2.0**-26
@@ -21,11 +23,12 @@ This allows for functions that keep half of the digits.
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class Sampled(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
-    side. If `q` is empty, the flux is 0.
+    side. If `q` is empty, the flux is 0. `declaration` has the fields of a problem file, with 0 in place of the
+    functions.
     """
 
     name: str
@@ -35,6 +38,7 @@ class Sampled:
     free_sides: tuple[int, ...] = ()
     units: Units = field(default_factory=Units)
     q: tuple[Function, ...] = ()
+    declaration: Mapping[str, Any] = field(default_factory=dict)
 
     def source(self, points: Array) -> Array:
         """f (...) at points (..., 2); raises InputError where it is no finite number."""

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from unilateral.accuracy.level import Level
+from unilateral.accuracy.level import Summary
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.norms.dual import Errors
 from unilateral.solution.contact import Contact
@@ -82,7 +82,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "hm12_relative_bound": relative(bound_lambda, size_lambda),
         "enclosure": unknown,
         "total_bound": bound_lambda if norm == "hm12" else bound_u,
-        "levels": [_level(level, length) for level in search.done] if search else [],
+        "levels": [_level(level, length) for level in search.summaries] if search else [],
         "contact": _contact(solution.contact),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
@@ -94,15 +94,8 @@ def relative(bound: float, size: float) -> float:
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
 
 
-def _level(level: Level, length: float) -> dict[str, float]:
-    return {
-        "h": length * level.solved.discrete.mesh.h,
-        "H": length * level.partition.H,
-        "unknowns": level.unknowns,
-        "multipliers": len(level.solved.discrete.cells),
-        "iterations": level.solved.result.iterations,
-        "total_bound": level.total,
-    }
+def _level(level: Summary, length: float) -> dict[str, float]:
+    return level._asdict() | {"h": length * level.h, "H": length * level.H}
 
 
 def _contact(contact: Contact) -> dict[str, Any]:

@@ -39,6 +39,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from unilateral.problems.case import Case
+    from unilateral.problems.problem import Problem
+    from unilateral.problems.sampled import Sampled
+
+    AnyProblem = Case | Problem | Sampled
 
 ROUNDING = 4 * float(np.finfo(float).eps)
 """Rounding a number twice changes it by less than this, relative to the number."""
@@ -81,16 +86,28 @@ def not_converged(bound: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for.
+    """(u_h, lambda_H) of the `problem`; `search` holds the levels where an accuracy was asked for.
 
-    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's `units`, on
-    the user's `polygon`.
+    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's units, on
+    the user's polygon.
     """
 
     solved: DiscreteSolution
-    polygon: Polygon
-    units: Units
+    problem: AnyProblem
     search: Search | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
+        solved = self.solved.kept(self.search is None or bool(self.search.believed))
+        return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
+
+    @property
+    def polygon(self) -> Polygon:
+        return self.problem.polygon
+
+    @property
+    def units(self) -> Units:
+        return self.problem.units
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -146,8 +163,8 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        levels = [level.solved for level in self.search.done] if self.search else [self.solved]
-        return sum(level.result.iterations for level in levels)
+        levels = self.search.summaries if self.search else [self.solved.result]
+        return sum(level.iterations for level in levels)
 
     @property
     def converged(self) -> bool:
