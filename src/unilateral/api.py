@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,7 @@ from unilateral.accuracy.watch import Watch
 from unilateral.discrete.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.formulas.decimals import up
-from unilateral.formulas.formula import compile_numpy, parse, real
+from unilateral.formulas.formula import parse, real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import read_mesh
@@ -35,14 +36,15 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.problems import arguments, problem_file
 from unilateral.problems import problem as problems
-from unilateral.problems import problem_file
 from unilateral.problems.data import is_case
-from unilateral.problems.sampled import Function, Sampled, check_vertices
+from unilateral.problems.sampled import Function, OfFormula, Sampled, check_arguments, check_vertices
 from unilateral.problems.scaled import scaled
 from unilateral.solution.certificate import SIZE, relative
 from unilateral.solution.solution import Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
+from unilateral.system.files import path_of
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -63,7 +65,7 @@ def case(
     name: str | os.PathLike[str],
     polygon: str | Polygon | None = None,
     side: int = 0,
-    free_sides: Sequence[int] = (),
+    free_sides: Sequence[int] | None = (),
 ) -> Case:
     """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
 
@@ -80,21 +82,22 @@ def case(
     )
     from unilateral.problems.case_certificate import certify, with_free_sides
 
+    given = str(path_of(name, "natural"))
     if polygon is None:
-        polygons = cases.declared(str(name))[0]["polygons"]
+        polygons = cases.declared(given)[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
-    domain = problem_file.polygon_of(polygon) if isinstance(polygon, str) else polygon
-    found = cases.load(str(name), domain, side)
+    domain = (
+        polygon if isinstance(polygon, Polygon) else problem_file.polygon_of(str(path_of(polygon, "square")))
+    )
+    found = cases.load(given, domain, arguments.side(side, "side"))
     certify(found)
-    return with_free_sides(found, free_sides) if free_sides else found
+    free = arguments.sides(() if free_sides is None else free_sides, "free_sides")
+    return with_free_sides(found, free) if free else found
 
 
 def load(path: str | os.PathLike[str]) -> Case | problems.Problem:
     """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field."""
-    try:
-        name = os.fspath(path)
-    except TypeError:
-        raise InputError(f"{shown(repr(path))} is no path of a YAML file") from None
+    name = str(path_of(path, "problem.yaml"))
     return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
 
 
@@ -102,12 +105,12 @@ def Problem(
     polygon: Polygon | ArrayLike,
     f: Formula | Function,
     g: Given | Sequence[Given],
-    free_sides: Sequence[int] = (),
+    free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
     k: Coefficient = 1,
     c: Coefficient = 1,
-    q: Given | Sequence[Given] = 0,
+    q: Given | Sequence[Given] = None,
 ) -> problems.Problem | Sampled:
     """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that are not free.
 
@@ -117,34 +120,42 @@ def Problem(
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
     are formulas in x and y, as in a problem file, or functions of two arrays. Where one of them is a function
-    nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. Raises
+    nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A function
+    that takes one point at a time has to be given as `np.vectorize(function, otypes=[float])`. Raises
     InputError as for a problem file.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
     (1,)
     """
-    try:
-        vertices = np.asarray(polygon.vertices if isinstance(polygon, Polygon) else polygon, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}, field polygon: its vertices have to be pairs of numbers") from error
-    common = {"polygon": vertices.tolist(), "free_sides": list(free_sides), "k": k, "c": c}
+    if not isinstance(name, str) or not name:
+        raise InputError(f"name is {shown(repr(name))}; it has to be a text")
+    vertices = arguments.vertices(polygon, f"{name}, field polygon")
+    free = arguments.sides(() if free_sides is None else free_sides, f"{name}, field free_sides")
+    f, k, c = (
+        arguments.number(of, f"{name}, field {each}") for each, of in zip("fkc", (f, k, c), strict=True)
+    )
+    g, q = (
+        _each(of, partial(arguments.number, where=f"{name}, field {each}"))
+        for each, of in (("g", g), ("q", 0 if q is None else q))
+    )
+    common = {"polygon": vertices.tolist(), "free_sides": free, "k": k, "c": c}
     if not any(callable(each) for given in (f, g, q) for each in _listed(given)):
-        given = {"f": f, "g": _each(g, lambda each: each), "q": _each(q, lambda each: each)}
-        return problem_file.made(common | given, name)
+        return problem_file.made(common | {"f": f, "g": g, "q": q}, name, name)
     # The same checks of shapes and sides as for formulas, with numbers in place of the functions.
     numbers = {
         "g": _each(g, lambda each: None if each is None else 0),
         "q": _each(q, lambda each: 1 if callable(each) else each),
     }
-    checked = problem_file.made(common | {"f": 0} | numbers, name)
+    checked = problem_file.made(common | {"f": 0} | numbers, name, name)
     of_f, polygon = _function(f, f"{name}, field f"), Polygon(vertices, name)
     of_g, of_q = (
         [_function(each, f"{name}, field {field}[{i}]") for i, each in enumerate(_listed(given))]
         for field, given in (("g", g), ("q", q))
     )
     on_sides = (tuple(each * (polygon.n_sides // len(each))) for each in (of_g, of_q))
-    found = Sampled(name, polygon, of_f, next(on_sides), checked.free_sides, checked.units, next(on_sides))
+    known = checked.free_sides, checked.units
+    found = Sampled(name, polygon, of_f, next(on_sides), *known, next(on_sides), checked.declaration)
     check_vertices(found)
     return found
 
@@ -161,9 +172,9 @@ def _each(given: Given | Sequence[Given], change: Callable[[Given], Given]) -> G
 
 def _function(given: Given, where: str) -> Function:
     if callable(given):
+        check_arguments(given, where)
         return given
-    compiled = compile_numpy([parse(0 if given is None else given, ("x", "y"), where)], "xy")
-    return lambda x, y: compiled(x, y)[0]
+    return OfFormula(parse(0 if given is None else given, ("x", "y"), where))
 
 
 def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
@@ -219,9 +230,14 @@ def solve(
             f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as "
             "ul.mesh(path)"
         )
+    _check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
+    if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
+        raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
     if not isinstance(stop, Stop | None):
         raise InputError(f"stop is {shown(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)")
+    limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
     if accuracy is None:
+        _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=norm != NORMS[0])
         stop = stop or Stop()
         own_mesh, cells = _sizes(problem, h, H, mesh, stop)
         data = scaled(problem)
@@ -239,15 +255,14 @@ def solve(
             f"'{problem.name}': 'structured' is possible, but not with an accuracy if k and c differ; "
             "leave it out, or give h and H"
         )
-    if norm not in NORMS:
+    if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < math.inf:
         raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
-    given = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
-    limits = {name: _limit(name, limit) for name, limit in given.items()}
-    goal = Goal(accuracy, norm, **limits, sharp=sharp or norm == "hm12", absolute=absolute)
+    most = {name: _limit(name, limit) for name, limit in limits.items()}
+    goal = Goal(accuracy, norm, **most, sharp=sharp or norm == "hm12", absolute=absolute)
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
     found = Solution(levels.best.solved, problem, levels)
@@ -265,11 +280,29 @@ def _problem(given: object) -> AnyProblem:
     )
 
 
+def _check_flags(**flags: object) -> None:
+    for name, given in flags.items():
+        if not isinstance(given, bool | np.bool_):
+            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")
+
+
+def _check_sizes_alone(limits: Mapping[str, Size | None], **others: bool) -> None:
+    """Raises InputError for what only an accuracy has a use for."""
+    given = [name for name, limit in limits.items() if limit is not None]
+    given += [name for name, other in others.items() if other]
+    if given:
+        raise InputError(
+            f"{given[0]} is only for an accuracy; leave it out, or give an accuracy and no h and H"
+        )
+
+
 def _number(name: str, given: Size | None) -> float | None:
     """A number that may be a text, such as "1/64"."""
     if isinstance(given, str):
         return real(given, name)
     try:
+        if isinstance(given, bool):
+            raise TypeError
         return given if given is None else float(given)
     except (TypeError, ValueError, OverflowError):
         raise InputError(

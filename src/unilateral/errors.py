@@ -39,8 +39,8 @@ class StorageError(InputError):
 
 
 def shown(value: object) -> str:
-    """Input as a message quotes it: its beginning, if it is long."""
-    text = str(value)
+    """Input as a message quotes it: in one line, and its beginning if it is long."""
+    text = " ".join(str(value).split(None)) if "\n" in str(value) else str(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 

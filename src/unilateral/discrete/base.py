@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import Given, given
+from unilateral.bounds.boundary_flux import Given, edge_flux, given
+from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.local_bounds import LocalBound, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
@@ -27,6 +28,8 @@ from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 KEPT = "a copy of a solution, or one from a file, is not iterated on; solve its problem again"
+NO_LOAD = np.full(1, math.nan)
+"""In place of a load that is not kept: what is computed from it is NaN."""
 AIM = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
@@ -97,7 +100,7 @@ class Facts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KeptProblem(DiscreteProblem):
-    """(P_h*) as copies and files of its solution keep it: with what bounds need, but not to be solved again."""
+    """(P_h*) as copies and files of its solution keep it: with what bounds need, but not to be solved."""
 
     facts: Facts
 
@@ -156,17 +159,28 @@ class DiscreteSolution:
         """Whether the bounds are already computed."""
         return ("_sharp_bound" if sharp else "_local_bound") in vars(self)
 
+    @cached_property
+    def flux(self) -> Array | None:
+        """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
+        if self._given is None:
+            return None
+        source, _, cells, u_h, lambda_H, _, tau = self._given
+        sigma = edge_flux(source.mesh, cells, lambda_H)
+        return equilibrated(source.mesh, u_h, source.moments_on, sigma.ends + tau.ends)
+
+    @property
+    def facts(self) -> Facts:
+        """What was found out when the problem was solved."""
+        return Facts(self.discrete.unique, self.discrete.beta, self.lambda_norm)
+
     def kept(self, believed: bool = True) -> DiscreteSolution:
         """The same without what solved it, and with the bounds that are already computed.
 
         It has none if these are not `believed`.
         """
         of = self.discrete
-        facts = Facts(of.unique, of.beta, self.lambda_norm)
-        load = np.full(1, math.nan)
-        problem = KeptProblem(
-            of.mesh, of.partition, of.cells, load, of.g_means, facts, data=of.data if believed else None
-        )
+        data = of.data if believed else None
+        problem = KeptProblem(of.mesh, of.partition, of.cells, NO_LOAD, of.g_means, self.facts, data=data)
         found = replace(self, discrete=problem)
         bounds = ("_local_bound", "_sharp_bound")
         if believed:

@@ -108,7 +108,7 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
 
 
 def edges_between(of: Triangulation, ends: Int32) -> Int32:
-    """(k,) the edges with those ends (k, 2), which run as in the triangulation. Raises KeyError for others."""
+    """(k,) the edges that run between those nodes (k, 2). Raises KeyError where there is none."""
     keys, wanted = (each[:, 0].astype(np.int64) * of.n + each[:, 1] for each in (of.ends, ends))
     order = np.argsort(keys)
     found = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(order) - 1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.search import Search
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.bounds.forces import Force, forces
 from unilateral.discrete.base import DiscreteSolution
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.formulas.decimals import up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -25,14 +26,15 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
+from unilateral.problems import arguments
 from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
 from unilateral.solution import tables
 from unilateral.solution.certificate import Bounds, record
 from unilateral.solution.contact import Contact
-from unilateral.solution.evaluation import at_points
+from unilateral.solution.evaluation import flux, gradient, located, of_nodes
 from unilateral.system import as_json
-from unilateral.system.files import check_target, replacing, write_netcdf
+from unilateral.system.files import check_target, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,6 +86,16 @@ def not_converged(bound: float) -> str:
     return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
 
 
+def floats(given: ArrayLike, name: str) -> Array:
+    """Real numbers as an array. Raises InputError for what is none."""
+    try:
+        if np.iscomplexobj(given):
+            raise TypeError
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: {shown(repr(given))} has to be an array of real numbers") from None
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """(u_h, lambda_H) of the `problem`; `search` holds the levels where an accuracy was asked for.
@@ -98,7 +110,7 @@ class Solution:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
-        solved = self.solved.kept(self.search is None or bool(self.search.believed))
+        solved = self.solved.kept(self.believed)
         return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
 
     @property
@@ -140,18 +152,74 @@ class Solution:
         return Contact(self.partition, self.multiplier)
 
     def u_at(self, points: ArrayLike) -> Array:
-        """(k,) u_h at the points (k, 2), NaN outside the polygon. Raises InputError for another shape."""
-        places = np.asarray(points, dtype=float)
-        if places.ndim != 2 or places.shape[1] != 2:
-            raise InputError(f"points: their shape {places.shape} must be (k, 2), a row for each point")
-        return at_points(self.mesh, self.u, places)
+        """u_h at a point (2,) or at many (k, 2), as an array () or (k,); NaN outside the polygon.
+
+        Raises InputError for another shape.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> float(s.u_at(s.mesh.points[7])) == s.u[7], s.u_at([(1 / 3, 0), (2, 2)]).shape
+        (True, (2,))
+        """
+        return self._at(points, lambda of: of_nodes(self.mesh, self.u, of))
+
+    def grad_at(self, points: ArrayLike) -> Array:
+        """grad u_h at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside the polygon.
+
+        It jumps at edges. There, and at nodes, it is that on the triangle with the least number.
+        Raises InputError for another shape.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.grad_at((0.3, 0.2)).shape, s.grad_at([(0.3, 0.2), (1, 1)]).shape
+        ((2,), (2, 2))
+        """
+        return self._at(points, lambda of: gradient(self.mesh, self.u, of))
+
+    def flux_at(self, points: ArrayLike) -> Array:
+        """The equilibrated flux at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside.
+
+        It approximates k grad u, as `k * s.grad_at(points)` does, and more: its normal component has no jumps
+        and is lambda_H on the boundary, or its linear part on edges on which lambda_H is not constant, and
+        the q that is given on free sides, linear on edges. Its divergence has on every triangle the mean of
+        c u_h - f. It is the flux that the `bounds` rest on: k^(-1/2) times the L2 norm of its error is at
+        most `bounds.multiplier`. On each triangle it is linear. On edges it is taken as `grad_at`.
+
+        Raises InputError for another shape, and where f, g or q is a function.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> float(s.flux_at((0.3, 0))[1]) == -float(s.lambda_at(0, 0.3))
+        True
+        """
+        q, of_v = self.solved.flux, self.solved.discrete.mesh
+        if q is None:
+            raise InputError(
+                "there is no equilibrated flux, for f, g or q is a function; take k * s.grad_at(points)"
+            )
+        return self._at(points, lambda of: self.units.flux * flux(of_v, self.solved.u_h, q, of))
+
+    def _at(self, points: ArrayLike, at_corners: Callable[[Index], Array]) -> Array:
+        places = floats(points, "points")
+        if places.ndim not in (1, 2) or places.shape[-1] != 2:
+            raise InputError(
+                f"points: their shape {places.shape} must be (2,), a point, or (k, 2), a row for each point"
+            )
+        found = located(self.mesh, places.reshape(-1, 2)).values(at_corners)
+        return found.reshape((*places.shape[:-1], *found.shape[1:]))
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
         """lambda_H at the arc lengths t from the start of a side, in the shape of t; NaN beyond the side.
 
         Where two cells meet it is that of the later one. Raises InputError for a side that is not there.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.lambda_at(0, [0.3, 1.1]).tolist() == [s.multiplier[2], float("nan")]
+        False
         """
-        cells, polygon, s = self.partition, self.mesh.polygon, np.asarray(t, dtype=np.float64)
+        cells, polygon, s = self.partition, self.mesh.polygon, floats(t, "t")
+        side = arguments.side(side, "side")
         if not 0 <= side < polygon.n_sides:
             raise InputError(f"side {side}: the sides of '{polygon.name}' are 0 to {polygon.n_sides - 1}")
         of = np.flatnonzero(cells.side == side)
@@ -178,6 +246,11 @@ class Solution:
         After a search it is, because a search takes two edges or more in every cell.
         """
         return bool(self.search) or self.solved.discrete.unique
+
+    @property
+    def believed(self) -> bool:
+        """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
+        return self.search is None or bool(self.search.believed)
 
     @property
     def certified(self) -> bool:
@@ -214,7 +287,7 @@ class Solution:
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:
-        bound = self.solved.bound(sharp) if self.search is None or self.search.believed else None
+        bound = self.solved.bound(sharp) if self.believed else None
         return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
 
     def forces(self, sharp: bool = False) -> Forces:
@@ -271,7 +344,9 @@ class Solution:
             if temporary.suffix == ".csv":
                 self.cells().to_csv(temporary, index=False)
             elif temporary.suffix == ".nc":
-                write_netcdf(self.dataset(), temporary)
+                from unilateral.solution.stored import write
+
+                write(self, temporary)
             else:
                 from unilateral.solution.plot import draw
 

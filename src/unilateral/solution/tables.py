@@ -31,6 +31,18 @@ LONG_NAMES = {
 }
 
 
+FURTHER = {
+    "first_triangles": "nodes of the triangles of the first mesh, from 0",
+    "first_boundary": "nodes along the boundary of the first mesh, anticlockwise",
+    "first_s": "arc lengths of these nodes, and the perimeter, on the scaled domain",
+    "s": "arc lengths of the nodes along the boundary, and the perimeter, on the scaled domain",
+    "halved": "ends of the edges that were halved; the other nodes are their middles, in this order",
+    "halved_in_step": "how many edges were halved in each step",
+    "g_means": "means of g on the cells, scaled; 0 on free sides",
+}
+"""The variables that make the solution again, beside those of LONG_NAMES on the scaled domain."""
+
+
 def of_cells(partition: Partition, **values: Array) -> pd.DataFrame:
     """A row per cell: its side, the arc lengths and places of its ends, and the `values` (m,) on it."""
     import pandas as pd
@@ -48,6 +60,22 @@ def of_cells(partition: Partition, **values: Array) -> pd.DataFrame:
             **values,
         }
     )
+
+
+def group(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> xr.Dataset:
+    """The arrays that `stored` needs beside those of `dataset`."""
+    import xarray as xr
+
+    found = xr.Dataset({name: (_dimensions(name, of), of) for name, of in arrays.items()}, attrs=attributes)
+    for name, variable in found.variables.items():
+        meaning = FURTHER.get(str(name)) or f"{LONG_NAMES[str(name)]}, scaled"
+        variable.attrs = {"long_name": meaning, "units": "1"}
+        variable.encoding["_FillValue"] = None
+    return found
+
+
+def _dimensions(name: str, of: np.ndarray) -> list[str]:
+    return [f"{name}_{kind}" for kind in ("row", "column")[: of.ndim]]
 
 
 def dataset(mesh: Mesh, u_h: Array, cells: pd.DataFrame, attributes: dict[str, float]) -> xr.Dataset:
