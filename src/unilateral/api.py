@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import Search, search
+from unilateral.accuracy.search import WITHDRAWN, Search, search
 from unilateral.accuracy.watch import Watch
 from unilateral.discrete.choice import cheapest, check_size, levels_for
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
@@ -321,6 +321,9 @@ def _limit(name: str, given: Size | None) -> float | None:
 def _told(found: Solution, own_mesh: bool = False) -> Solution:
     """The solution; a warning tells what is less than what was wanted."""
     search = found.search
+    if search and len(search.believed) < len(search.done):
+        withdrawn = f"{len(search.done) - len(search.believed)} bounds {WITHDRAWN}"
+        warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
     if search and not search.certified:
         warnings.warn(_not_certified(search), SolutionWarning, stacklevel=3)
     elif not found.converged:
@@ -341,6 +344,8 @@ def _not_certified(search: Search) -> str:
     else:
         share = up(relative(best.total, best.size), ".3g")
         parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
+    if search.refusal:
+        parts.append(str(search.refusal))
     if search.reach:
         parts.append(f"an accuracy of {search.reach:g} is within reach")
     return "; ".join(parts)

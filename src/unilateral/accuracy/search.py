@@ -23,6 +23,7 @@ from unilateral.solvers.stop import Stop
 
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
+WITHDRAWN = "withdrawn, for they contradict each other; please report it"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 OUT_OF_REACH = "out of reach"
 WITHOUT_CONTACT = "lambda_H is 0, and no error is a part of that; ask for an absolute accuracy"
@@ -47,6 +48,10 @@ class Search:
     plan: Plan | None = None
     reach: float | None = None
     told: tuple[Summary, ...] = ()
+
+    def __repr__(self) -> str:
+        outcome = "certified" if self.certified else f"not certified: {self.ended}"
+        return f"Search: {len(self.summaries)} levels, {outcome}"
 
     @property
     def summaries(self) -> tuple[Summary, ...]:

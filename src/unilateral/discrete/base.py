@@ -34,7 +34,7 @@ AIM = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DiscreteProblem(ABC):
     """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
@@ -49,6 +49,9 @@ class DiscreteProblem(ABC):
     g_means: Array
     data: Data | None = field(default=None, kw_only=True)
     source: Source | None = field(default=None, kw_only=True)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}: {self.mesh.n_nodes} unknowns, {len(self.cells)} multipliers"
 
     @property
     @abstractmethod
@@ -98,7 +101,7 @@ class Facts(NamedTuple):
     lambda_norm: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class KeptProblem(DiscreteProblem):
     """(P_h*) as copies and files of its solution keep it: with what bounds need, but not to be solved."""
 
@@ -137,6 +140,9 @@ class DiscreteSolution:
     tolerance: float
     lambda_H: Array
     u_h: Array
+
+    def __repr__(self) -> str:
+        return f"DiscreteSolution of {self.discrete!r}"
 
     @cached_property
     def errors(self) -> ExactErrors | None:

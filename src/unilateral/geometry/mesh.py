@@ -57,6 +57,10 @@ class Mesh(Rebuilt):
         for array in (self.points, self.triangles, self.boundary, self.s):
             array.setflags(write=False)
 
+    def __repr__(self) -> str:
+        n, m = self.n_nodes, len(self.triangles)
+        return f"Mesh of '{self.polygon.name}': {n} nodes, {m} triangles, h = {self.h:.4g}"
+
     @property
     def n_nodes(self) -> int:
         return len(self.points)

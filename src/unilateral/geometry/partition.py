@@ -36,6 +36,9 @@ class Partition(Rebuilt):
         object.__setattr__(self, "points", points)
         _check(self.polygon, points)
 
+    def __repr__(self) -> str:
+        return f"Partition of '{self.polygon.name}': {self.n_cells} cells, H = {self.H:.4g}"
+
     @property
     def n_cells(self) -> int:
         return len(self.points) - 1

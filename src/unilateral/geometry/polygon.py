@@ -49,6 +49,9 @@ class Polygon(Rebuilt):
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)
 
+    def __repr__(self) -> str:
+        return f"Polygon '{self.name}': {self.n_sides} sides, area {self.area:.4g}"
+
     @cached_property
     def largest(self) -> float:
         """The largest absolute value of a coordinate, on which the rounding of places depends."""

@@ -33,6 +33,7 @@ from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import KnownSolution, on_sides, places
+from unilateral.problems.fields import as_html, listed
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_obstacle, no_flux
 from unilateral.problems.units import Units
 from unilateral.system import declarations
@@ -55,6 +56,16 @@ class Case(KnownSolution):
     free_sides: tuple[int, ...] = ()
     side: int = 0
     units: ClassVar[Units] = Units()
+
+    @property
+    def title(self) -> str:
+        return str(self.declaration["title"])
+
+    def __repr__(self) -> str:
+        return f"Case '{self.name}' on '{self.polygon.name}': {self.title}"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), {"polygon": repr(self.polygon), "free sides": listed(self.free_sides)})
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles are made of the declaration."""

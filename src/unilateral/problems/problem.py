@@ -18,6 +18,7 @@ from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import on_sides, places
+from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.formula_range import range_in
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
@@ -47,6 +48,16 @@ class Problem(Rebuilt):
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
     declaration: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        return str(self.declaration.get("title", ""))
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(headed(self), fields_of(self))
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:

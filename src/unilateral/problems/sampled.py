@@ -15,6 +15,7 @@ from unilateral.errors import InputError, shown
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import Compiled, compile_numpy
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
 
@@ -57,6 +58,17 @@ class Sampled(Rebuilt):
     units: Units = field(default_factory=Units)
     q: tuple[Function, ...] = ()
     declaration: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """No title is given with functions."""
+        return ""
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(headed(self), fields_of(self))
 
     def source(self, points: Array) -> Array:
         """f (...) at points (..., 2); raises InputError where it is no finite number."""

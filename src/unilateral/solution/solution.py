@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,8 +18,9 @@ from unilateral.accuracy.search import Search
 from unilateral.arrays import Array, Index
 from unilateral.bounds.forces import Force, forces
 from unilateral.discrete.base import DiscreteSolution
-from unilateral.errors import InputError, shown
-from unilateral.formulas.decimals import up
+from unilateral.discrete.choice import bound_mb
+from unilateral.errors import InputError, SolutionWarning, shown
+from unilateral.formulas.decimals import plus_minus, up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
@@ -29,12 +31,13 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.problems import arguments
 from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
-from unilateral.solution import tables
-from unilateral.solution.certificate import Bounds, record
+from unilateral.solution import summary, tables
+from unilateral.solution.certificate import Bounds, record, relative
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import flux, gradient, located, of_nodes
 from unilateral.system import as_json
 from unilateral.system.files import check_target, replacing
+from unilateral.system.memory import available_mb
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,11 +60,20 @@ def in_units(force: Force, unit: float) -> Force:
     return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
 
 
+SHOWN = 12
+"""At most this many sides are printed."""
+
+
 class Forces(NamedTuple):
     """The forces over the whole boundary, and over each of its sides."""
 
     whole: Force
     sides: list[Force]
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{i}: {plus_minus(*force)}" for i, force in enumerate(self.sides[:SHOWN]))
+        more = f" and {len(self.sides) - SHOWN} more" if len(self.sides) > SHOWN else ""
+        return f"Forces: {plus_minus(*self.whole)}; on sides {shown}{more}; guaranteed"
 
 
 ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
@@ -112,6 +124,14 @@ class Solution:
         """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
         solved = self.solved.kept(self.believed)
         return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
+
+    def __repr__(self) -> str:
+        """A few lines; what takes long is left out, see `summary`."""
+        return summary.text(self)
+
+    def _repr_html_(self) -> str:
+        """The same as a table, with the picture."""
+        return summary.html(self)
 
     @property
     def polygon(self) -> Polygon:
@@ -272,37 +292,71 @@ class Solution:
             return None
         return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique, dual)
 
-    @cached_property
+    @property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds on the errors, where f, g and q are formulas.
+        """The guaranteed bounds on the errors, where f, g and q are formulas, else None.
 
-        None, too, where the bounds of all levels contradict each other, which would be a fault of this
-        program.
+        None, too, with a SolutionWarning, where they take more memory than is free, and where the bounds of
+        all levels contradict each other, which would be a fault of this program.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.errors.h1 <= s.bounds.u and 0 < s.bounds.relative_u < 0.1
+        True
         """
         return self._bounds(sharp=False)
 
-    @cached_property
+    @property
     def sharp_bounds(self) -> Bounds | None:
-        """Guaranteed bounds that are mostly tighter, above all the one on lambda; slow on large meshes."""
+        """Guaranteed bounds that are mostly tighter, above all the one on lambda; slow on large meshes.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.sharp_bounds.multiplier < s.bounds.multiplier
+        True
+        """
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:
-        bound = self.solved.bound(sharp) if self.believed else None
-        return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
+        refused = self.too_large(sharp)
+        if refused:
+            warnings.warn(refused, SolutionWarning, stacklevel=3)
+        bound = self.solved.bound(sharp) if self.believed and not refused else None
+        if bound is None:
+            return None
+        of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
+        parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
+        return Bounds(bound.u, bound.lambda_, bound.unknown, *parts)
+
+    def too_large(self, sharp: bool) -> str:
+        """Says that bounds that are not yet computed take more memory than is free; else empty."""
+        if self.solved.discrete.data is None or self.solved.known(sharp):
+            return ""
+        needed, free = bound_mb(self.solved.discrete.mesh, sharp), available_mb()
+        if needed <= free:
+            return ""
+        return f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free"
 
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
 
         These rest on `bounds` or the `sharp_bounds`; without them no upper bound is finite.
         """
-        bounds, sides = self._bounds(sharp), range(self.mesh.polygon.n_sides)
+        sides = range(self.polygon.n_sides)
+        whole, *each = self._forces(sharp, [[*sides], *([side] for side in sides)])
+        return Forces(whole, each)
+
+    def force(self, sharp: bool = False) -> Force:
+        """The force over the whole boundary, as `forces` has it."""
+        return self._forces(sharp, [[*range(self.polygon.n_sides)]])[0]
+
+    def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
+        bounds = self._bounds(sharp)
         error = bounds.multiplier if bounds else math.inf
-        parts = [[*sides], *([side] for side in sides)]
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
         of = self.solved
         found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
-        whole, *each = (in_units(force, self.units.force) for force in found)
-        return Forces(whole, each)
+        return [in_units(force, self.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
