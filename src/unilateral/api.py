@@ -182,6 +182,30 @@ def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
     return read_mesh(path, polygon)
 
 
+def open(path: str | os.PathLike[str]) -> Solution:
+    """The solution in a file that `Solution.save` wrote with the ending .nc.
+
+    u, lambda_H and all else that the solver found are as they were saved, bit for bit. Bounds, true errors
+    and forces are computed again when they are asked for, from the problem and the numbers that the file
+    holds; so a bound does not rest on what the file says of it. For given sizes they are the same numbers,
+    after an accuracy they may differ by rounding. A file holds no functions: without formulas there are no
+    bounds, and the `problem` cannot be solved again. Raises InputError for a file that holds no solution, and
+    for one that is damaged.
+
+    >>> import tempfile, pathlib
+    >>> import unilateral as ul
+    >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     s.save(pathlib.Path(folder, "s.nc"))
+    ...     again = ul.open(pathlib.Path(folder, "s.nc"))
+    >>> (again.u == s.u).all(), again.bounds == s.bounds
+    (np.True_, True)
+    """
+    from unilateral.solution.stored import read
+
+    return read(path_of(path, "solution.nc"))
+
+
 def solve(
     problem: AnyProblem | str | os.PathLike[str],
     h: Size | None = None,

@@ -377,8 +377,10 @@ class Solution:
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
-        sizes = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
-        return tables.dataset(self.mesh, self.u, self.cells(), sizes)
+        told = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
+        bounds = self._bounds(sharp=False)
+        told |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier} if bounds else {}
+        return tables.dataset(self.mesh, self.u, self.cells(), told)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
@@ -64,7 +63,7 @@ def write(solution: Solution, path: Path) -> None:
     write_netcdf(tables.group(group, attributes), path, group=GROUP, mode="a")
 
 
-def read(path: str | os.PathLike[str]) -> Solution:
+def read(path: Path) -> Solution:
     """The solution in a file that `write` wrote; raises InputError for any other, and for a damaged one."""
     root, group = _tables(path)
     text = str(group.attrs.get("record", ""))
@@ -81,12 +80,12 @@ def read(path: str | os.PathLike[str]) -> Solution:
     return _solution(known, arrays, path)
 
 
-def _tables(path: str | os.PathLike[str]) -> tuple[xr.Dataset, xr.Dataset]:
+def _tables(path: Path) -> tuple[xr.Dataset, xr.Dataset]:
     """The variables for readers and the group, as they are stored."""
     import xarray as xr
 
     try:
-        if not Path(path).is_file():
+        if not path.is_file():
             raise InputError(f"there is no file {path}")
         root, group = (
             xr.load_dataset(path, engine="netcdf4", group=name, decode_cf=False) for name in (None, GROUP)
@@ -159,7 +158,7 @@ def _of_search(search: Search) -> dict[str, Any]:
     }
 
 
-def _solution(known: dict[str, Any], arrays: Arrays, path: str | os.PathLike[str]) -> Solution:
+def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     problem = of_record(known["problem"])
     of_v = scaled(problem)
     data = of_v if known["believed"] and not isinstance(of_v, Sampled) else None

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Integral
-
-import numpy as np
+from numbers import Integral, Real
 
 from unilateral.errors import InputError, meant, shown
 
@@ -22,6 +20,11 @@ class Stop:
     the others. The `algorithm` "auto" is multigrid on large meshes, the active set where S is singular,
     Nesterov where no rho is given and more than `max_steps` plain steps are predicted, else plain Uzawa.
     Raises InputError for a number that is none, for an unknown algorithm, and for a rho that has no use.
+
+    >>> import unilateral as ul
+    >>> s = ul.solve("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm="uzawa", tolerance=1e-6))
+    >>> s.solved.result.algorithm, s.solved.result.bound <= 1e-6
+    ('uzawa', True)
     """
 
     fraction: float = 0.01
@@ -35,10 +38,10 @@ class Stop:
             given = getattr(self, name)
             if given is None and name in ("tolerance", "rho"):
                 continue
-            if not isinstance(given, int | float | np.number) or isinstance(given, bool):
+            if not isinstance(given, Real) or isinstance(given, bool):
                 raise InputError(f"{name} is {shown(repr(given))}; it has to be a number")
             may_be_0 = name in ("tolerance", "max_steps")
-            if isinstance(given, complex) or not (0 < given < math.inf or (may_be_0 and given == 0)):
+            if not (0 < float(given) < math.inf or (may_be_0 and given == 0)):
                 raise InputError(f"{name} is {given}; it has to be a positive number")
         if not isinstance(self.max_steps, Integral):
             raise InputError(f"max_steps is {self.max_steps}; it has to be a whole number")

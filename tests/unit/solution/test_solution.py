@@ -95,8 +95,19 @@ def test_lambda_along_a_side(shelter):
 
 
 def test_what_cannot_be_evaluated_is_refused(shelter):
-    with pytest.raises(ul.InputError, match=r"points: their shape \(2,\) must be \(k, 2\)"):
-        shelter.u_at((0, 0))
+    for of, shape in ((0, r"\(\)"), ((0, 0, 0), r"\(3,\)"), (np.ones((2, 5)), r"\(2, 5\)")):
+        with pytest.raises(ul.InputError, match=rf"points: their shape {shape} must be \(2,\), a point"):
+            shelter.u_at(of)
+    for of in ("a", [("a", "b")], [(1j, 0)], [(0, 0), (1,)], {}):
+        for at in (shelter.u_at, shelter.grad_at, shelter.flux_at):
+            with pytest.raises(ul.InputError, match=r"points: .* has to be an array of real numbers"):
+                at(of)
+    for side in ("a", None, 1.5, True, [0, 1]):
+        with pytest.raises(ul.InputError, match=r"side: .* is no side; sides are whole numbers, from 0 on"):
+            shelter.lambda_at(side, 0)
+    for t in ("a", 1j, [[0], [0, 1]]):
+        with pytest.raises(ul.InputError, match=r"t: .* has to be an array of real numbers"):
+            shelter.lambda_at(0, t)
     with pytest.raises(ul.InputError, match="side 5: the sides of 'shelter' are 0 to 4"):
         shelter.lambda_at(5, 0)
 
@@ -143,7 +154,8 @@ def test_the_certificate_is_a_file(tmp_path):
     assert found["goal"] == {"accuracy": 0.3, "norm": "h1", "absolute": False}
     assert found["certified"]
     assert found["h1_relative_bound"] <= 0.3
-    assert [found["h1_bound"], found["hm12_bound"], found["enclosure"]] == [*s.bounds]
+    fields = "h1_bound", "hm12_bound", "enclosure", "h1_relative_bound", "hm12_relative_bound"
+    assert [found[field] for field in fields] == [*s.bounds]
     assert found["h1_error"] is None
     assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
     assert found["contact"]["length"] == s.contact.length
