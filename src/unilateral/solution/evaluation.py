@@ -25,13 +25,13 @@ class Located(NamedTuple):
     triangle: Index
     weights: Array
 
-    def values(self, at_corners: Callable[[Index], Array]) -> Array:
-        """(k, ...) what is linear on triangles, with values (m, 3, ...) at their corners; NaN outside."""
+    def values(self, of: Callable[[Index, Array], Array]) -> Array:
+        """(k, ...) what `of` gives for triangles (m,) and coordinates in these (m, 3); NaN outside."""
         inside = self.triangle >= 0
-        corners = at_corners(self.triangle[inside])
-        found = np.full((len(inside), *corners.shape[2:]), np.nan)
-        found[inside] = np.einsum("ki,ki...->k...", self.weights[inside], corners)
-        return found
+        found = of(self.triangle[inside], self.weights[inside])
+        values = np.full((len(inside), *found.shape[1:]), np.nan)
+        values[inside] = found
+        return values
 
 
 def located(mesh: Mesh, points: Array) -> Located:
@@ -61,20 +61,20 @@ def _on_edges(mesh: Mesh, s: Array) -> tuple[Index, Array]:
     return edge, (s - mesh.s[edge]) / np.diff(mesh.s)[edge]
 
 
-def of_nodes(mesh: Mesh, u_h: Array, triangles: Index) -> Array:
-    """(m, 3) u_h (n,) at the corners of the triangles (m,)."""
-    return u_h[mesh.triangles[triangles]]
+def value(mesh: Mesh, u_h: Array, triangles: Index, weights: Array) -> Array:
+    """(m,) u_h (n,) at a point of each of the triangles (m,), by its coordinates there (m, 3)."""
+    return np.einsum("mi,mi->m", weights, u_h[mesh.triangles[triangles]])
 
 
 def gradient(mesh: Mesh, u_h: Array, triangles: Index) -> Array:
-    """(m, 3, 2) grad u_h at the corners of the triangles (m,), on each of which it is constant."""
-    slopes = np.einsum("mid,mi->md", gradients(mesh.part(triangles)), of_nodes(mesh, u_h, triangles))
-    return np.repeat(slopes[:, None], 3, axis=1)
+    """(m, 2) grad u_h on the triangles (m,)."""
+    return np.einsum("mid,mi->md", gradients(mesh.part(triangles)), u_h[mesh.triangles[triangles]])
 
 
-def flux(mesh: Mesh, u_h: Array, q: Array, triangles: Index) -> Array:
-    """(m, 3, 2) the flux q, given on edges as by `equilibrated`, at the corners of the triangles (m,)."""
-    return gradient(mesh, u_h, triangles) - misfit(mesh, u_h, q, triangles)
+def flux(mesh: Mesh, u_h: Array, q: Array, triangles: Index, weights: Array) -> Array:
+    """(m, 2) the flux q, given on edges as by `equilibrated`, at the points of `value`."""
+    away = np.einsum("mi,mid->md", weights, misfit(mesh, u_h, q, triangles))
+    return gradient(mesh, u_h, triangles) - away
 
 
 def _nearest(polygon: Polygon, points: Array) -> tuple[Array, Array]:

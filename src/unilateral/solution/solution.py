@@ -7,7 +7,7 @@ import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,7 +34,7 @@ from unilateral.problems.units import Units
 from unilateral.solution import summary, tables
 from unilateral.solution.certificate import Bounds, record, relative
 from unilateral.solution.contact import Contact
-from unilateral.solution.evaluation import flux, gradient, located, of_nodes
+from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
 from unilateral.system.files import check_target, replacing
 from unilateral.system.memory import available_mb
@@ -181,7 +181,7 @@ class Solution:
         >>> float(s.u_at(s.mesh.points[7])) == s.u[7], s.u_at([(1 / 3, 0), (2, 2)]).shape
         (True, (2,))
         """
-        return self._at(points, lambda of: of_nodes(self.mesh, self.u, of))
+        return self._at(points, partial(value, self.mesh, self.u))
 
     def grad_at(self, points: ArrayLike) -> Array:
         """grad u_h at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside the polygon.
@@ -194,7 +194,7 @@ class Solution:
         >>> s.grad_at((0.3, 0.2)).shape, s.grad_at([(0.3, 0.2), (1, 1)]).shape
         ((2,), (2, 2))
         """
-        return self._at(points, lambda of: gradient(self.mesh, self.u, of))
+        return self._at(points, lambda of, _: gradient(self.mesh, self.u, of))
 
     def flux_at(self, points: ArrayLike) -> Array:
         """The equilibrated flux at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside.
@@ -217,15 +217,15 @@ class Solution:
             raise InputError(
                 "there is no equilibrated flux, for f, g or q is a function; take k * s.grad_at(points)"
             )
-        return self._at(points, lambda of: self.units.flux * flux(of_v, self.solved.u_h, q, of))
+        return self.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
 
-    def _at(self, points: ArrayLike, at_corners: Callable[[Index], Array]) -> Array:
+    def _at(self, points: ArrayLike, of: Callable[[Index, Array], Array]) -> Array:
         places = floats(points, "points")
         if places.ndim not in (1, 2) or places.shape[-1] != 2:
             raise InputError(
                 f"points: their shape {places.shape} must be (2,), a point, or (k, 2), a row for each point"
             )
-        found = located(self.mesh, places.reshape(-1, 2)).values(at_corners)
+        found = located(self.mesh, places.reshape(-1, 2)).values(of)
         return found.reshape((*places.shape[:-1], *found.shape[1:]))
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:

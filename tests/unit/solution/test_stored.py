@@ -47,7 +47,7 @@ PROBLEMS = {
         **SIZES,
     ),
     "idle sides": lambda: ul.solve(
-        ul.Problem(SQUARE, f=1, g=["-1", -1, None, "-y"], free_sides=[2], q="1 + x").without_idle_sides(),
+        ul.Problem(SQUARE, f=1, g=["-3*x", -3, None, "2*y"], free_sides=[2], q="1 + x").without_idle_sides(),
         **SIZES,
     ),
     "functions": lambda: ul.solve(
