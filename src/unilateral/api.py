@@ -96,7 +96,16 @@ def case(
 
 
 def load(path: str | os.PathLike[str]) -> Case | problems.Problem:
-    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field."""
+    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field.
+
+    >>> import pathlib, tempfile
+    >>> import unilateral as ul
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "own.yaml")
+    ...     _ = file.write_text("{polygon: [[0, 0], [1, 0], [0, 1]], f: x - 1, g: 0}")
+    ...     ul.load(file)
+    Problem 'own'; polygon = 3 sides, area 0.5, f = x - 1, g = 0
+    """
     name = str(path_of(path, "problem.yaml"))
     return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
 
@@ -178,7 +187,16 @@ def _function(given: Given, where: str) -> Function:
 
 
 def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
-    """The triangles in a file of any of meshio's formats; by default their boundary is the polygon."""
+    """The triangles in a file of any of meshio's formats; by default their boundary is the polygon.
+
+    >>> import pathlib, tempfile
+    >>> import unilateral as ul
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "own.vtu")
+    ...     ul.solve("natural", h=1 / 4, H=1 / 2).save(file)
+    ...     ul.mesh(file)
+    Mesh of 'own': 25 nodes, 32 triangles, h = 0.25
+    """
     return read_mesh(path, polygon)
 
 

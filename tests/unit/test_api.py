@@ -1,6 +1,5 @@
-"""The public face: its doctests, problems of functions, own meshes, warnings and refusals."""
+"""The public face: problems of functions, own meshes, warnings and refusals."""
 
-import doctest
 import math
 import re
 import warnings
@@ -16,7 +15,6 @@ import sympy
 from conftest import DATA, ROOT
 
 import unilateral as ul
-from unilateral import api
 from unilateral.accuracy import plan as of_plan
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.decimals import up
@@ -27,13 +25,6 @@ from unilateral.geometry.structured import structured
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
-
-
-@pytest.mark.parametrize("module", [ul, api])
-def test_the_doctests_of_the_public_face_run(module):
-    failed, tried = doctest.testmod(module)
-    assert failed == 0
-    assert tried > 0
 
 
 def test_all_that_is_public_is_there_and_typed():
