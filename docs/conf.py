@@ -11,12 +11,15 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 from unilateral import __version__, api  # noqa: E402
+from unilateral.problems import given  # noqa: E402
 from unilateral.problems.case import Case  # noqa: E402
 from unilateral.problems.problem import Problem  # noqa: E402
 from unilateral.problems.sampled import Sampled  # noqa: E402
+from unilateral.solution import solver  # noqa: E402
 
 # What the library imports for types only.
-vars(api).update(Case=Case, AnyProblem=Case | Problem | Sampled)
+for module in (api, given, solver):
+    vars(module).update(Case=Case, AnyProblem=Case | Problem | Sampled)
 
 project = "unilateral"
 author = project_copyright = "The unilateral developers"
@@ -34,12 +37,12 @@ highlight_language = "none"
 smartquotes = False
 
 autodoc_member_order = "bysource"
-aliases = ["Array", "ArrayLike", "Formula", "Function", "Given", "Index"]
+aliases = ["Array", "ArrayLike", "Function", "Given", "Index"]
 autodoc_type_aliases = {name: name for name in aliases}
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 90
 nitpicky = True
-others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "sympy", "xarray", "xr"]
+others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "scipy", "sympy", "xarray", "xr"]
 nitpick_ignore_regex = [("py:.*", rf"({'|'.join(others)})\..*"), ("py:class", "|".join(["Figure", *aliases]))]
 
 html_theme = "furo"

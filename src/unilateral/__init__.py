@@ -15,9 +15,9 @@ from typing import Any
 
 PUBLIC = dict.fromkeys(("BudgetError", "InputError", "SolutionWarning"), "errors")
 PUBLIC |= {"Solution": "solution", "Stop": "solvers.stop"}
-PUBLIC |= dict.fromkeys(("Problem", "case", "load", "mesh", "open", "solve"), "api")
+PUBLIC |= dict.fromkeys(("Problem", "Solver", "case", "load", "mesh", "open", "solve"), "api")
 __all__ = [
-    *("BudgetError", "InputError", "Problem", "Solution", "SolutionWarning", "Stop"),
+    *("BudgetError", "InputError", "Problem", "Solution", "SolutionWarning", "Solver", "Stop"),
     *("case", "load", "mesh", "open", "solve"),
 ]
 

@@ -1,4 +1,5 @@
 from unilateral.api import Problem as Problem
+from unilateral.api import Solver as Solver
 from unilateral.api import case as case
 from unilateral.api import load as load
 from unilateral.api import mesh as mesh

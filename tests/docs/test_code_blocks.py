@@ -61,11 +61,11 @@ def told(tmp_path, monkeypatch, capsys):
         for wanted, make in READERS_FILES.items():
             if wanted in everything:
                 make()
-        printed, done = "", []
+        printed, done, names = "", [], {"__name__": "__main__"}
         for block in page_blocks:
             if block.reason is None:
                 capsys.readouterr()
-                RUN[block.kind](block, printed)
+                RUN[block.kind](block, printed, names)
                 printed = printed if block.kind == "text" else "".join(capsys.readouterr())
                 done.append(block)
         return done
@@ -73,7 +73,7 @@ def told(tmp_path, monkeypatch, capsys):
     return run
 
 
-def commands(block, _):
+def commands(block, *_):
     for line in block.text.splitlines():
         if words := shlex.split(line, comments=True):
             program, *arguments = [name for word in words for name in sorted(glob.glob(word)) or [word]]
@@ -84,11 +84,12 @@ def python_file(arguments):
     return subprocess.run([sys.executable, *arguments], timeout=120).returncode
 
 
-def program(block, _):
-    exec(compile(block.text, place(block), "exec"), {"__name__": "__main__"})
+def program(block, _, names):
+    """The programs of a page follow one another and know the same names."""
+    exec(compile(block.text, place(block), "exec"), names)
 
 
-def declaration(block, _):
+def declaration(block, *_):
     """A case or a problem; its first line may name its file."""
     name = re.match(r"# ([\w.]+\.yaml)\n", block.text)
     file = name[1] if name else "declared.yaml"
@@ -100,7 +101,7 @@ def declaration(block, _):
         assert main(["check", file]) == 0, place(block)
 
 
-def output(block, printed):
+def output(block, printed, _):
     parts = [re.escape(part.strip()) for part in block.text.split("...")]
     assert re.search(".*".join(parts), printed, re.DOTALL), f"{place(block)}: printed was\n{printed}"
 

@@ -58,7 +58,7 @@ def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mes
         return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
     if file is None or not Path(file).is_file():
         raise InputError(f"argument --mesh: there is no file '{file}'")
-    return api.mesh(file, case.polygon)
+    return api.mesh(file, polygon=case.polygon)
 
 
 def score(

@@ -193,7 +193,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
         return given or ""
     if not Path(given).is_file():
         raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
-    return api.mesh(given, problem.polygon)
+    return api.mesh(given, polygon=problem.polygon)
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:

@@ -16,7 +16,7 @@ from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.local_bounds import LocalBound, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
-from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.source import Source, source_of
 from unilateral.errors import InputError
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
@@ -215,7 +215,7 @@ class DiscreteSolution:
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
-        source = discrete.source or enclosed(discrete.mesh, data)
+        source = discrete.source or source_of(discrete.mesh, data)
         pair = discrete.partition, self.u_h, self.lambda_H
         flux = given(data.enclosed_flux, discrete.mesh)
         return source, data.enclosed_obstacle, *pair, data.free_sides, flux

@@ -154,7 +154,7 @@ def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where
     triangulation_checks.check_arrays(nodes, cells, where)
     cells = triangulation_checks.anticlockwise(nodes, cells)
     triangulation_checks.check_areas(nodes, cells, where)
-    triangulation_checks.check_distinct(polygon, nodes, where)
+    triangulation_checks.check_distinct(polygon.diameter, nodes, where)
     mesh = conforming(polygon, nodes, cells, where)
     triangulation_checks.check_areas(mesh.points, cells, where)
     return mesh

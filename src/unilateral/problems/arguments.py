@@ -56,8 +56,10 @@ def number(given: Any, where: str) -> Any:
 
 
 def sides(given: object, where: str) -> list[int]:
-    """The numbers of sides."""
+    """The numbers of sides; None is none."""
     try:
+        if given is None:
+            return []
         if not isinstance(given, Iterable) or isinstance(given, str):
             raise TypeError
         return [side(each, where) for each in given]

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from unilateral.errors import shown
+from unilateral.formulas.expression import ONE, Expression
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
-    from unilateral.problems.sampled import Sampled
+    from unilateral.problems.sampled import Function, Sampled
 
-FUNCTION = "a function"
-"""What is printed in place of a function."""
+FUNCTION, ARRAY = "a function", "an array"
+"""What is printed in place of these."""
 
 
 def fields_of(of: Problem | Sampled) -> dict[str, str]:
     """The fields by their names; k, c, free sides and q only if they are given."""
-    given, functions = of.declaration, callable(of.f)
+    held = [side for side in range(of.polygon.n_sides) if side not in of.free_sides]
     found = {"polygon": f"{of.polygon.n_sides} sides, area {of.polygon.area:.4g}"}
-    found |= {name: FUNCTION if functions else _written(given.get(name)) for name in ("f", "g")}
-    found |= {name: str(given[name]) for name in ("k", "c") if given.get(name, 1) != 1}
+    found["f"] = ARRAY if of.nodal.f is not None else _written(of.f)
+    found["g"] = _on_sides(of.g, of.nodal.g, held)
+    found |= {name: str(each) for name, each in (("k", of.units.k), ("c", of.units.c)) if each != ONE}
     if of.free_sides:
         found["free sides"] = listed(of.free_sides)
-        q = [each for each in given.get("q", ()) if each not in (None, 0, "0")]
-        found |= {"q": FUNCTION if functions else _written(given["q"])} if q else {}
+        q = _on_sides(of.q, of.nodal.q, of.free_sides) if of.q else "0"
+        found |= {"q": q} if q != "0" else {}
     return found
 
 
@@ -50,8 +52,13 @@ def listed(sides: Sequence[int]) -> str:
     return ", ".join(map(str, sides)) or "none"
 
 
-def _written(given: Any) -> str:
-    """A formula, or one per side; those that are too long are cut."""
-    if isinstance(given, list):
-        return shown("[" + ", ".join("none" if each is None else str(each) for each in given) + "]")
-    return shown(given)
+def _on_sides(given: Sequence[Expression | Function], at_nodes: Collection[int], sides: Sequence[int]) -> str:
+    """What is given on those sides: one for all if it is the same, else a list."""
+    written = [ARRAY if side in at_nodes else _written(given[side]) for side in sides]
+    return written[0] if len({*written}) == 1 else shown(f"[{', '.join(written)}]")
+
+
+def _written(of: Expression | Function) -> str:
+    """A formula, which is cut if it is too long, or a word for a function."""
+    formula = of if isinstance(of, Expression) else getattr(of, "formula", None)
+    return shown(formula) if isinstance(formula, Expression) else FUNCTION

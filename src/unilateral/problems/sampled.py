@@ -5,17 +5,14 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError, shown
-from unilateral.formulas.expression import Expression
-from unilateral.formulas.formula import Compiled, compile_numpy
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.fields import as_html, as_text, fields_of, headed
+from unilateral.problems.nodal import Nodal, NodalTraces
 from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
 
@@ -28,26 +25,11 @@ This allows for functions that keep half of the digits.
 
 
 @dataclass(frozen=True, eq=False)
-class OfFormula(Rebuilt):
-    """A function made of a formula in x and y."""
-
-    formula: Expression
-
-    @cached_property
-    def compiled(self) -> Compiled:
-        return compile_numpy([self.formula], "xy")
-
-    def __call__(self, x: Array, y: Array) -> Array:
-        return self.compiled(x, y)[0]
-
-
-@dataclass(frozen=True, eq=False)
 class Sampled(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
-    side. If `q` is empty, the flux is 0. `declaration` has the fields of a problem file, numbers in place of
-    the functions.
+    side. If `q` is empty, the flux is 0. Arrays that are `nodal` take their place.
     """
 
     name: str
@@ -57,7 +39,7 @@ class Sampled(Rebuilt):
     free_sides: tuple[int, ...] = ()
     units: Units = field(default_factory=Units)
     q: tuple[Function, ...] = ()
-    declaration: Mapping[str, Any] = field(default_factory=dict)
+    nodal: Nodal = field(default_factory=Nodal)
 
     @property
     def title(self) -> str:
@@ -77,24 +59,42 @@ class Sampled(Rebuilt):
     def obstacle(self, side: Index, s: Array) -> Array:
         """g (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
         held = set(range(self.polygon.n_sides)) - {*self.free_sides}
-        return self._on_sides({i: self.g[i] for i in held}, "g", side, s)
+        return self._on_sides({i: self.g[i] for i in held}, self.nodal.g, "g", side, s)
 
     def flux(self, side: Index, s: Array) -> Array:
         """q (k,) at arc lengths s (k,) of the sides (k,), 0 on those that are not free."""
-        return self._on_sides({i: self.q[i] for i in self.free_sides if self.q}, "q", side, s)
+        functions = {i: self.q[i] for i in self.free_sides if self.q}
+        return self._on_sides(functions, self.nodal.q, "q", side, s)
 
-    def _on_sides(self, functions: Mapping[int, Function], name: str, side: Index, s: Array) -> Array:
+    def _on_sides(
+        self, functions: Mapping[int, Function], traces: NodalTraces, name: str, side: Index, s: Array
+    ) -> Array:
         points, numbers = self.polygon.at(side, s), np.zeros(len(s))
         for i in np.intersect1d(side, [*functions]).astype(int).tolist():
-            numbers[side == i] = values(functions[i], points[side == i], f"{self.name}, field {name}[{i}]")
+            here = side == i
+            if i in traces:
+                numbers[here] = traces[i].at(s[here] / self.polygon.lengths[i])
+            else:
+                numbers[here] = values(functions[i], points[here], f"{self.name}, field {name}[{i}]")
         return numbers
+
+    @property
+    def kinks(self) -> Array:
+        """(k,) the arc lengths of the nodes inside the sides where g is given by arrays."""
+        starts, lengths = self.polygon.starts, self.polygon.lengths
+        return np.concatenate([[], *(starts[i] + lengths[i] * of.cuts for i, of in self.nodal.g.items())])
 
 
 def check_vertices(of: Sampled) -> None:
     """Raises InputError where g jumps at a vertex: then no u in H^1 has that trace."""
-    n, v = of.polygon.n_sides, of.polygon.vertices
+    n, v, traces = of.polygon.n_sides, of.polygon.vertices, of.nodal.g
     held = [side for side in range(n) if side not in of.free_sides]
-    ends = {i: values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]") for i in held}
+    ends = {
+        i: traces[i].values[[0, -1]]
+        if i in traces
+        else values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]")
+        for i in held
+    }
     largest = max(float(np.abs(each).max()) for each in ends.values())
     for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
         end, start = ends[before][1], ends[side][0]

@@ -85,8 +85,13 @@ ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
 def not_unique(mesh: Mesh, own: bool) -> str:
     """Says that lambda_H may not be unique, and how to mend that; a mesh of the user's `own` has no h."""
     shortest = float(mesh.polygon.lengths.min())
-    advice = "take h < H, such as H = 2h"
-    if own:
+    advice, alone = "take h < H, such as H = 2h", np.bincount(mesh.side) == 1
+    if own and alone.any():
+        advice = (
+            f"a side of the polygon needs two edges of the mesh or more, and side {alone.argmax()} is one; "
+            "take ul.mesh(mesh, halvings=1)"
+        )
+    elif own:
         advice = "take larger cells, or refine the mesh at the boundary"
     elif mesh.h >= shortest:  # whatever h and H were asked for
         advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"

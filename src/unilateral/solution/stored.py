@@ -24,10 +24,11 @@ from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.discrete.base import NO_LOAD, DiscreteSolution, Facts, KeptProblem
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import Mesh, replayed
+from unilateral.geometry.mesh import Mesh, replayed, similar
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.record import of_record, record
+from unilateral.problems.problem import Problem
+from unilateral.problems.record import of_record, on_mesh, record
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
 from unilateral.solution import tables
@@ -57,6 +58,9 @@ def write(solution: Solution, path: Path) -> None:
     scaled_arrays = _face(of.mesh, of.partition, solution.solved.u_h, solution.solved.lambda_H)
     group = {name: of for name, of in scaled_arrays.items() if not np.array_equal(of, arrays[name])}
     group |= _history(of.mesh) | {"g_means": of.g_means}
+    problem = solution.problem
+    if isinstance(problem, Problem | Sampled) and problem.nodal.f is not None:
+        group["f_at_nodes"] = problem.nodal.f
     text = json.dumps(_record(solution))
     write_netcdf(table, path)
     attributes = {"record": text, "sha256": _digest(text, arrays | group)}
@@ -159,16 +163,18 @@ def _of_search(search: Search) -> dict[str, Any]:
 
 
 def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
-    problem = of_record(known["problem"])
-    of_v = scaled(problem)
-    data = of_v if known["believed"] and not isinstance(of_v, Sampled) else None
-    mesh = _mesh(of_v.polygon, arrays)
+    problem = of_record(known["problem"], arrays.get("f_at_nodes"))
+    mesh = _mesh(scaled(problem).polygon, arrays)
     if not np.array_equal(mesh.triangles, arrays["triangles"]):
         raise InputError(
             f"{path}: unilateral {known['version']}, which wrote it, refined meshes in another way than this "
             "version; open it there"
         )
-    partition = Partition(of_v.polygon, np.append(arrays["start"], arrays["end"][-1]))
+    if known["problem"].get("on_mesh"):
+        problem = on_mesh(problem, similar(mesh, problem.polygon))
+    of_v = scaled(problem)
+    data = of_v if known["believed"] and not isinstance(of_v, Sampled) else None
+    partition = Partition(mesh.polygon, np.append(arrays["start"], arrays["end"][-1]))
     cells, lambda_H = np.flatnonzero(~np.isin(partition.side, problem.free_sides)), arrays["multiplier"]
     facts, g_means = Facts(**known["facts"]), arrays["g_means"]
     discrete = KeptProblem(mesh, partition, cells, NO_LOAD, g_means, facts, data=data)

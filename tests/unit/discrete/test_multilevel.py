@@ -245,9 +245,12 @@ def test_without_a_tolerance_no_less_than_rounding_is_wanted():
     assert s.converged
 
 
+def cheapest(problem, mesh, cells, stop):
+    return choice.discretised(problem, choice.cheapest(mesh, cells, problem.free_sides, stop))
+
+
 def chosen(mesh, H, **stop):
-    found = choice.cheapest(ul.case("natural"), mesh, uniform(mesh.polygon, H), Stop(**stop))
-    return type(found)
+    return type(cheapest(ul.case("natural"), mesh, uniform(mesh.polygon, H), Stop(**stop)))
 
 
 def test_large_refined_meshes_are_for_multigrid(monkeypatch):
@@ -403,7 +406,7 @@ def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     assert not own.adapted
     assert multilevel(problem, own, of.partition) is None
     assert multilevel(problem, alone(of.mesh), of.partition) is None
-    found = [choice.cheapest(problem, mesh, of.partition, EXACTLY) for mesh in (own, of.mesh)]
+    found = [cheapest(problem, mesh, of.partition, EXACTLY) for mesh in (own, of.mesh)]
     assert [type(each) for each in found] == [CondensedProblem, MultilevelProblem]
     one = found[0].solved(Stop(tolerance=1e-11, algorithm="active_set"))
     other = found[1].solved(EXACTLY)

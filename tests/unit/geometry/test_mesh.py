@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition
-from unilateral.geometry.files import outline
+from unilateral.geometry.foreign import outline
 from unilateral.geometry.mesh import from_arrays, refine, unstructured
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import natural_kind, structured
