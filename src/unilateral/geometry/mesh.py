@@ -247,7 +247,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 
     For the `growth` of its triangles see `triangulate`. Raises InputError if the edges are no `Partition`.
     """
-    require(f"the triangles of '{polygon.name}' need", "gmsh")
+    require(f"the mesh of '{polygon.name}' needs", "gmsh")
     from unilateral.geometry.triangulate import triangulate
 
     edges = Partition(polygon, np.append(s, polygon.perimeter))
