@@ -324,7 +324,7 @@ def test_bounds_that_are_withdrawn_and_levels_that_are_refused_are_told(monkeypa
     assert not s.certified
     assert s.bounds is None
     number = len(s.search.done)
-    assert f"{number} bounds withdrawn, for they contradict each other; please report it" in str(
+    assert f"{number} bounds withdrawn, because they contradict each other; please report it" in str(
         told[0].message
     )
     assert "not certified: bounds contradict each other; no bound is left" in str(told[1].message)
