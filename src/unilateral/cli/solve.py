@@ -37,6 +37,7 @@ from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target
 from unilateral.system.memory import available_mb, keep_freed, peak_mb
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -141,6 +142,7 @@ def _targets(options: SimpleNamespace) -> list[Path]:
         check_target(file, ENDINGS)
     if options.out is None:
         return files
+    require("--out needs", *{package for name in KEPT for package in ENDINGS[Path(name).suffix]})
     folder = Path(options.out)
     try:
         folder.mkdir(parents=True, exist_ok=True)

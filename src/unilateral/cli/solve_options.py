@@ -107,8 +107,8 @@ sizes, goal, domain, method = (
     "--mesh",
     type=Name(lambda: KINDS),
     metavar="KIND|FILE",
-    help="structured (not with --accuracy if k and c differ), unstructured, or a file with triangles; "
-    "default: structured where there is one, and with --accuracy refined where it pays",
+    help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
+    "default: structured on unit squares or without gmsh, and with --accuracy refined where it pays",
 )
 @method(
     "--algorithm",

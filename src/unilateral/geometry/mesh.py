@@ -16,6 +16,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
+from unilateral.system.optional import require
 
 ROUNDED = 1e-6
 """The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
@@ -232,6 +233,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 
     For the `growth` of its triangles see `triangulate`. Raises InputError if the edges are no `Partition`.
     """
+    require(f"the triangles of '{polygon.name}' need", "gmsh")
     from unilateral.geometry.triangulate import triangulate
 
     edges = Partition(polygon, np.append(s, polygon.perimeter))

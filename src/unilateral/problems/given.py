@@ -23,6 +23,7 @@ from unilateral.problems.data import is_case
 from unilateral.problems.nodal import Nodal, NodalTrace
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, check_vertices
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -67,6 +68,7 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
+    require("cases with known solutions need", "sympy")
     from unilateral.problems import (
         case as cases,  # sympy, on which they rest, takes longer than a small problem
     )

@@ -33,6 +33,7 @@ from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import at_points
 from unilateral.system import as_json
 from unilateral.system.files import check_target, replacing, write_netcdf
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,8 +58,16 @@ class Forces(NamedTuple):
     sides: list[Force]
 
 
-ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
-"""The endings of the files that `Solution.save` writes."""
+ENDINGS = {
+    ".vtu": ["meshio"],
+    ".csv": [],
+    ".nc": ["netCDF4", "xarray"],
+    ".json": [],
+    ".svg": ["matplotlib"],
+    ".png": ["matplotlib"],
+    ".pdf": ["matplotlib"],
+}
+"""The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
 ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
 """The errors as a picture shows them."""
 
@@ -221,6 +230,12 @@ class Solution:
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
+        require("tables of cells need", "pandas")
+        import pandas as pd
+
+        return pd.DataFrame(self._columns())
+
+    def _columns(self) -> tables.Columns:
         return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
 
     def certificate(self) -> dict[str, Any]:
@@ -239,7 +254,7 @@ class Solution:
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
         sizes = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
-        return tables.dataset(self.mesh, self.u, self.cells(), sizes)
+        return tables.dataset(self.mesh, self.u, self._columns(), sizes)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
@@ -257,7 +272,7 @@ class Solution:
             return
         with replacing(path) as temporary:
             if temporary.suffix == ".csv":
-                self.cells().to_csv(temporary, index=False)
+                tables.write_csv(self._columns(), temporary)
             elif temporary.suffix == ".nc":
                 write_netcdf(self.dataset(), temporary)
             else:
@@ -267,6 +282,7 @@ class Solution:
 
     def plot(self) -> Figure:
         """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
+        require("pictures need", "matplotlib")
         from unilateral.solution.plot import figure, settled
 
         gap = settled(self.gap, self.multiplier) if self.converged else self.gap
