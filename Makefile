@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper report docs bench score test installations fuzz mutants lock clean help git FORCE
+.PHONY: study quick paper report docs pictures bench score test installations fuzz mutants lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -25,6 +25,9 @@ paper: .venv/ready  ## paper.md and supplement.md as HTML and PDF: results/paper
 
 docs: .venv/ready  ## pages for readers and the library's reference: build/docs/index.html
 	sphinx-build -qWE -c docs . build/docs
+
+pictures: .venv/ready  ## draw docs/pictures/ anew, by what the pages type
+	python tests/pictures.py
 
 report: study  ## figures, tables, the paper, rules and their times as one page: results/report.html
 	python workflow/write_report.py results/report.html

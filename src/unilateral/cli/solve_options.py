@@ -52,7 +52,7 @@ sizes, goal, domain, method = (
     type=FILE,
     metavar="FILE",
     multiple=True,
-    help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png or .pdf; may be repeated",
+    help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html; may be repeated",
 )
 @option("--out", type=FOLDER, metavar="FOLDER", help="the same in a folder, with all that is useful")
 @option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")

@@ -96,7 +96,7 @@ def _problem(case: Case) -> dict[str, Any]:
     ]
     return {
         "case": case.name,
-        "title": case.declaration["title"],
+        "title": case.title,
         "polygon": case.polygon.name,
         "vertices": case.polygon.vertices.tolist(),
         "side": case.side,
@@ -166,7 +166,7 @@ def _readme(case: Case, found: dict[str, Any]) -> str:
     files = [f"- `{name}`: {what}" for name, what in LEVEL_FILES.items()]
     return template.read_text(encoding="utf-8").format(
         name=case.name,
-        title=case.declaration["title"],
+        title=case.title,
         vertices=", ".join(f"({x:g}, {y:g})" for x, y in case.polygon.vertices.tolist()),
         f=found["f"] or "no closed formula",
         files="\n".join(files),

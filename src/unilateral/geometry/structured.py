@@ -22,7 +22,7 @@ NARROWEST = 1e-6
 """Coordinates that differ by less than this part of the diameter are no places for lines of a mesh."""
 
 
-class Grid(NamedTuple):
+class TensorGrid(NamedTuple):
     """Coordinates x (m + 1,) and y (n + 1,), and into how many equal parts each gap is cut, (m,) and (n,)."""
 
     x: Array
@@ -47,7 +47,7 @@ def halved_cells(polygon: Polygon, H: float) -> Mesh:
     return _halved_from(polygon, grid._replace(across=2 * grid.across, up=2 * grid.up))
 
 
-def _parts(polygon: Polygon, size: float) -> Grid:
+def _parts(polygon: Polygon, size: float) -> TensorGrid:
     """The grid with the least number of equal parts, of the `size` at most, in each gap."""
     ticks = _ticks(polygon)
     if ticks is None:
@@ -58,8 +58,10 @@ def _parts(polygon: Polygon, size: float) -> Grid:
     counts = polygon.counts(size)  # which refuses sizes that are too small
     if _consists_of_squares(polygon):
         counts = square().counts(size)
-        return Grid(*ticks, *(np.full(len(each) - 1, counts[0]) for each in ticks))
-    return Grid(*ticks, *(np.ceil(np.diff(each) / size * (1 - 1e-12)).astype(np.intp) for each in ticks))
+        return TensorGrid(*ticks, *(np.full(len(each) - 1, counts[0]) for each in ticks))
+    return TensorGrid(
+        *ticks, *(np.ceil(np.diff(each) / size * (1 - 1e-12)).astype(np.intp) for each in ticks)
+    )
 
 
 def _ticks(polygon: Polygon) -> tuple[Array, Array] | None:
@@ -76,7 +78,7 @@ def _ticks(polygon: Polygon) -> tuple[Array, Array] | None:
     return (x, y) if least > NARROWEST * polygon.diameter else None
 
 
-def _halved_from(polygon: Polygon, grid: Grid) -> Mesh:
+def _halved_from(polygon: Polygon, grid: TensorGrid) -> Mesh:
     """The mesh of the grid, refined from that of a coarser one."""
     halvings = 0
     while (parts := np.append(grid.across, grid.up)).max() > FEWEST and not np.any(parts % 2):
@@ -84,7 +86,7 @@ def _halved_from(polygon: Polygon, grid: Grid) -> Mesh:
     return refine(_rectangles(polygon, grid), halvings)
 
 
-def _rectangles(polygon: Polygon, grid: Grid) -> Mesh:
+def _rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
     x, y = grid.x, grid.y
     middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
     kept = polygon.contains(middles).repeat(grid.up, axis=0).repeat(grid.across, axis=1)

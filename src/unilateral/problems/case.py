@@ -56,6 +56,10 @@ class Case(KnownSolution):
     side: int = 0
     units: ClassVar[Units] = Units()
 
+    @property
+    def title(self) -> str:
+        return str(self.declaration["title"])
+
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
 

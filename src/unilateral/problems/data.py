@@ -39,6 +39,10 @@ class Data(Protocol):
     def name(self) -> str: ...
 
     @property
+    def title(self) -> str:
+        """One line that says what problem it is; empty if nobody gave one."""
+
+    @property
     def polygon(self) -> Polygon: ...
 
     @property

@@ -34,7 +34,7 @@ class Problem:
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
     which is 0 on those that are not free; if `q` is empty, the flux is 0. Arrays that are `nodal` take their
-    place. What is enclosed is told by `Data`.
+    place. The `title` is one line that says what problem it is. What is enclosed is told by `Data`.
     """
 
     name: str
@@ -45,6 +45,7 @@ class Problem:
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
     nodal: Nodal = field(default_factory=Nodal)
+    title: str = ""
 
     @property
     def f_at_nodes(self) -> Array | None:

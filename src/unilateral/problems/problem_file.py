@@ -102,7 +102,7 @@ def made(declaration: Any, name: str) -> Problem:
     f = formula(declaration["f"], f"{name}, field f")
     g = _obstacles(declaration["g"], corners, free, f"{name}, field g")
     q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{name}, field q")
-    problem = Problem(Path(name).stem, polygon, f, g, free, units, q)
+    problem = Problem(Path(name).stem, polygon, f, g, free, units, q, declaration.get("title", ""))
     try:
         scaled_polygon(problem)
     except InputError as error:

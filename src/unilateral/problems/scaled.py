@@ -35,6 +35,10 @@ class Scaled:
         return self.of.name
 
     @property
+    def title(self) -> str:
+        return self.of.title
+
+    @property
     def free_sides(self) -> tuple[int, ...]:
         return self.of.free_sides
 

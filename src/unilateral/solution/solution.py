@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,6 +38,7 @@ from unilateral.system.optional import require
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -66,10 +67,9 @@ ENDINGS = {
     ".svg": ["matplotlib"],
     ".png": ["matplotlib"],
     ".pdf": ["matplotlib"],
+    ".html": ["plotly"],
 }
 """The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
-ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
-"""The errors as a picture shows them."""
 
 
 def not_unique(mesh: Mesh, own: bool) -> str:
@@ -259,8 +259,9 @@ class Solution:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
 
-        .json has the `certificate`; .svg, .png and .pdf the picture. In .vtu the boundary edges carry the
-        mean of lambda_H on each. Raises InputError for another ending.
+        .json has the `certificate`; .svg, .png and .pdf the picture; .html a page on which u_h is turned and
+        zoomed, in any browser and without a network. In .vtu the boundary edges carry the mean of lambda_H on
+        each. Raises InputError for another ending.
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
@@ -275,25 +276,29 @@ class Solution:
                 tables.write_csv(self._columns(), temporary)
             elif temporary.suffix == ".nc":
                 write_netcdf(self.dataset(), temporary)
+            elif temporary.suffix == ".html":
+                from unilateral.solution.interactive import page
+
+                temporary.write_text(page(self), encoding="utf-8")
             else:
                 from unilateral.solution.plot import draw
 
                 draw(self.plot(), temporary)
 
-    def plot(self) -> Figure:
-        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
+    @overload
+    def plot(self) -> Figure: ...
+
+    @overload
+    def plot(self, ax: Axes) -> Axes: ...
+
+    def plot(self, ax: Axes | None = None) -> Figure | Axes:
+        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted.
+
+        On the axes `ax` of a figure of your own only the first of these is drawn, and `ax` is returned.
+        Raises InputError if they are no plane axes of matplotlib.
+        """
         require("pictures need", "matplotlib")
-        from unilateral.solution.plot import figure, settled
+        from unilateral.solution.plot import figure, on_axes
+        from unilateral.solution.shown import shown
 
-        gap = settled(self.gap, self.multiplier) if self.converged else self.gap
-        adapted = self.solved.discrete.mesh.adapted
-        return figure(self.mesh, self.u, self.contact, gap, adapted, self._title())
-
-    def _title(self) -> str:
-        """The problem's name and, where an accuracy is certified, the bound."""
-        data = self.solved.discrete.data
-        name = data.name if data else self.polygon.name
-        if self.search is None or not self.certified:
-            return name
-        best = self.search.best
-        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {up(best.total, '.2g')}, guaranteed"
+        return figure(shown(self)) if ax is None else on_axes(ax, shown(self))

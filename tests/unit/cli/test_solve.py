@@ -173,7 +173,7 @@ def test_a_solution_is_kept(run, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png or .pdf"),
+        (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html"),
         (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
         (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
         (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
