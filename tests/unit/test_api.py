@@ -169,7 +169,7 @@ def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve(ul.case("natural"), **sizes)
     said = [str(each.message) for each in told if each.category is ul.SolutionWarning]
-    assert said == [f"lambda_H may not be unique, because beta is 0 to rounding; {advice}"]
+    assert said == [f"lambda_H may not be unique, because beta is 0 up to rounding; {advice}"]
     assert not s.unique
     assert ul.solve(ul.case("natural"), h=0.5, H=1).unique
 

@@ -17,14 +17,14 @@ NAME = "unilateral"
 COMPLETE = "_UNILATERAL_COMPLETE"
 """The variable that a shell sets to ask for completions, as click names it."""
 COMMANDS = {
-    "solve": "solve one problem, with its errors",
-    "init": "write a commented problem file to begin with",
-    "check": "show what is understood of a problem file",
+    "solve": "solve a problem, with guaranteed bounds on the errors",
+    "init": "write a commented problem file to start from",
+    "check": "show how a problem file is read",
     "cases": "list the manufactured cases, or show one with its formulas",
     "export": "write a case as files for another solver",
-    "score": "judge another solver's solutions of such files",
-    "infsup": "tell whether a mesh and a partition of one's own are stable",
-    "claims": "judge the paper's statements by the study's results",
+    "score": "judge another solver's solutions of an exported case",
+    "infsup": "check whether a mesh and a partition are stable",
+    "claims": "show the verdict on each of the paper's statements",
 }
 """Each command and what it is for."""
 PACKAGES = {
@@ -71,7 +71,7 @@ def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 application = Application(
     NAME,
-    help="Mixed finite elements for unilateral problems, verified.",
+    help="Solve contact (Signorini) problems on polygons, with guaranteed bounds on the errors.",
     params=[
         click.Option(
             ["--version"],

@@ -16,7 +16,7 @@ from unilateral.system.optional import require
 
 CODES = {
     0: "done",
-    1: "a claim or a judged solution does not hold",
+    1: "a claim or a judged solution fails",
     2: "bad input",
     3: "not converged or out of budget",
     4: "the system or this program failed",

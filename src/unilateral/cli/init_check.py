@@ -35,9 +35,9 @@ POINTS = 201
 def init(name: str) -> None:
     """Writes a commented problem. Raises InputError for a file that is there, or does not end in .yaml."""
     if not name.endswith((".yaml", ".yml")):
-        raise InputError(f"{name} does not end in .yaml or .yml, as a problem file has to")
+        raise InputError(f"{name}: the name of a problem file has to end in .yaml or .yml")
     if Path(name).exists():
-        raise InputError(f"{name} is there already; name another file")
+        raise InputError(f"{name} exists already; name another file")
     template = resources.files("unilateral.problems") / "template.yaml"
     text = template.read_text(encoding="utf-8").replace("FILE", name)
     with replacing(name) as temporary:
@@ -45,7 +45,7 @@ def init(name: str) -> None:
 
 
 def check(name: str, picture: str | None) -> str:
-    """What is understood of a problem file, as text, and where a picture is named as that, too.
+    """How a problem file is read, as text, and as a picture, too, where one is named.
 
     Raises InputError for a file that declares no problem, and for a picture with another ending.
     """
@@ -54,7 +54,7 @@ def check(name: str, picture: str | None) -> str:
     if picture is not None:
         require("pictures need", "matplotlib")
     if not problem_file.is_declared_in(name):
-        raise InputError(f"{name} declares a case; 'unilateral cases' lists what is known of the project's")
+        raise InputError(f"{name} declares a case, not a problem; to see it type: unilateral cases {name}")
     problem = problem_file.load(name)
     if picture is not None:
         from unilateral.solution.plot import draw  # and with it the method
@@ -77,10 +77,11 @@ def described(problem: Problem) -> Iterator[str]:
     if problem.least > -np.inf:
         size = max(map(abs, problem.range_of_f)) / rounded(units.c)
         least = outward(problem.least, size, down)
-        yield f"  guaranteed  u >= {least}, a lower bound of inf f / c, rounding counted"
+        yield f"  guaranteed  u >= {least}, a lower bound on inf f / c, rounding included"
     idle = problem.idle_sides()
     if idle:
-        yield f"  no contact  on sides {', '.join(map(str, idle))}, where g is below that"
+        sides = "side" if len(idle) == 1 else "sides"
+        yield f"  no contact  on {sides} {', '.join(map(str, idle))}, where g is below this bound"
 
 
 def _held(problem: Problem, side: int) -> str:
@@ -112,7 +113,7 @@ def _bounds(problem: Problem) -> str:
     """The bounds on f in the polygon, which are guaranteed."""
     lower, upper = problem.range_of_f
     size = max(abs(lower), abs(upper))
-    return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding counted"
+    return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding included"
 
 
 def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:

@@ -54,7 +54,7 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     what the disk refuses.
     """
     folder = Path(folder)
-    is_there = InputError(f"{folder} is there already; name a folder that is not")
+    is_there = InputError(f"{folder} exists already; name a new folder")
     if folder.exists():
         raise is_there
     if not folder.parent.is_dir():

@@ -52,8 +52,8 @@ def _parts(polygon: Polygon, size: float) -> TensorGrid:
     ticks = _ticks(polygon)
     if ticks is None:
         raise InputError(
-            f"polygon '{polygon.name}' has no structured mesh, for that its sides have to be parallel to the "
-            "axes, and its coordinates equal or well apart; use an unstructured one"
+            f"polygon '{polygon.name}' has no structured mesh, which needs sides parallel to the axes, and "
+            "coordinates that are equal or well apart; use an unstructured one"
         )
     counts = polygon.counts(size)  # which refuses sizes that are too small
     if _consists_of_squares(polygon):

@@ -165,7 +165,8 @@ def with_data(
         check_vertices(sampled)
         return sampled
     formulas = _formula(of_f), tuple(map(_formula, of_g)), tuple(map(_formula, of_q))
-    found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], **common)
+    title = of.title if isinstance(of, Problem) else ""
+    found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], title=title, **common)
     if isinstance(of, Problem) and q is None:
         vars(found)["enclosed_flux"] = of.enclosed_flux
     problem_file.check(found, name)

@@ -44,8 +44,8 @@ class Problem:
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
-    nodal: Nodal = field(default_factory=Nodal)
     title: str = ""
+    nodal: Nodal = field(default_factory=Nodal)
 
     @property
     def f_at_nodes(self) -> Array | None:

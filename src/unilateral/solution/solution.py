@@ -85,7 +85,7 @@ def not_unique(mesh: Mesh, own: bool) -> str:
         advice = "take larger cells, or refine the mesh at the boundary"
     elif mesh.h >= shortest:  # whatever h and H were asked for
         advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
-    return f"may not be unique, because beta is 0 to rounding; {advice}"
+    return f"may not be unique, because beta is 0 up to rounding; {advice}"
 
 
 def not_converged(bound: float) -> str:

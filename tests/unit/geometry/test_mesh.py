@@ -181,7 +181,7 @@ FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
         (square_with(triangles=FAN[:3]), r"edge from node 4 \(0.5, 0.5\) to .* does not run anti"),
         (
             square_with([[0.5, -1e-6]], [[0, 5, 4], [5, 1, 4], *FAN[1:]]),
-            r"node 5 \(0.5, -1e-06\) lies 1e-06 beside side 0",
+            r"node 5 \(0.5, -1e-06\) lies 1e-06 off side 0",
         ),
         (square_with([[0.5, -0.6]], [[0, 5, 4], [5, 1, 4], *FAN[1:]]), "edge from node . .* does not run"),
         (([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]]), r"no node lies at vertex 3 of .*'square', \(0.0, 1.0\)"),
@@ -239,9 +239,7 @@ def test_nodes_near_their_sides_are_moved_onto_them(vertices, size, place):
     assert_array_equal(from_arrays(polygon, own.points, own.triangles).points, own.points)
     k = int(np.flatnonzero(~np.isin(mesh.s[:-1], polygon.starts))[0])
     points[mesh.boundary[k]] += 1.1 * off[k] * polygon.normals[mesh.side[k]]
-    with pytest.raises(
-        InputError, match=f"boundary node {mesh.boundary[k]} .* beside side {mesh.side[k]} of"
-    ):
+    with pytest.raises(InputError, match=f"boundary node {mesh.boundary[k]} .* off side {mesh.side[k]} of"):
         from_arrays(polygon, points, mesh.triangles)
 
 
@@ -261,9 +259,7 @@ def test_what_a_node_may_lie_beside_its_side_is_of_the_local_width():
         top = 1e-3 * (1 + wave * np.sin(0.4 * np.pi * x) * (x > 0) * (x < 1e7))
         points = np.concatenate([np.stack([x, 0 * x], axis=1), np.stack([x, top], axis=1)])
         if refused:
-            with pytest.raises(
-                InputError, match=r"the boundary node \d+ .* beside side 2 of polygon 'strip'"
-            ):
+            with pytest.raises(InputError, match=r"the boundary node \d+ .* off side 2 of polygon 'strip'"):
                 from_arrays(polygon, points, triangles)
         else:  # by round-off at 1e7
             assert from_arrays(polygon, points, triangles).n_nodes == 2 * n
